@@ -1,0 +1,28 @@
+"""Reading a tree from a file, whichever format it is in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bt_jax.behaviors import Tree
+from bt_jax.encoding.text import parse_tree
+from bt_jax.encoding.xml import from_xml
+from bt_jax.errors import UserError
+
+__all__ = ["read_tree"]
+
+
+def read_tree(path: Path) -> Tree:
+    """A tree from a .txt or .xml file. Raises UserError, naming the file, where there is none."""
+    if not path.exists():
+        raise UserError(f"there is no file or folder {path}; give a run folder, or a tree as .txt or .xml")
+    if path.suffix.lower() == ".xml":
+        return from_xml(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{path} cannot be read ({error}); give a tree as .txt or .xml") from error
+    try:
+        return parse_tree(text)
+    except UserError as error:
+        raise UserError(f"{path}, {error}") from error

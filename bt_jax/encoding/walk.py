@@ -1,0 +1,32 @@
+"""Walking trees of Python objects: prefix order, the children of a node, genes written out."""
+
+from __future__ import annotations
+
+from bt_jax.behaviors import Behavior, Control, Tree
+
+__all__ = ["children", "depth", "expand", "prefix"]
+
+
+def children(tree: Tree) -> tuple[Tree, ...]:
+    """Children of a node from left to right; none for a leaf."""
+    return tree.children if isinstance(tree, Control) else ()
+
+
+def prefix(tree: Tree) -> list[Tree]:
+    """All nodes in prefix order; a node's index in this list is its index everywhere, also in the array encoding."""
+    nodes = [tree]
+    for child in children(tree):
+        nodes += prefix(child)
+    return nodes
+
+
+def depth(tree: Tree) -> int:
+    """Number of nodes on the longest path from the root to a leaf."""
+    return 1 + max(map(depth, children(tree)), default=0)
+
+
+def expand(tree: Tree) -> Tree:
+    """The same tree with each gene replaced by the subtree that it stands for."""
+    if isinstance(tree, Behavior):
+        return tree.subtree or tree
+    return Control(tree.kind, tuple(map(expand, tree.children)))

@@ -1,0 +1,10 @@
+"""The one exception that a user is meant to read."""
+
+__all__ = ["UserError"]
+
+
+class UserError(Exception):
+    """Something the user can mend; the message is one sentence that ends with the remedy.
+
+    The command lines print it without a traceback and exit with code 2.
+    """

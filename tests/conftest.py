@@ -1,0 +1,24 @@
+"""Its place puts this folder on the import path, so that tests share `strategies` and `samples`."""
+
+import os
+from pathlib import Path
+
+import jax
+import pytest
+from hypothesis import settings
+
+settings.register_profile("bt_jax", deadline=None, max_examples=30)
+settings.load_profile("bt_jax")
+
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+jax.config.update("jax_numpy_rank_promotion", "raise")
+CACHE = Path(os.environ.get("BT_JAX_CACHE", Path.home() / ".cache" / "bt_jax"))
+jax.config.update("jax_compilation_cache_dir", str(CACHE / "tests"))
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
+jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+
+
+@pytest.fixture(autouse=True)
+def always_trace(monkeypatch):
+    """Executables from the disk would hide what tracing checks: ranks, dtypes and annotations."""
+    monkeypatch.setattr("bt_jax.compilation.keep_compiled", lambda folder: None)
