@@ -1,0 +1,253 @@
+"""The scene of a task as MJCF: floor, tables, kit and boxes, with contacts tuned for stacking.
+
+The kit is one mocap body, since its place differs from episode to episode; every box has a free joint. World frame: x
+along the row of tables, z up, floor at z = 0 or under the lowest table. Quaternions are wxyz.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from bt_jax.task import Box, Kit, Task
+
+__all__ = ["SceneIds", "Timing", "build_mjcf", "compile_scene", "kit_height", "resolve_ids", "timing"]
+
+GRAVITY = 9.81
+STEP = 0.01  # seconds, for boxes of REFERENCE_SIZE
+REFERENCE_SIZE = 0.1
+FIELD_OF_VIEW = 42  # degrees across the picture, whatever its shape
+
+
+@dataclasses.dataclass(frozen=True)
+class Timing:
+    """Time, speed and length scales of a task, from its smallest box by Froude similarity: a scene half as large moves
+    the same way, in less time. `step` is the time step [s]; `speed` [m/s] and `spin` [rad/s] are what still counts as
+    rest; `far` [m] is where a box can only be after an explosion."""
+
+    size: float
+    step: float
+    speed: float
+    spin: float
+    far: float
+
+
+def timing(task: Task) -> Timing:
+    """The scales of a task."""
+    size = min(box.size for box in task.boxes)
+    ratio = size / REFERENCE_SIZE
+    extent = max(max(map(abs, table.position)) + max(table.size) for table in task.tables)
+    return Timing(
+        size=size,
+        step=round(STEP * math.sqrt(ratio), 5),
+        speed=0.01 * math.sqrt(ratio),
+        spin=0.2 / math.sqrt(ratio),
+        far=extent + 50 * size,
+    )
+
+
+def kit_height(task: Task, table: int) -> float:
+    """World z of the kit's frame (the plate's centre) when it stands on a table."""
+    return task.tables[table].top + task.kit.thickness / 2
+
+
+def build_mjcf(task: Task, boxes: Sequence[str] | None = None, *, gripper: bool = False) -> str:
+    """MJCF of the scene with the boxes named (default: all, in the task's order), and for pictures with a gripper.
+
+    qpos is the boxes' poses one after another (xyz, wxyz) and `mocap_pos[0]` the kit's frame. Lengths in metres.
+    """
+    chosen = [box for box in task.boxes if boxes is None or box.name in boxes]
+    scales = timing(task)
+    centre = np.mean([table.position for table in task.tables], axis=0)
+    contents = [
+        _floor(task),
+        *(_table(table.name, table.position, table.size) for table in task.tables),
+        _kit(task.kit, (centre[0], centre[1], kit_height(task, len(task.tables) // 2))),
+        *(_box(box, i, task) for i, box in enumerate(chosen)),
+        *([_gripper(task)] if gripper else []),
+        _cameras_and_lights(task),
+    ]
+    return f"""<mujoco model="{task.name}">
+  <compiler autolimits="true"/>
+  <option timestep="{scales.step:g}" gravity="0 0 -{GRAVITY}" cone="pyramidal" solver="Newton" iterations="20"
+          ls_iterations="20" tolerance="1e-8">
+    <flag autoreset="disable"/>
+  </option>
+  <size memory="4M"/>
+  <visual>
+    <global offwidth="1920" offheight="1080"/>
+    <quality offsamples="4" shadowsize="2048"/>
+    <headlight ambient=".36 .37 .39" diffuse=".12 .12 .12" specular="0 0 0"/>
+    <map znear=".01" zfar="60"/>
+  </visual>
+  <default>
+    <geom friction="1 .005 .0001" condim="3" solref="{2 * scales.step:g} 1" solimp=".95 .99 {scales.size / 100:g}"/>
+    <default class="fixed">
+      <geom type="box" contype="0" conaffinity="1"/>
+    </default>
+    <default class="box">
+      <geom type="box" contype="1" conaffinity="1"/>
+    </default>
+    <default class="visual">
+      <geom type="box" contype="0" conaffinity="0" group="2" mass="0"/>
+    </default>
+  </default>
+  <asset>
+    <texture name="sky" type="skybox" builtin="gradient" rgb1=".62 .67 .73" rgb2=".45 .50 .57" width="64"
+             height="384"/>
+    <material name="floor" rgba=".50 .54 .59 1" specular="0"/>
+    <material name="table" rgba=".80 .77 .72 1" specular=".1" shininess=".3"/>
+    <material name="kit" rgba=".27 .31 .37 1" specular=".3" shininess=".4"/>
+    <material name="metal" rgba=".62 .64 .68 1" specular=".8" shininess=".7"/>
+    <material name="rubber" rgba=".16 .17 .19 1" specular=".2" shininess=".2"/>
+{_lines("    ", (_box_material(box) for box in chosen))}
+  </asset>
+  <worldbody>
+{_lines("    ", contents)}
+  </worldbody>
+</mujoco>
+"""
+
+
+@dataclasses.dataclass(frozen=True)
+class SceneIds:
+    """Indices into a compiled scene: bodies, free joints' qpos and dof addresses (per box), and the kit's mocap row."""
+
+    boxes: tuple[int, ...]
+    qpos: tuple[int, ...]
+    dof: tuple[int, ...]
+    kit: int
+    kit_mocap: int
+
+
+def resolve_ids(model: mujoco.MjModel, task: Task) -> SceneIds:
+    """Indices of those boxes of the task that the model has, in the task's order, and of the kit."""
+    bodies = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name) for name in task.box_names]
+    bodies = [body for body in bodies if body >= 0]
+    joints = [model.body_jntadr[body] for body in bodies]
+    kit = model.body(task.kit.name).id
+    return SceneIds(
+        boxes=tuple(bodies),
+        qpos=tuple(int(model.jnt_qposadr[joint]) for joint in joints),
+        dof=tuple(int(model.jnt_dofadr[joint]) for joint in joints),
+        kit=kit,
+        kit_mocap=int(model.body_mocapid[kit]),
+    )
+
+
+@functools.lru_cache(maxsize=128)
+def compile_scene(
+    task: Task, boxes: tuple[str, ...] | None = None, gripper: bool = False
+) -> tuple[mujoco.MjModel, SceneIds]:
+    """The compiled scene and its indices; kept per task and set of boxes, so do not change the model."""
+    model = mujoco.MjModel.from_xml_string(build_mjcf(task, boxes, gripper=gripper))
+    return model, resolve_ids(model, task)
+
+
+def _lines(indent: str, parts) -> str:
+    return "\n".join(indent + line for part in parts for line in part.splitlines())
+
+
+def _numbers(*values: float | int | np.floating) -> str:
+    return " ".join(f"{value:.7g}" for value in values)
+
+
+def _floor(task: Task) -> str:
+    return f'<geom name="floor" class="fixed" type="plane" size="0 0 .05" pos="0 0 {task.floor:g}" material="floor"/>'
+
+
+def _table(name: str, position, size) -> str:
+    half = _numbers(*(edge / 2 for edge in size))
+    return f'<geom name="{name}" class="fixed" pos="{_numbers(*position)}" size="{half}" material="table"/>'
+
+
+def _kit(kit: Kit, position) -> str:
+    half, thick, wall = kit.size / 2, kit.thickness / 2, kit.wall_thickness / 2
+    z, high, edge = thick + kit.wall_height / 2, kit.wall_height / 2, half - wall
+    parts = [
+        ("plate", (0, 0, 0), (half, half, thick)),
+        ("wall_left", (-edge, 0, z), (wall, half, high)),
+        ("wall_right", (edge, 0, z), (wall, half, high)),
+        ("wall_front", (0, -edge, z), (half - 2 * wall, wall, high)),
+        ("wall_back", (0, edge, z), (half - 2 * wall, wall, high)),
+    ]
+    geoms = [
+        f'<geom name="{name}" class="fixed" pos="{_numbers(*pos)}" size="{_numbers(*size)}" material="kit"/>'
+        for name, pos, size in parts
+    ]
+    return f'<body name="{kit.name}" mocap="true" pos="{_numbers(*position)}">\n{_lines("  ", geoms)}\n</body>'
+
+
+def _box_material(box: Box) -> str:
+    return f'<material name="{box.name}" rgba="{_numbers(*box.color, 1)}" specular=".25" shininess=".3"/>'
+
+
+def _box(box: Box, index: int, task: Task) -> str:
+    table = task.tables[index % len(task.tables)]
+    position = _numbers(table.position[0], table.position[1], table.top + box.size / 2)
+    half = _numbers(box.size / 2, box.size / 2, box.size / 2)
+    return f"""<body name="{box.name}" pos="{position}">
+  <freejoint/>
+  <geom name="{box.name}" class="box" size="{half}" density="{box.density:g}" material="{box.name}"/>
+</body>"""
+
+
+def _gripper(task: Task) -> str:
+    """Three mocap bodies without contacts: palm and two fingers; `render` places them."""
+    unit = max(box.size for box in task.boxes)
+    thick, wide, long = 0.07 * unit, 0.22 * unit, 0.55 * unit
+    palm = [
+        ("box", (0, 0, 1.02 * unit), (0.62 * unit, 0.26 * unit, 0.1 * unit), "metal"),
+        ("cylinder", (0, 0, 1.3 * unit), (0.2 * unit, 0.2 * unit), "metal"),
+        ("cylinder", (0, 0, 1.52 * unit), (0.28 * unit, 0.06 * unit), "rubber"),
+    ]
+    finger = [
+        ("box", (thick, 0, long - 0.15 * unit), (thick, wide, long), "metal"),
+        ("box", (0.12 * thick, 0, 0), (0.2 * thick, 0.9 * wide, 0.3 * unit), "rubber"),
+    ]
+    mirrored = [(kind, (-pos[0], *pos[1:]), size, material) for kind, pos, size, material in finger]
+    parts = {"gripper": palm, "finger_right": finger, "finger_left": mirrored}
+    return "\n".join(_visual_body(name, geoms) for name, geoms in parts.items())
+
+
+def _visual_body(name: str, geoms) -> str:
+    lines = [
+        f'<geom class="visual" type="{kind}" pos="{_numbers(*pos)}" size="{_numbers(*size)}" material="{material}"/>'
+        for kind, pos, size, material in geoms
+    ]
+    return f'<body name="{name}" mocap="true">\n{_lines("  ", lines)}\n</body>'
+
+
+def _cameras_and_lights(task: Task) -> str:
+    """A camera that sees all tables from the side away from the robot, a key light at its left and a soft fill."""
+    positions = np.array([table.position for table in task.tables])
+    sizes = np.array([table.size for table in task.tables])
+    low, high = (positions - sizes / 2).min(axis=0), (positions + sizes / 2).max(axis=0)
+    centre = (low + high) / 2
+    row = int(np.argmax((high - low)[:2]))
+    toward = np.zeros(3)
+    toward[1 - row] = 1.0 if task.robot_position[1 - row] >= centre[1 - row] else -1.0
+    up = np.array([0.0, 0.0, 1.0])
+    right = np.cross(toward, up)
+    width = (high - low)[row]
+    height = max(table.top for table in task.tables)
+    target = np.array([centre[0], centre[1], height - 0.02 * width])
+    view = 0.87 * toward - 0.5 * up - 0.12 * right
+    view /= np.linalg.norm(view)
+    across = np.cross(view, up) / np.linalg.norm(np.cross(view, up))
+    distance = 0.53 * width / math.tan(math.radians(FIELD_OF_VIEW / 2)) + 0.55 * (high - low)[1 - row]
+    eye = target - view * distance
+    fovy = math.degrees(2 * math.atan(math.tan(math.radians(FIELD_OF_VIEW / 2)) * 9 / 16))
+    key = target + width * (-0.6 * right - 0.45 * toward + 1.4 * up)
+    fill = target + width * (0.9 * right - 0.5 * toward + 0.9 * up)
+    axes = _numbers(*across, *np.cross(across, view))
+    return f"""<camera name="overview" pos="{_numbers(*eye)}" xyaxes="{axes}" fovy="{fovy:.4g}"/>
+<light type="directional" pos="{_numbers(*key)}" dir="{_numbers(*(target - key))}"
+       diffuse=".56 .54 .50" specular=".2 .2 .2"/>
+<light type="directional" pos="{_numbers(*fill)}" dir="{_numbers(*(target - fill))}"
+       diffuse=".16 .17 .19" specular="0 0 0" castshadow="false"/>"""

@@ -1,0 +1,101 @@
+"""The idealized gripper: what a command does to a state before gravity and contacts take over, and after.
+
+`pick` takes the box rigidly and lifts it; `place` carries it over the pose and lowers it until it is there, or until it
+touches something, and lets go; `open_gripper` drops what is held.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float32, Int32
+
+from bt_jax.mjx_env.statuses import Semantics, see_subgoals
+from bt_jax.mjx_env.surfaces import Surfaces, box_surfaces, fixed_surfaces, support_height
+from bt_jax.mjx_env.world import Array, World, frames, namespace, rotate, snap
+from bt_jax.task import Task
+
+__all__ = ["LIFT", "Released", "act", "settled_world"]
+
+LIFT = 1.0  # height by which a picked box is raised, in its own sizes
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Released:
+    """A state in mid-command: what has to settle."""
+
+    world: World  # the held box, if any, at its new pose; nothing has moved otherwise
+    poses: Float32[Array, "S B 7"]  # where every box starts to fall from
+    present: Bool[Array, "S B"]  # boxes that gravity and contacts act on: all but the held one
+    box: Int32[Array, "S"]  # the box that was taken or let go, -1 where none
+
+
+def act(semantics: Semantics, world: World, command: Int32[Array, "S"]) -> Released:
+    """Carries out one command in each state, up to the moment when the gripper lets go or has lifted."""
+    task, count = semantics.task, len(semantics.task.boxes)
+    xp = namespace(world.poses)
+    boxes = np.arange(count, dtype=np.int8)[None]
+    held = world.held[:, None] == boxes
+    pick, place = command - 2, command - 2 - count
+    is_pick, is_place = (pick >= 0) & (pick < count), place >= 0
+    picked = is_pick[:, None] & (pick.astype(np.int8)[:, None] == boxes)
+    lift = np.array([[box.size for box in task.boxes]], np.float32) * np.float32(LIFT)
+    raised = xp.concatenate([world.poses[..., :2], (world.poses[..., 2] + lift)[..., None], world.poses[..., 3:]], -1)
+    poses = xp.where(picked[..., None], raised, world.poses)
+    if semantics.places:
+        carried = held & is_place[:, None]
+        goal = _release_pose(semantics, world, xp.maximum(place, 0))
+        poses = xp.where(carried[..., None], goal, poses)
+    opens = (command == 0) | is_place
+    closes = (command == 1) | is_pick
+    held_after = xp.where(is_pick, pick.astype(np.int8), xp.where(opens, np.int8(-1), world.held))
+    handled = xp.where(is_pick, pick, xp.where(opens, world.held.astype(np.int32), np.int32(-1)))
+    after = World(
+        kit=world.kit,
+        poses=poses,
+        held=held_after.astype(np.int8),
+        opened=(world.opened | opens) & ~closes,
+        reached=world.reached,
+    )
+    return Released(after, poses, held_after[:, None] != boxes, handled.astype(np.int32))
+
+
+def settled_world(task: Task, released: Released, poses: Float32[Array, "S B 7"]) -> World:
+    """The state once everything is at rest at `poses`: snapped, with the subgoals seen so far."""
+    xp = namespace(poses)
+    held = ~released.present[..., None]
+    world = dataclasses.replace(released.world, poses=snap(xp.where(held, released.poses, poses)))
+    return dataclasses.replace(world, reached=world.reached | see_subgoals(task, world))
+
+
+def _release_pose(semantics: Semantics, world: World, place: Int32[Array, "S"]) -> Float32[Array, "S B 7"]:
+    """Where the gripper lets go of the held box: the goal, or over what is in the way of lowering it there. The box keeps
+    its orientation. Same for all boxes of a state; only the held one's is meant."""
+    task = semantics.task
+    xp = namespace(world.poses)
+    rows = np.arange(world.held.shape[0])
+    frame = frames(world, task)[rows, xp.asarray(semantics.place_frame)[place]]
+    goal = frame[:, :3] + rotate(frame[:, 3:], xp.asarray(semantics.place_position)[place])
+    sizes = xp.asarray(np.array([box.size for box in task.boxes], np.float32))
+    half = sizes[xp.maximum(world.held, 0)] / 2
+    fixed, movable = fixed_surfaces(task, world.kit), box_surfaces(task, world.poses)
+    surfaces = Surfaces(
+        centre=xp.concatenate([fixed.centre, movable.centre], axis=1),
+        half=xp.concatenate([fixed.half, movable.half], axis=1),
+        top=xp.concatenate([fixed.top, movable.top], axis=1),
+    )
+    usable = xp.concatenate(
+        [
+            xp.ones(fixed.top.shape, bool),
+            world.held[:, None] != np.arange(len(task.boxes), dtype=np.int8)[None],
+        ],
+        axis=1,
+    )
+    support = support_height(surfaces, goal[:, :2], half, usable)
+    height = xp.maximum(goal[:, 2], support + half)
+    position = xp.concatenate([goal[:, :2], height[:, None]], axis=-1)
+    position = xp.broadcast_to(position[:, None], (*world.poses.shape[:-1], 3))
+    return xp.concatenate([position, world.poses[..., 3:]], axis=-1)

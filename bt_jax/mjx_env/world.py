@@ -1,0 +1,111 @@
+"""The state of the scene between two ticks, and the frames in it.
+
+Functions take NumPy or JAX arrays alike and return the same kind: NumPy for small batches on the host, without any
+compilation, and JAX inside compiled loops.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from types import ModuleType
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float32, Int8, Int32
+
+from bt_jax.task import Task
+
+__all__ = ["Array", "World", "concatenate", "frames", "namespace", "rotate", "snap", "take", "to_world", "world_keys"]
+
+Array = jax.Array | np.ndarray
+
+POSITION_GRID = 1e-4  # metres
+ROTATION_GRID = 1e-3  # of a quaternion's components: about 0.1 mm at the corner of a 0.1 m cube
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class World:
+    """A batch of S states at rest. Positions are metres in the world frame, quaternions (w, x, y, z)."""
+
+    kit: Float32[Array, "*S 3"]  # origin of the kit's frame, whose axes are the world's
+    poses: Float32[Array, "*S B 7"]  # of the boxes' centres: position, quaternion
+    held: Int8[Array, "*S"]  # index of the box in the gripper, or -1
+    opened: Bool[Array, "*S"]  # the gripper
+    reached: Bool[Array, "*S G"]  # subgoals that have been seen
+
+
+def namespace(array: Array) -> ModuleType:
+    """numpy or jax.numpy, whichever `array` belongs to."""
+    return jnp if isinstance(array, jax.Array) else np
+
+
+def take(world: World, index) -> World:
+    """The states at `index` along the first dimension."""
+    return jax.tree.map(lambda leaf: leaf[index], world)
+
+
+def concatenate(worlds: list[World]) -> World:
+    """NumPy states, one batch after the other."""
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *worlds)
+
+
+def rotate(quaternion: Float32[Array, "*S 4"], vector: Float32[Array, "*S 3"]) -> Float32[Array, "*S 3"]:
+    """Rotates vectors by unit quaternions (w, x, y, z)."""
+    xp = namespace(quaternion)
+    w, a, b, c = (quaternion[..., i] for i in range(4))
+    x, y, z = (vector[..., i] for i in range(3))
+    # v + 2 (w (u x v) + u x (u x v)), written out: much faster than cross products of small vectors in NumPy.
+    p, q, r = 2 * (b * z - c * y), 2 * (c * x - a * z), 2 * (a * y - b * x)
+    rotated = x + w * p + b * r - c * q, y + w * q + c * p - a * r, z + w * r + a * q - b * p
+    return xp.stack(rotated, axis=-1)
+
+
+def frames(world: World, task: Task) -> Float32[Array, "*S F 7"]:
+    """Poses of all frames of the task in the world, in the order of `task.frames`: boxes, kit, robot."""
+    xp = namespace(world.poses)
+    upright = xp.asarray([1, 0, 0, 0], np.float32)
+    batch = world.kit.shape[:-1]
+    kit = xp.concatenate([world.kit, xp.broadcast_to(upright, (*batch, 4))], axis=-1)
+    robot = xp.concatenate([xp.asarray(task.robot_position, np.float32), upright])
+    return xp.concatenate(
+        [world.poses, kit[..., None, :], xp.broadcast_to(robot, (*batch, 1, 7))], axis=-2, dtype=np.float32
+    )
+
+
+def to_world(
+    frame_poses: Float32[Array, "*S F 7"], frame: np.ndarray, position: np.ndarray
+) -> Float32[Array, "*S n 3"]:
+    """World positions of n points, each given as index of its frame [n] and position in it [n, 3]."""
+    poses = frame_poses[..., frame, :]
+    xp = namespace(frame_poses)
+    points = xp.broadcast_to(xp.asarray(position, np.float32), (*poses.shape[:-1], 3))
+    return poses[..., :3] + rotate(poses[..., 3:], points)
+
+
+def snap(poses: Float32[Array, "*S 7"]) -> Float32[Array, "*S 7"]:
+    """Rounds poses to the grid on which two states count as the same: 0.1 mm, and w >= 0."""
+    # Products, since XLA turns divisions by constants into them, and NumPy must round alike.
+    xp = namespace(poses)
+    quaternion = poses[..., 3:]
+    first = xp.where(quaternion[..., :1] < 0, np.float32(-1), np.float32(1))
+    position = xp.round(poses[..., :3] * np.float32(1 / POSITION_GRID)) * np.float32(POSITION_GRID)
+    rotation = xp.round(quaternion * first * np.float32(1 / ROTATION_GRID)) * np.float32(ROTATION_GRID)
+    return xp.concatenate([position, rotation], axis=-1) + np.float32(0)
+
+
+def world_keys(world: World) -> Int32[np.ndarray, "S n"]:
+    """One row of integers for each state (NumPy, snapped): equal rows are equal states."""
+    count = world.held.shape[0]
+    grid = np.array([POSITION_GRID] * 3 + [ROTATION_GRID] * 4)
+    return np.concatenate(
+        [
+            np.rint(world.kit / POSITION_GRID).astype(np.int32),
+            np.rint(world.poses / grid).astype(np.int32).reshape(count, -1),
+            world.held[:, None].astype(np.int32),
+            world.opened[:, None].astype(np.int32),
+            world.reached.astype(np.int32),
+        ],
+        axis=1,
+    )
