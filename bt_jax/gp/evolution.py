@@ -1,0 +1,267 @@
+"""The evolution: R independent runs of a population, one generation after the other.
+
+Every random number follows from the seed, the run and the generation, so a state needs no generator: going on from a
+saved state gives bit for bit what never stopping would have given, and run r of several is the single run of seed + r.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float32, Int32, Key, UInt32, UInt64
+
+from bt_jax.compilation import kept_jit
+from bt_jax.encoding.trees import Trees
+from bt_jax.gp.alphabet import Alphabet
+from bt_jax.gp.config import GPConfig
+from bt_jax.gp.diversity import fitness_entropy, mean_edit_distance
+from bt_jax.gp.novelty import hash_trees
+from bt_jax.gp.random_trees import random_trees
+from bt_jax.gp.reproduction import reproduce
+from bt_jax.gp.selection import survivors
+
+__all__ = ["Evaluate", "Evolution", "Generation", "Population", "State", "best_of"]
+
+RunKeys = UInt32[Array, "R 2"]
+Evaluate = Callable[[Trees], Float32[np.ndarray, "R P"]]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Population:
+    """R populations with their fitness."""
+
+    trees: Trees  # [R, P, N]
+    fitness: Float32[Array, "*R P"]
+
+
+@dataclasses.dataclass(frozen=True)
+class State:
+    """Everything that the next generation depends on, and what was measured so far."""
+
+    population: Population
+    generation: int
+    baseline_fitness: Float32[Array, "R"]  # of individual 0 at the start, the baseline if there is one
+    seen: tuple[UInt64[np.ndarray, "_"], ...]  # for each run the hashes of all trees measured, sorted
+
+    @property
+    def episodes(self) -> list[int]:
+        """Number of distinct trees measured in each run."""
+        return [len(hashes) for hashes in self.seen]
+
+
+@dataclasses.dataclass(frozen=True)
+class Generation:
+    """What there is to say about one run after one generation. `episodes` counts those of distinct trees."""
+
+    run: int
+    generation: int
+    episodes: int
+    best: float
+    mean: float
+    std: float
+    nodes: int
+    fitness_entropy: float
+    edit_distance: float
+
+
+class Evolution:
+    """Evolves R populations with a fitness function.
+
+    `evaluate` takes Trees [R, P, N] and returns their fitness [R, P] (higher is better); it is called once for the first
+    populations and once a generation for the offspring. `episodes_per_tree` only serves to count episodes.
+    """
+
+    def __init__(
+        self,
+        config: GPConfig,
+        alphabet: Alphabet,
+        evaluate: Evaluate,
+        *,
+        baseline: Trees | None = None,
+        episodes_per_tree: int = 1,
+    ) -> None:
+        config.check()
+        alphabet.check()
+        self.config, self.alphabet, self.evaluate, self.baseline = config, alphabet, evaluate, baseline
+        self.episodes_per_tree = episodes_per_tree
+        # What compiled code depends on: runs that differ in nothing else share it.
+        self._static = dataclasses.replace(config, seed=0, generations=1)
+        self.keys = _run_keys(np.arange(config.seed, config.seed + config.runs, dtype=np.uint32))
+
+    def start(self) -> State:
+        """The first, random populations; the baseline, if any, takes the place of individual 0."""
+        trees = _first(self.keys, self.alphabet, self._static)
+        if self.baseline is not None:
+            trees = jax.tree.map(lambda all_, one: all_.at[:, 0].set(one), trees, self.baseline)
+        fitness = self.evaluate(trees)
+        nothing = (np.empty(0, np.uint64),) * self.config.runs
+        population = Population(trees, jnp.asarray(fitness))
+        return State(population, 0, jnp.asarray(fitness[:, 0]), _now_seen(nothing, trees))
+
+    def step(self, state: State) -> State:
+        """One generation: offspring, their fitness, survivors."""
+        generation = state.generation + 1
+        now = np.int32(generation)
+        trees = _offspring(
+            self.keys, now, state.population, self.alphabet, self._static, self.baseline, state.baseline_fitness
+        )
+        offspring = Population(trees, jnp.asarray(self.evaluate(trees)))
+        population = _survivors(self.keys, now, state.population, offspring, self._static)
+        return State(population, generation, state.baseline_fitness, _now_seen(state.seen, trees))
+
+    def run(
+        self, state: State | None = None, *, target: float | None = None, time_limit: float | None = None
+    ) -> Iterator[State]:
+        """Yields the state after each generation, the first or the given one included, until `config.generations`, until
+        every run has reached the `target` fitness, or for `time_limit` seconds."""
+        began = time.monotonic()
+        state = self.start() if state is None else state
+        yield state
+        while state.generation < self.config.generations:
+            if target is not None and np.asarray(state.population.fitness).max(axis=1).min() >= target:
+                return
+            if time_limit is not None and time.monotonic() - began >= time_limit:
+                return
+            state = self.step(state)
+            yield state
+
+    def describe(self, state: State) -> list[Generation]:
+        """One row for each run."""
+        fitness = np.asarray(state.population.fitness)
+        best = fitness.argmax(axis=1)
+        nodes = np.asarray(state.population.trees.sizes)[..., 0]
+        entropy, distance = jax.device_get(_diversity(self.keys, np.int32(state.generation), state.population))
+        return [
+            Generation(
+                run=run,
+                generation=state.generation,
+                episodes=state.episodes[run] * self.episodes_per_tree,
+                best=float(row[best[run]]),
+                mean=float(row.mean()),
+                std=float(row.std()),
+                nodes=int(nodes[run, best[run]]),
+                fitness_entropy=float(entropy[run]),
+                edit_distance=float(distance[run]),
+            )
+            for run, row in enumerate(fitness)
+        ]
+
+
+def best_of(state: State) -> tuple[Trees, Float32[np.ndarray, "R"]]:
+    """The best tree of each run [R, N] and its fitness; of equals, the first."""
+    trees, fitness = jax.device_get((state.population.trees, state.population.fitness))
+    best = fitness.argmax(axis=1)
+    rows = np.arange(len(best))
+    return trees[rows, best], fitness[rows, best]
+
+
+def _now_seen(seen: tuple[np.ndarray, ...], trees: Trees) -> tuple[UInt64[np.ndarray, "_"], ...]:
+    """Adds the hashes of trees [R, M, N] to those seen by each run."""
+    halves = np.asarray(_hashes(trees)).astype(np.uint64)
+    hashes = halves[..., 0] << np.uint64(32) | halves[..., 1]
+    return tuple(_merged(old, np.unique(new)) for old, new in zip(seen, hashes, strict=True))
+
+
+def _merged(old: UInt64[np.ndarray, "_"], new: UInt64[np.ndarray, "_"]) -> UInt64[np.ndarray, "_"]:
+    """Union of two sorted arrays without repeats, in time linear in their lengths."""
+    place = np.searchsorted(old, new)
+    fresh = np.ones(len(new), bool)
+    inside = place < len(old)
+    fresh[inside] = old[place[inside]] != new[inside]
+    return np.insert(old, place[fresh], new[fresh])
+
+
+@kept_jit
+def _hashes(trees: Trees) -> UInt32[Array, "R M 2"]:
+    return jax.vmap(hash_trees)(trees)
+
+
+@kept_jit
+def _run_keys(seeds: UInt32[Array, "R"]) -> RunKeys:
+    return jax.vmap(lambda seed: jax.random.key_data(jax.random.key(seed)))(seeds)
+
+
+def _for_each_run(function: Callable, *arguments: Any) -> Any:
+    """`jax.vmap`, but a single run is computed as such: batched loops and gathers take several times as long."""
+    if jax.tree.leaves(arguments)[0].shape[0] > 1:
+        return jax.vmap(function)(*arguments)
+    return jax.tree.map(lambda leaf: leaf[None], function(*jax.tree.map(lambda leaf: leaf[0], arguments)))
+
+
+class _Use(enum.IntEnum):
+    """What the random numbers of one generation are for."""
+
+    FIRST, OFFSPRING, SURVIVORS, DIVERSITY = range(4)
+
+
+def _key(run_key: UInt32[Array, "2"], generation: Int32[Array, ""] | int, use: _Use) -> Key[Array, ""]:
+    return jax.random.fold_in(jax.random.fold_in(jax.random.wrap_key_data(run_key), generation), use)
+
+
+@kept_jit(static_argnames=("alphabet", "config"))
+def _first(keys: RunKeys, alphabet: Alphabet, config: GPConfig) -> Trees:
+    def one(key: UInt32[Array, "2"]) -> Trees:
+        return random_trees(
+            _key(key, 0, _Use.FIRST),
+            alphabet,
+            count=config.population,
+            num_nodes=config.max_nodes,
+            nodes=config.init_nodes,
+            gene_under_fallback=config.gene_under_fallback,
+        )
+
+    return _for_each_run(one, keys)
+
+
+@kept_jit(static_argnames=("alphabet", "config"))
+def _offspring(
+    keys: RunKeys,
+    generation: Int32[Array, ""],
+    population: Population,
+    alphabet: Alphabet,
+    config: GPConfig,
+    baseline: Trees | None,
+    baseline_fitness: Float32[Array, "R"],
+) -> Trees:
+    def one(key: UInt32[Array, "2"], parents: Population, fitness: Float32[Array, ""]) -> Trees:
+        return reproduce(
+            _key(key, generation, _Use.OFFSPRING),
+            parents.trees,
+            parents.fitness,
+            alphabet,
+            config,
+            baseline=baseline,
+            baseline_fitness=fitness,
+        )[0]
+
+    return _for_each_run(one, keys, population, baseline_fitness)
+
+
+@kept_jit(static_argnames=("config",))
+def _survivors(
+    keys: RunKeys, generation: Int32[Array, ""], old: Population, offspring: Population, config: GPConfig
+) -> Population:
+    def one(key: UInt32[Array, "2"], old: Population, offspring: Population) -> Population:
+        kept = survivors(_key(key, generation, _Use.SURVIVORS), old.fitness, offspring.fitness, config)
+        return jax.tree.map(lambda a, b: jnp.concatenate([a, b])[kept], old, offspring)
+
+    return _for_each_run(one, keys, old, offspring)
+
+
+@kept_jit
+def _diversity(
+    keys: RunKeys, generation: Int32[Array, ""], population: Population
+) -> tuple[Float32[Array, "R"], Float32[Array, "R"]]:
+    def one(key: UInt32[Array, "2"], population: Population) -> tuple[Float32[Array, ""], Float32[Array, ""]]:
+        distance = mean_edit_distance(_key(key, generation, _Use.DIVERSITY), population.trees)
+        return fitness_entropy(population.fitness), distance
+
+    return _for_each_run(one, keys, population)
