@@ -1,0 +1,151 @@
+"""What do episodes cost? All distinct trees of one evolution, evaluated in five ways."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+import tyro
+from _report import report
+from plain_episode import PlainEpisode
+
+from bt_jax.encoding.trees import Trees, decode
+from bt_jax.gp.config import GPConfig
+from bt_jax.mjx_env.evaluate import TableEvaluator
+from bt_jax.mjx_env.kinematic import Kinematic
+from bt_jax.mjx_env.physics import make_physics
+from bt_jax.mjx_env.rollout import RolloutEvaluator
+from bt_jax.mjx_env.world import take
+from bt_jax.task import load_task
+from bt_jax.training import Settings, Training
+
+
+@dataclasses.dataclass(frozen=True)
+class Arguments:
+    """Episodes per second by five ways of evaluating the distinct trees of one evolution."""
+
+    task: str = "stack"
+    """task to evolve for"""
+    generations: int = 100
+    """length of the evolution"""
+    plain: int = 600
+    """trees evaluated by py_trees and MuJoCo, one after another; the time is scaled up"""
+    rollout: int = 256
+    """trees evaluated by the plain MJX rollout; the time is scaled up"""
+    mjx: bool = True
+    """whether to measure the MJX backend too"""
+    out: Path | None = None
+    """JSON file to write"""
+
+
+def main(arguments: Arguments) -> None:
+    task = load_task(arguments.task)
+    training = Training(task, GPConfig(generations=arguments.generations), Settings())
+    trees = distinct_trees(training)
+    count = trees.tokens.shape[0]
+    rng = np.random.default_rng(0)
+    some = rng.permutation(count)
+    semantics, layouts = training.table.semantics, training.layouts
+    rows = []
+
+    def row(
+        way: str, seconds: float, *, compile_seconds: float = 0.0, steps: float = float("nan"), note: str = ""
+    ) -> None:
+        rate = count / seconds
+        rows.append(
+            {
+                "evaluated by": way,
+                "seconds": seconds,
+                "compile [s]": compile_seconds,
+                "episodes/s": rate,
+                "ratio to (a)": rows[0]["seconds"] / seconds if rows else 1.0,
+                "physics steps": steps,
+                "note": note,
+            }
+        )
+
+    plain, sample = PlainEpisode(task), some[: arguments.plain]
+    began = perf_counter()
+    expected = np.array([plain.run(decode(trees[i], training.vocabulary), take(layouts, 0)) for i in sample])
+    scale = count / len(sample)
+    row(
+        "(a) py_trees + MuJoCo, one by one",
+        (perf_counter() - began) * scale,
+        steps=plain.steps * scale,
+        note=f"{len(sample)} trees, scaled up",
+    )
+
+    def table(way: str, physics) -> np.ndarray:
+        TableEvaluator(semantics, physics, batch=count)(trees, layouts)  # compiles
+        evaluator = TableEvaluator(semantics, physics, batch=count)
+        began = perf_counter()
+        result = evaluator(trees, layouts)
+        seconds = perf_counter() - began
+        table = evaluator.table
+        row(
+            way,
+            seconds,
+            steps=float(table.settler.steps),
+            note=f"{table.num_transitions:,} transitions, {table.settler.solved:,} simulated",
+        )
+        began = perf_counter()
+        evaluator(trees, layouts)
+        row(f"{way}, filled", perf_counter() - began, steps=0.0, note="every transition known")
+        return result.fitness
+
+    c_fitness = table("(b) mujoco, transition table", make_physics(task, "mujoco"))
+    agree = np.abs(c_fitness[sample] - expected) < 5
+    if arguments.mjx:
+        mjx = make_physics(task, "mjx")
+        began = perf_counter()
+        TableEvaluator(semantics, mjx, batch=count)(trees, layouts)
+        first = perf_counter() - began
+        mjx_fitness = table("(c) mjx, transition table", mjx)
+        rows[-2]["compile [s]"] = first - rows[-2]["seconds"]
+        from bt_jax.mjx_env.mjx_backend import settle_fn
+
+        batch = some[: arguments.rollout]
+        rollout = RolloutEvaluator(semantics, settle_fn(task), batch=len(batch))
+        began = perf_counter()
+        rollout(trees[batch], layouts)
+        first, began = perf_counter() - began, perf_counter()
+        fitness = rollout(trees[batch], layouts).fitness
+        seconds = perf_counter() - began
+        row(
+            "(d) mjx, plain rollout",
+            seconds * count / len(batch),
+            compile_seconds=first - seconds,
+            note=f"{len(batch)} trees, scaled up; {np.mean(np.abs(fitness - mjx_fitness[batch]) < 5):.1%} as (c)",
+        )
+    table("(e) kinematic, transition table", Kinematic(task))
+    report(
+        "episodes",
+        f"{count:,} distinct trees of one evolution ({arguments.generations} generations, task {task.name})",
+        rows,
+        out=arguments.out,
+        agreement_a_b=float(agree.mean()),
+        steps_saved=float(rows[0]["physics steps"] - rows[1]["physics steps"]),
+    )
+
+
+def distinct_trees(training: Training) -> Trees:
+    """All trees that an evolution measures, each once."""
+    seen: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
+    measure = training.evolution.evaluate
+
+    def remember(trees: Trees):
+        tokens, sizes = np.asarray(trees.tokens)[0], np.asarray(trees.sizes)[0]
+        seen.update({row.tobytes(): (row, size) for row, size in zip(tokens, sizes, strict=True)})
+        return measure(trees)
+
+    training.evolution.evaluate = remember
+    for _ in training.evolution.run():
+        continue
+    tokens, sizes = zip(*seen.values(), strict=True)
+    return Trees(np.stack(tokens), np.stack(sizes))
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Arguments))

@@ -1,0 +1,45 @@
+"""Learning curves as pictures."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+
+from bt_jax.gp.evolution import Generation
+
+__all__ = ["learning_curve"]
+
+BEST, MEAN = "#0072b2", "#999999"
+
+
+def learning_curve(history: list[Generation], *, title: str) -> bytes:
+    """PNG of the fitness over the generations: best (mean and range over the runs) and mean of the population."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    runs = 1 + max(row.run for row in history)
+    generations = [row.generation for row in history if row.run == 0]
+    best = np.array([[row.best for row in history if row.run == run] for run in range(runs)])
+    mean = np.array([[row.mean for row in history if row.run == run] for run in range(runs)])
+    figure = Figure(figsize=(6.4, 4), dpi=120, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    axes.plot(generations, mean.mean(axis=0), color=MEAN, lw=1.2, label="mean of the population")
+    if runs > 1:
+        axes.fill_between(generations, best.min(axis=0), best.max(axis=0), color=BEST, alpha=0.2, lw=0, label="range")
+    label = f"best, mean of {runs} runs" if runs > 1 else "best"
+    axes.plot(generations, best.mean(axis=0), color=BEST, lw=2, label=label)
+    axes.set_yscale("symlog", linthresh=100)
+    axes.set_ylim(top=0)
+    ticks = [-10_000, -3000, -1000, -300, -100, -50, 0]
+    low = min(mean.min(), best.min())
+    axes.set_yticks([t for t in ticks if t >= 1.5 * low], [f"{t}" for t in ticks if t >= 1.5 * low])
+    axes.minorticks_off()
+    axes.set(xlabel="generation", ylabel="fitness", title=title)
+    axes.grid(alpha=0.3)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(loc="lower right", frameon=False)
+    out = io.BytesIO()
+    figure.savefig(out, format="png")
+    return out.getvalue()

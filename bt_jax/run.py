@@ -1,0 +1,222 @@
+"""python -m bt_jax.run: execute a saved Behavior Tree in simulation, show it tick by tick, film it."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import time
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+from rich.console import Console, Group
+from rich.live import Live
+from rich.markup import escape
+from rich.progress import Progress
+from rich.text import Text
+
+from bt_jax.behaviors import Behavior, Tree, Vocabulary
+from bt_jax.encoding.drawing import draw_text, to_dot
+from bt_jax.encoding.reading import read_tree
+from bt_jax.encoding.svg import to_svg
+from bt_jax.encoding.text import format_tree
+from bt_jax.encoding.tick import Status
+from bt_jax.encoding.trees import MAX_NODES, encode_all
+from bt_jax.encoding.walk import expand, prefix
+from bt_jax.encoding.xml import to_xml
+from bt_jax.errors import UserError
+from bt_jax.files import write_atomic
+from bt_jax.mjx_env.evaluate import Evaluation, TableEvaluator
+from bt_jax.mjx_env.film import check_film, film
+from bt_jax.mjx_env.fitness import Ending
+from bt_jax.mjx_env.layouts import sample_layouts
+from bt_jax.mjx_env.mujoco_backend import MujocoPhysics
+from bt_jax.mjx_env.physics import Physics
+from bt_jax.mjx_env.playback import Playback, Tick, play
+from bt_jax.mjx_env.settling import Settler
+from bt_jax.mjx_env.statuses import Semantics
+from bt_jax.mjx_env.world import World, concatenate
+from bt_jax.run_folder import RunFolder
+from bt_jax.startup import Device, configure_jax, exit_code
+from bt_jax.task import Task, load_task
+from bt_jax.training import UNSEEN, Backend, Level, Settings, make_level
+
+__all__ = ["Arguments", "main", "run"]
+
+STYLES = {Status.SUCCESS: "green", Status.FAILURE: "red", Status.RUNNING: "bold yellow", None: "dim"}
+WORDS = {
+    "open_gripper": "opens the gripper",
+    "close_gripper": "closes the gripper",
+    "pick": "picks {object}",
+    "place": "places {object} at {position} in the frame of {frame}",
+}
+EXPORTS = {".txt": format_tree, ".xml": to_xml, ".svg": to_svg, ".dot": to_dot}
+LISTED = 20  # failures
+
+
+@dataclasses.dataclass(frozen=True)
+class Arguments:
+    """Execute a saved Behavior Tree in simulation and show, tick by tick, which nodes are active."""
+
+    source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_FOLDER|TREE")]
+    """folder that bt_jax.train has written, or a tree as .txt or .xml"""
+    task: str | None = None
+    """name of a task or YAML file (default: that of the run folder, or stack)"""
+    level: Level | None = None
+    """physics or kinematic (default: that of the run folder, or physics)"""
+    backend: Backend = "auto"
+    """engine of the physics level; auto takes mujoco, which needs no compiling"""
+    seed: int = 0
+    """number of the layout; training meets none of these"""
+    layouts: int = 1
+    """with more than one, run in the layouts seed, seed + 1, ... and report how often the tree succeeds"""
+    render: Path | None = None
+    """film the episode: .mp4, .gif, or .png for six stills"""
+    expand: bool = False
+    """show what is inside genes"""
+    export: Path | None = None
+    """write the tree as .xml (BehaviorTree.CPP, Groot2), .svg, .dot or .txt"""
+    delay: float = 0.5
+    """seconds between two ticks on a terminal"""
+    device: Device = "auto"
+    """where JAX computes"""
+
+    def check(self) -> None:
+        """Raises UserError for arguments that cannot work."""
+        if self.layouts < 1:
+            raise UserError(f"--layouts is {self.layouts}; choose 1 or more")
+        if self.seed < 0:
+            raise UserError(f"--seed is {self.seed}; choose 0 or more")
+        if not 0 <= self.delay <= 60:
+            raise UserError(f"--delay is {self.delay}; choose seconds from 0 to 60")
+        if self.export is not None and self.export.suffix.lower() not in EXPORTS:
+            raise UserError(f"{self.export} is no kind of tree file; let its name end in {', '.join(EXPORTS)}")
+        if self.render is not None:
+            if self.layouts > 1:
+                raise UserError("a film shows one layout; leave out --layouts, or choose one with --seed")
+            check_film(self.render)
+
+
+def main() -> None:
+    """Entry point of the command line."""
+    arguments = tyro.cli(Arguments, prog="python -m bt_jax.run")
+    sys.exit(exit_code(lambda: run(arguments)))
+
+
+def run(arguments: Arguments, console: Console | None = None) -> None:
+    """Does what the arguments say and prints it."""
+    console = Console(highlight=False, soft_wrap=True) if console is None else console
+    arguments.check()
+    task, level, tree = _open(arguments)
+    configure_jax(arguments.device)
+    written = expand(tree)
+    leaves = [node for node in (*prefix(tree), *prefix(written)) if isinstance(node, Behavior)]
+    semantics, physics = Semantics(task, Vocabulary.of(leaves)), _physics(task, level, arguments.backend)
+    console.print(f"[bold]{task.name}[/]: {escape(task.description)}\n{physics.name}: {physics.why}")
+    if arguments.export is not None:
+        export = EXPORTS[arguments.export.suffix.lower()]
+        write_atomic(arguments.export, export(written if arguments.expand else tree))
+    if arguments.layouts > 1:
+        _survey(console, semantics, physics, tree, arguments)
+        return
+    settler, layout = Settler(task, physics), _layout(task, arguments.seed)
+    playback = play(semantics, settler, tree, layout)
+    shown = play(semantics, settler, written, layout) if arguments.expand else playback
+    _show(console, shown, delay=arguments.delay)
+    console.print(_verdict(task, playback))
+    if arguments.render is not None:
+        with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+            job = bar.add_task(f"filming {arguments.render}", total=1.0)
+            film(arguments.render, semantics, playback, progress=lambda part: bar.update(job, completed=part))
+        console.print(f"film       {arguments.render}")
+
+
+def _open(arguments: Arguments) -> tuple[Task, Level, Tree]:
+    """What to run and how: arguments come before what a run folder says."""
+    if arguments.source.is_dir():
+        folder = RunFolder(arguments.source)
+        config, tree = folder.config(), folder.tree()
+        task = config.task if arguments.task is None else load_task(arguments.task)
+        return task, arguments.level or config.settings.level, tree
+    task = load_task(arguments.task or "stack")
+    return task, arguments.level or "physics", read_tree(arguments.source)
+
+
+def _physics(task: Task, level: Level, backend: Backend) -> Physics:
+    if level == "physics" and backend == "auto":
+        return MujocoPhysics(task, why="the C engine, which starts at once")
+    return make_level(task, Settings(level=level, backend=backend))
+
+
+def _layout(task: Task, seed: int) -> World:
+    return sample_layouts(task, [UNSEEN, seed], 1)
+
+
+def _survey(console: Console, semantics: Semantics, physics: Physics, tree: Tree, arguments: Arguments) -> None:
+    """Runs the tree in many layouts and prints how it fares."""
+    task = semantics.task
+    seeds = range(arguments.seed, arguments.seed + arguments.layouts)
+    layouts = concatenate([_layout(task, seed) for seed in seeds])
+    trees = encode_all([tree], semantics.vocabulary, MAX_NODES)
+    result: Evaluation = TableEvaluator(semantics, physics, batch=1)(trees, layouts)
+    solved, values = result.solved[0], result.values[0]
+    console.print(
+        f"success    [bold]{solved.sum()} of {len(solved)}[/] layouts ({100 * solved.mean():.0f} %)\n"
+        f"fitness    {values.mean():.1f} ± {values.std():.1f}"
+    )
+    failures = np.flatnonzero(~solved)
+    for k in failures[:LISTED]:
+        away = [f"{t.object} {1000 * d:.0f} mm" for t, d in zip(task.targets, result.distance[0, k], strict=True)]
+        ending = Ending(int(result.ending[0, k])).name
+        console.print(f"[red]✗[/] seed {seeds[k]}: {ending} at tick {result.ticks[0, k]}, {', '.join(away)} off")
+    if len(failures) > LISTED:
+        console.print(f"and the seeds {', '.join(str(seeds[k]) for k in failures[LISTED:])}")
+    if len(failures):
+        console.print(f"watch one with --seed {seeds[failures[0]]}")
+
+
+def _show(console: Console, playback: Playback, *, delay: float) -> None:
+    """The tree at every tick: one below the other, or, on a terminal, in one place with pauses."""
+    pictures = [_picture(playback.tree, number, tick) for number, tick in enumerate(playback.ticks, start=1)]
+    if not console.is_terminal:
+        for title, drawing in pictures:
+            console.print(title, drawing, "", sep="\n")
+        return
+    with Live(console=console, auto_refresh=False) as live:
+        for (title, drawing), tick in zip(pictures, playback.ticks, strict=True):
+            live.update(Group(title, drawing), refresh=True)
+            time.sleep(delay)
+            if tick is not playback.ticks[-1]:
+                live.console.print(title)
+
+
+def _picture(tree: Tree, number: int, tick: Tick) -> tuple[Text, Text]:
+    """Title and drawing of a tick."""
+    style = STYLES[tick.status]
+    title = Text.assemble(f"tick {number:2d}  ", (tick.status.name, style), f"  {_words(tick.command)}")
+    lines = draw_text(tree, tick.statuses).splitlines()
+    drawing = Text("\n").join(Text(line, STYLES[status]) for line, status in zip(lines, tick.statuses, strict=True))
+    return title, drawing
+
+
+def _words(command: Behavior | None) -> str:
+    """What the robot does."""
+    if command is None:
+        return "does nothing"
+    position = None if command.position is None else f"({', '.join(f'{x:g}' for x in command.position)})"
+    return WORDS[command.name].format(object=command.object, position=position, frame=command.frame)
+
+
+def _verdict(task: Task, playback: Playback) -> Text:
+    """How an episode ended."""
+    word, style = ("yes", "bold green") if playback.solved else ("no", "bold red")
+    parts: list[str | tuple[str, str]] = [f"ending     {playback.ending.name} at tick {len(playback.ticks)}\n"]
+    for target, distance in zip(task.targets, playback.distance, strict=True):
+        mark = ("✓", "green") if distance < task.episode.tolerance else ("✗", "red")
+        parts += ["target     ", mark, f" {target.object} {1000 * distance:.1f} mm from its place in {target.frame}\n"]
+    return Text.assemble(*parts, f"fitness    {playback.fitness:.1f}\nsolved     ", (word, style))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,203 @@
+"""python -m bt_jax.train: evolve a Behavior Tree for a task."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import signal
+import sys
+import time
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from bt_jax.console import Session, TrainingDisplay
+from bt_jax.encoding.reading import read_tree
+from bt_jax.errors import UserError
+from bt_jax.gp.config import GPConfig
+from bt_jax.gp.evolution import Generation, State, best_of
+from bt_jax.plots import learning_curve
+from bt_jax.run_folder import RunConfig, RunFolder, package_version
+from bt_jax.startup import CompileClock, Device, configure_jax, exit_code
+from bt_jax.task import load_task
+from bt_jax.training import Settings, Training
+
+__all__ = ["Arguments", "main"]
+
+PROGRAM = "python -m bt_jax.train"
+CHECKPOINT_SECONDS = 2.0
+CHECKPOINT_SHARE = 20  # of the time goes into checkpoints: at most one part in so many
+
+
+@dataclasses.dataclass(frozen=True)
+class Arguments:
+    """Evolve a Behavior Tree for a pick-and-place task.
+
+    The defaults are those of the paper's table I. Ctrl-C stops early and keeps the best tree and a checkpoint.
+    """
+
+    name: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")] = None
+    """task that comes with the package: stack (default), stack3, pyramid, restack or yumi_stack"""
+    task: Path | None = None
+    """a task of your own, a YAML file"""
+    gp: tyro.conf.OmitArgPrefixes[GPConfig] = dataclasses.field(default_factory=GPConfig)
+    settings: tyro.conf.OmitArgPrefixes[Settings] = dataclasses.field(default_factory=Settings)
+    baseline: Path | None = None
+    """tree (.txt or .xml) to start from; it stays available for crossover"""
+    resume: Path | None = None
+    """run folder to go on with, bit for bit; only --generations, --target-fitness and --time-limit may differ"""
+    target_fitness: float | None = None
+    """stop once the best fitness of every run has reached this"""
+    time_limit: float | None = None
+    """stop after so many seconds of evolution"""
+    out: Path | None = None
+    """folder for the results (default: runs/TASK-DATE-TIME)"""
+    device: Device = "auto"
+    """where JAX computes"""
+
+
+def main() -> None:
+    """Entry point of the command line."""
+    sys.exit(exit_code(lambda: run(parse(sys.argv[1:]))))
+
+
+def parse(words: list[str]) -> Arguments:
+    """Arguments of a command line; where a run is resumed, its settings are the defaults."""
+    arguments = tyro.cli(Arguments, prog=PROGRAM, args=words)
+    if arguments.resume is None:
+        return arguments
+    saved = RunFolder(arguments.resume).config()
+    return tyro.cli(Arguments, prog=PROGRAM, args=words, default=Arguments(gp=saved.gp, settings=saved.settings))
+
+
+def run(arguments: Arguments) -> None:
+    """Trains as the arguments say, and writes the run folder."""
+    configure_jax(arguments.device)
+    config, out = _configuration(arguments)
+    training = Training(config.task, config.gp, config.settings, baseline=config.baseline)
+    folder = RunFolder(out)
+    folder.start(_pinned(config, training), resume=arguments.resume is not None)
+    display = TrainingDisplay(training, folder.path)
+    saved = folder.load_checkpoint()
+    state, history = saved if saved else (None, [])
+    clock, began, stopped = CompileClock(), time.monotonic(), False
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        with display:
+            state, history = _evolve(training, folder, display, state, history, arguments)
+    except KeyboardInterrupt:
+        stopped = True
+        state, history = display.last
+        if state is None:
+            raise UserError("stopped before the first generation was measured; nothing was learnt") from None
+    session = Session(time.monotonic() - began, clock.seconds, training.num_broken, stopped)
+    folder.save_checkpoint(state, history)
+    folder.save_tree(training.best_tree(state), title=config.task.name)
+    if stopped:
+        # The interruption may have come in the middle of an entry into the table: the test starts from a new one.
+        training = Training(config.task, config.gp, config.settings, baseline=config.baseline)
+    _finish(training, folder, display, state, history, session)
+
+
+def _pinned(config: RunConfig, training: Training) -> RunConfig:
+    """With the backend that `auto` stands for here, so that a resumed run takes the same everywhere."""
+    if config.settings.level != "physics":
+        return config
+    return dataclasses.replace(config, settings=dataclasses.replace(config.settings, backend=training.level.name))
+
+
+def _configuration(arguments: Arguments) -> tuple[RunConfig, Path]:
+    """What to evolve, and the run folder for it; that of a resumed run comes from its folder."""
+    if arguments.resume is not None:
+        if arguments.out is not None:
+            raise UserError("--resume goes on in its own folder; leave out --out")
+        return _resumed(arguments, RunFolder(arguments.resume).config()), arguments.resume
+    if arguments.name is not None and arguments.task is not None:
+        raise UserError("two tasks are given; name one, or give one file with --task")
+    arguments.gp.check()
+    arguments.settings.check()
+    task = load_task(arguments.task or arguments.name or "stack")
+    baseline = None if arguments.baseline is None else read_tree(arguments.baseline)
+    out = arguments.out or unused(Path("runs") / f"{task.name}-{datetime.now():%Y%m%d-%H%M%S}")
+    return RunConfig(task, arguments.gp, arguments.settings, baseline), out
+
+
+def unused(path: Path) -> Path:
+    """The path, or with -2, -3, ... behind it the first that nothing has yet."""
+    names = itertools.chain([path], (path.with_name(f"{path.name}-{number}") for number in itertools.count(2)))
+    return next(name for name in names if not name.exists())
+
+
+def _resumed(arguments: Arguments, config: RunConfig) -> RunConfig:
+    """The saved configuration, with as many generations as are asked for now."""
+    if config.version != package_version():
+        raise UserError(
+            f"{arguments.resume} was begun with version {config.version} and this is {package_version()}; go on "
+            "with that version, or train again"
+        )
+    same = dataclasses.replace(arguments.gp, generations=config.gp.generations) == config.gp
+    if not same or arguments.settings != config.settings or arguments.name or arguments.task or arguments.baseline:
+        raise UserError("--resume keeps task and settings; give only --generations, --target-fitness or --time-limit")
+    arguments.gp.check()
+    return dataclasses.replace(config, gp=arguments.gp)
+
+
+def _evolve(
+    training: Training,
+    folder: RunFolder,
+    display: TrainingDisplay,
+    state: State | None,
+    history: list[Generation],
+    arguments: Arguments,
+) -> tuple[State, list[Generation]]:
+    known = {row.generation for row in history}
+    saved, wait = time.monotonic(), CHECKPOINT_SECONDS
+    generations = training.evolution.run(state, target=arguments.target_fitness, time_limit=arguments.time_limit)
+    for state in generations:
+        if state.generation not in known:
+            history = [*history, *training.evolution.describe(state)]
+        display.update(state, history)
+        if time.monotonic() - saved >= wait:
+            began = time.monotonic()
+            folder.save_checkpoint(state, history)
+            saved = time.monotonic()
+            wait = max(CHECKPOINT_SECONDS, CHECKPOINT_SHARE * (saved - began))
+    return state, history
+
+
+def _finish(
+    training: Training,
+    folder: RunFolder,
+    display: TrainingDisplay,
+    state: State,
+    history: list[Generation],
+    session: Session,
+) -> None:
+    """Tests the learnt tree, writes everything that people look at, and says so."""
+    result = training.result(state, history)
+    title = f"{training.task.name}: fitness {result.fitness:.1f}"
+    folder.save_tree(result.tree, title=title)
+    folder.save_history(history)
+    folder.save_result(
+        {
+            "fitness": result.fitness,
+            "success_rate": result.test.success_rate,
+            "test_layouts": len(result.test.solved),
+            "test_fitness_mean": float(result.test.fitness.mean()),
+            "test_fitness_std": float(result.test.fitness.std()),
+            "generations": state.generation,
+            "episodes": state.episodes,
+            "last_session": dataclasses.asdict(session),
+            "runs": [{"fitness": float(f), "tree": t} for f, t in zip(best_of(state)[1], result.lines, strict=True)],
+        }
+    )
+    folder.save_picture("learning_curve.png", learning_curve(history, title=training.task.name))
+    if (picture := training.picture(result.tree)) is not None:
+        folder.save_picture("solved.png", picture)
+    display.finish(result, state, session)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,224 @@
+"""Evolving a Behavior Tree for a task: what `python -m bt_jax.train` does, as a library."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from typing import Literal
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float32
+
+from bt_jax.behaviors import Behavior, Tree, gene_pool
+from bt_jax.encoding.text import one_line
+from bt_jax.encoding.trees import Trees, decode, encode
+from bt_jax.encoding.walk import prefix
+from bt_jax.errors import UserError
+from bt_jax.gp.alphabet import Alphabet
+from bt_jax.gp.config import GPConfig
+from bt_jax.gp.evolution import Evolution, Generation, State, best_of
+from bt_jax.mjx_env import kinematic
+from bt_jax.mjx_env.evaluate import TableEvaluator
+from bt_jax.mjx_env.film import solved_picture
+from bt_jax.mjx_env.kinematic import Kinematic
+from bt_jax.mjx_env.layouts import sample_layouts
+from bt_jax.mjx_env.physics import Physics, make_physics
+from bt_jax.mjx_env.playback import play
+from bt_jax.mjx_env.rollout import RolloutEvaluator, Settle
+from bt_jax.mjx_env.statuses import Semantics
+from bt_jax.mjx_env.world import concatenate, take
+from bt_jax.task import Task
+
+__all__ = ["Backend", "Evaluator", "Level", "Result", "Settings", "Test", "Training", "evolve", "make_level"]
+
+Level = Literal["physics", "kinematic"]
+Backend = Literal["auto", "mujoco", "mjx"]
+Evaluator = Literal["table", "rollout"]
+UNSEEN = 1 << 20  # seeds of layouts for tests; training uses the seeds of its runs
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """How individuals are measured."""
+
+    level: Level = "physics"
+    """physics: rigid bodies and contacts; kinematic: boxes drop to their support, for a quick look"""
+    backend: Backend = "auto"
+    """engine of the physics level; auto takes mjx on a GPU and mujoco on a CPU"""
+    implementation: Literal["jax", "warp"] = "jax"
+    """of mjx; warp needs an NVIDIA GPU and has never been tried"""
+    evaluator: Evaluator = "table"
+    """table: simulate each distinct transition once; rollout: simulate every transition, in one compiled loop (mjx or
+    kinematic)"""
+    layouts: int = 1
+    """layouts K in which every individual of a run is measured; its fitness is the mean"""
+    test_layouts: int = 100
+    """unseen layouts in which the learnt tree is tested at the end"""
+
+    def check(self) -> None:
+        """Raises UserError for a setting that cannot work."""
+        for name in ("layouts", "test_layouts"):
+            if getattr(self, name) < 1:
+                raise UserError(f"{name} is {getattr(self, name)}; choose 1 or more")
+
+
+@dataclasses.dataclass(frozen=True)
+class Test:
+    """A tree in layouts that it never saw."""
+
+    solved: Bool[np.ndarray, "K"]
+    fitness: Float32[np.ndarray, "K"]
+
+    @property
+    def success_rate(self) -> float:
+        return float(self.solved.mean())
+
+
+@dataclasses.dataclass(frozen=True)
+class Result:
+    """What an evolution has found, and how it went."""
+
+    tree: Tree
+    fitness: float
+    test: Test
+    trees: list[Tree]  # the best of each run
+    history: list[Generation]
+
+    @property
+    def lines(self) -> list[str]:
+        """The best tree of each run, on one line each."""
+        return [one_line(tree) for tree in self.trees]
+
+
+def make_level(task: Task, settings: Settings) -> Physics:
+    """What lets boxes fall at the chosen level."""
+    return (
+        Kinematic(task)
+        if settings.level == "kinematic"
+        else make_physics(task, settings.backend, implementation=settings.implementation)
+    )
+
+
+def make_settle(task: Task, level: Physics, settings: Settings) -> Settle:
+    """The same as a pure JAX function. Raises UserError for the C engine, which has none."""
+    if level.name == "kinematic":
+        return functools.partial(kinematic.settle, task)
+    if level.name == "mujoco":
+        raise UserError("the rollout evaluator cannot call the C engine; use --backend mjx, or --evaluator table")
+    from bt_jax.mjx_env.mjx_backend import settle_fn
+
+    return settle_fn(task, implementation=settings.implementation)
+
+
+class Training:
+    """An evolution bound to a task: individuals are trees over the task's gene pool, fitness comes from episodes.
+
+    `extra_leaves` join the pool; `baseline` is a tree that the population starts from and keeps for crossover, and its
+    leaves join as well. Run r uses layouts of its own, drawn from seed + r, the same in every generation.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        config: GPConfig = GPConfig(),  # noqa: B008
+        settings: Settings = Settings(),
+        *,
+        baseline: Tree | None = None,
+        extra_leaves: tuple[Behavior, ...] = (),
+    ) -> None:
+        config.check()
+        settings.check()
+        self.task, self.config, self.settings = task, config, settings
+        leaves = [node for node in prefix(baseline) if isinstance(node, Behavior)] if baseline is not None else []
+        self.vocabulary = gene_pool(task).extended([*extra_leaves, *leaves])
+        self.level = make_level(task, settings)
+        batch = config.runs * max(config.population, config.num_offspring)
+        semantics = Semantics(task, self.vocabulary)
+        table = TableEvaluator(semantics, self.level, batch=batch)
+        self.table = table.table
+        use_table = settings.evaluator == "table"
+        self.evaluator = (
+            table if use_table else RolloutEvaluator(semantics, make_settle(task, self.level, settings), batch=batch)
+        )
+        self.layouts = concatenate(
+            [sample_layouts(task, config.seed + run, settings.layouts) for run in range(config.runs)]
+        )
+        self.evolution = Evolution(
+            config,
+            Alphabet.of(self.vocabulary),
+            self._fitness,
+            baseline=None if baseline is None else encode(baseline, self.vocabulary, config.max_nodes),
+            episodes_per_tree=settings.layouts,
+        )
+
+    def _fitness(self, trees: Trees) -> Float32[np.ndarray, "R P"]:
+        runs, population, _ = trees.tokens.shape
+        count = self.settings.layouts
+        own = np.arange(runs * count, dtype=np.int32).reshape(runs, 1, count)
+        which = np.broadcast_to(own, (runs, population, count)).reshape(-1, count)
+        flat = jax.tree.map(lambda leaf: leaf.reshape(-1, leaf.shape[-1]), jax.device_get(trees))
+        return self.evaluator(flat, self.layouts, which).fitness.reshape(runs, population)
+
+    def best_trees(self, state: State) -> list[Tree]:
+        """The best tree of each run."""
+        trees, _ = best_of(state)
+        return [decode(trees[run], self.vocabulary) for run in range(self.config.runs)]
+
+    def best_tree(self, state: State) -> Tree:
+        """The best tree over all runs."""
+        return self.best_trees(state)[int(best_of(state)[1].argmax())]
+
+    @property
+    def num_broken(self) -> int:
+        """How often physics gave no number: transitions with the table, episodes with the rollout."""
+        return self.evaluator.num_broken
+
+    def result(self, state: State, history: list[Generation]) -> Result:
+        """The best tree over all runs, tested."""
+        trees, fitness = self.best_trees(state), best_of(state)[1]
+        best = int(fitness.argmax())
+        test = self.test(trees[best])
+        return Result(trees[best], float(fitness[best]), test, trees, history)
+
+    def test(self, tree: Tree, *, count: int | None = None) -> Test:
+        """Runs a tree in layouts that no run of this training has seen."""
+        count = self.settings.test_layouts if count is None else count
+        layouts = sample_layouts(self.task, [UNSEEN, self.config.seed], count)
+        per_tree = self.settings.layouts
+        copies = -(-count // per_tree)
+        one = encode(tree, self.vocabulary, self.config.max_nodes)
+        trees = jax.tree.map(lambda leaf: np.tile(leaf, (copies, 1)), one)
+        which = np.minimum(np.arange(copies * per_tree, dtype=np.int32), count - 1).reshape(copies, per_tree)
+        result = self.evaluator(trees, layouts, which)
+        return Test(result.solved.reshape(-1)[:count], result.values.reshape(-1)[:count])
+
+    def picture(self, tree: Tree) -> bytes | None:
+        """PNG of the scene after an episode in the first training layout; None where there is no renderer."""
+        playback = play(self.table.semantics, self.table.settler, tree, take(self.layouts, slice(1)))
+        return solved_picture(self.task, playback)
+
+
+def evolve(
+    task: Task,
+    config: GPConfig = GPConfig(),  # noqa: B008
+    settings: Settings = Settings(),
+    *,
+    baseline: Tree | None = None,
+    target: float | None = None,
+    time_limit: float | None = None,
+    hook: Callable[[Training, State], None] | None = None,
+) -> Result:
+    """Evolves a tree for a task and tests it in unseen layouts.
+
+    `target` stops once every run has that fitness, `time_limit` [s] after that time; `hook` is called after each
+    generation.
+    """
+    training = Training(task, config, settings, baseline=baseline)
+    history: list[Generation] = []
+    for state in training.evolution.run(target=target, time_limit=time_limit):
+        history += training.evolution.describe(state)
+        if hook is not None:
+            hook(training, state)
+    return training.result(state, history)

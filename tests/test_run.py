@@ -1,0 +1,149 @@
+import io
+import subprocess
+import sys
+
+import pytest
+from rich.console import Console
+
+from bt_jax.encoding.reading import read_tree
+from bt_jax.encoding.text import parse_tree
+from bt_jax.encoding.xml import from_xml, to_xml
+from bt_jax.errors import UserError
+from bt_jax.gp.config import GPConfig
+from bt_jax.mjx_env.render import available
+from bt_jax.run import Arguments, run
+from bt_jax.run_folder import RunConfig, RunFolder
+from bt_jax.task import load_task
+from bt_jax.training import Settings
+
+STACK = "Sequence\n  move(YellowBox, (0, 0, 0.055), KittingBox)\n  move(GreenBox, (0, 0, 0.1), YellowBox)\n"
+HALF = "Sequence\n  pick(YellowBox)\n  open_gripper\n"
+
+
+@pytest.fixture
+def stack(tmp_path):
+    path = tmp_path / "stack.txt"
+    path.write_text(STACK)
+    return path
+
+
+def shown(terminal=False, **arguments):
+    out = io.StringIO()
+    console = Console(file=out, force_terminal=terminal, highlight=False, soft_wrap=True, width=120, height=60)
+    run(Arguments(**{"level": "kinematic", **arguments}), console)
+    return out.getvalue()
+
+
+@pytest.mark.parametrize("level", ["kinematic", "physics"])
+def test_shows_every_tick_and_the_verdict(stack, level):
+    text = shown(source=stack, level=level)
+    blocks = text.split("\ntick ")[1:]
+    assert [block.split()[1] for block in blocks] == ["RUNNING"] * 4 + ["SUCCESS"] * 2
+    assert "places GreenBox at (0, 0, 0.1) in the frame of YellowBox" in blocks[3]
+    assert "✓ ├── move(YellowBox" in blocks[3]
+    assert "… └── move(GreenBox" in blocks[3]
+    assert "  └── move(GreenBox" in blocks[0]
+    assert "ending     SUCCESS at tick 6" in text
+    assert "solved     yes" in text
+
+
+def test_a_failure_is_told(tmp_path):
+    path = tmp_path / "half.txt"
+    path.write_text(HALF)
+    text = shown(source=path)
+    assert "ending     TIMEOUT at tick 15" in text
+    assert "✗ YellowBox" in text
+    assert "solved     no" in text
+
+
+def test_expand_shows_the_inside_and_changes_nothing_else(stack):
+    folded, written = shown(source=stack), shown(source=stack, expand=True)
+    assert "open_gripper" not in folded
+    assert "open_gripper" in written
+    assert folded[folded.index("ending") :] == written[written.index("ending") :]
+
+
+def test_terminal_gets_colours(stack):
+    text = shown(source=stack, terminal=True, delay=0.0)
+    assert "\x1b[32m✓" in text
+    assert "tick  6" in text
+
+
+def test_many_layouts(stack, tmp_path):
+    assert "success    30 of 30 layouts (100 %)" in shown(source=stack, layouts=30)
+    half = tmp_path / "half.txt"
+    half.write_text(HALF)
+    text = shown(source=half, layouts=22, seed=3)
+    assert "success    0 of 22 layouts" in text
+    assert text.count("✗ seed") == 20
+    assert "and the seeds 23, 24" in text
+    single = shown(source=half, seed=4).split("fitness    ")[1].split()[0]
+    pair = [float(shown(source=half, layouts=2, seed=seed).split("fitness    ")[1].split()[0]) for seed in (3, 4)]
+    singles = [float(shown(source=half, seed=seed).split("fitness    ")[1].split()[0]) for seed in (3, 4, 5)]
+    assert float(single) == singles[1]
+    assert pair == pytest.approx([sum(singles[:2]) / 2, sum(singles[1:]) / 2], abs=0.11)
+
+
+def test_a_run_folder_brings_its_task(tmp_path):
+    task = load_task("restack")
+    folder = RunFolder.create(tmp_path / "run", RunConfig(task, GPConfig(), Settings(level="kinematic")))
+    with pytest.raises(UserError, match="holds no tree"):
+        shown(source=folder.path, level=None)
+    folder.save_tree(parse_tree("Sequence(reached(unstacked), pick(YellowBox))"), title="")
+    text = shown(source=folder.path, level=None)
+    assert text.startswith("restack")
+    assert "kinematic" in text
+    with pytest.raises(UserError, match="no such subgoal"):
+        shown(source=folder.path, task="stack")
+
+
+def test_reads_and_writes_trees(stack, tmp_path):
+    xml = tmp_path / "tree.xml"
+    shown(source=stack, export=xml)
+    assert from_xml(xml) == parse_tree(STACK) == read_tree(xml)
+    assert to_xml(parse_tree(STACK)) == xml.read_text()
+    for name in ("tree.svg", "tree.dot", "tree.txt"):
+        shown(source=xml, export=tmp_path / name)
+    assert read_tree(tmp_path / "tree.txt") == parse_tree(STACK)
+    assert (tmp_path / "tree.svg").read_text().startswith("<svg")
+
+
+@pytest.mark.skipif(available() is not True, reason="nothing can be drawn here")
+def test_renders_stills(stack, tmp_path):
+    assert "film" in shown(source=stack, render=tmp_path / "film.png")
+    assert (tmp_path / "film.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"task": "nonsense"}, "unknown task"),
+        ({"layouts": 0}, "--layouts is 0"),
+        ({"seed": -1}, "--seed is -1"),
+        ({"delay": -1.0}, "--delay is -1"),
+        ({"export": "tree.doc"}, "no kind of tree file"),
+        ({"render": "film.avi"}, "is not a film"),
+        ({"render": "no_such_folder/film.gif"}, "cannot be written"),
+        ({"export": "stack.txt/tree.xml"}, "cannot be written"),
+        ({"source": "missing.txt"}, "there is no file or folder"),
+        ({"source": "."}, "is not a run folder"),
+        ({"source": "wrong.txt"}, "no object 'OrangeBox'"),
+        ({"source": "broken.txt"}, "line 2, column 3: unknown node"),
+        ({"source": "binary.txt"}, "cannot be read"),
+    ],
+)
+def test_bad_input_is_named(stack, tmp_path, arguments, message):
+    (tmp_path / "wrong.txt").write_text("Sequence(pick(OrangeBox), open_gripper)")
+    (tmp_path / "broken.txt").write_text("Sequence\n  lift(YellowBox)\n")
+    (tmp_path / "binary.txt").write_bytes(b"\xff\xfe\x00")
+    paths = {key: tmp_path / value for key, value in arguments.items() if key in ("source", "render", "export")}
+    with pytest.raises(UserError, match=message):
+        shown(**{"source": stack, **arguments, **paths})
+
+
+def test_the_command_line_exits_with_2(tmp_path):
+    command = [sys.executable, "-m", "bt_jax.run", str(tmp_path / "missing.txt")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: there is no file")
+    assert done.stderr.count("\n") == 1

@@ -1,0 +1,236 @@
+"""The command line, as a user meets it: in a process of its own where it matters, in this one where it only refuses."""
+
+import dataclasses
+import json
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import jax
+import numpy as np
+import pytest
+from samples import train, train_command
+
+from bt_jax import train as command
+from bt_jax.encoding.text import parse_tree
+from bt_jax.encoding.xml import from_xml
+from bt_jax.gp.config import GPConfig
+from bt_jax.run_folder import RunConfig, RunFolder
+from bt_jax.task import load_task
+from bt_jax.training import Settings
+
+QUICK = ("stack", "--level", "kinematic", "--population", 8, "--max-nodes", 32, "--test-layouts", 10, "--device", "cpu")
+SAME_BYTES = ("history.csv", "best_tree.txt", "best_tree.xml", "best_tree.svg")
+
+
+def refused(monkeypatch, capsys, *arguments):
+    """The one sentence that the command says before it ends with code 2."""
+    monkeypatch.setattr(sys, "argv", ["train", *map(str, arguments)])
+    with pytest.raises(SystemExit) as end:
+        command.main()
+    assert end.value.code == 2
+    said = capsys.readouterr()
+    assert said.err.startswith("error: ")
+    assert said.err.count("\n") == 1
+    assert "Traceback" not in said.err
+    return said.err
+
+
+def train_folder(path, *arguments):
+    done = train(*QUICK, "--out", path, *arguments)
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+@pytest.mark.parametrize(
+    ("arguments", "remedy"),
+    [
+        (("shelf",), "choose one of"),
+        (("stack", "--task", "mine.yaml"), "name one"),
+        (("--task", "nowhere.yaml"), "check the path"),
+        (("--population", 3), "choose 8 to 100000"),
+        (("--p-add", 0.5), "make them sum to 1"),
+        (("--p-add", -0.1, "--p-delete", 0.7), "from 0 to 1"),
+        (("--generations", 0), "choose 1 or more"),
+        (("--runs", 0), "choose 1 or more"),
+        (("--layouts", 0), "choose 1 or more"),
+        (("--seed", -1), "choose 0 or more"),
+        (("--max-nodes", 300), "max_nodes"),
+        (("--baseline", "nowhere.txt"), "give a run folder, or a tree"),
+        (("--resume", "nowhere"), "give a folder"),
+    ],
+)
+def test_what_cannot_be_done_is_said_in_one_sentence(monkeypatch, capsys, tmp_path, arguments, remedy):
+    monkeypatch.chdir(tmp_path)
+    assert remedy in refused(monkeypatch, capsys, *arguments)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_task_file_that_cannot_be_meant(monkeypatch, capsys, tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("extends: stack\ntargets: [{object: RedBox, position: [0, 0, 0.1], frame: KittingBox}]\n")
+    said = refused(monkeypatch, capsys, "--task", path)
+    for words in ("mine.yaml", "targets[0].object", "RedBox", "use one of YellowBox"):
+        assert words in said
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("tree.txt", "Sequence("), ("tree.xml", "<root"), ("tree.txt", b"\xff\xfe\xff"), ("tree.xml", "")],
+)
+def test_a_baseline_that_is_no_tree(monkeypatch, capsys, tmp_path, name, content):
+    path = tmp_path / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    refused(monkeypatch, capsys, "stack", "--baseline", path, "--out", tmp_path / "run")
+
+
+def test_a_baseline_of_another_task(monkeypatch, capsys, tmp_path):
+    path = tmp_path / "tree.txt"
+    path.write_text("pick(RedBox)\n")
+    said = refused(monkeypatch, capsys, "stack", "--level", "kinematic", "--baseline", path, "--out", tmp_path / "run")
+    assert "RedBox" in said
+
+
+def test_where_nothing_can_be_written(monkeypatch, capsys, tmp_path):
+    path = tmp_path / "file"
+    path.write_text("mine")
+    assert "choose another" in refused(monkeypatch, capsys, "stack", "--out", path / "run")
+    assert "choose another" in refused(monkeypatch, capsys, "stack", "--out", path)
+    assert "--resume" in refused(monkeypatch, capsys, "stack", "--out", tmp_path)
+
+
+def test_a_run_of_another_version(monkeypatch, capsys, tmp_path):
+    folder = RunFolder.create(tmp_path / "run", RunConfig(load_task("stack"), GPConfig(), Settings()))
+    config = folder.path / "config.json"
+    config.write_text(json.dumps(json.loads(config.read_text()) | {"format": 0}))
+    assert "use the version that wrote it" in refused(monkeypatch, capsys, "--resume", folder.path)
+
+
+def test_resuming_keeps_the_settings(monkeypatch, capsys, tmp_path):
+    RunFolder.create(tmp_path / "run", RunConfig(load_task("stack"), GPConfig(), Settings()))
+    for extra in (("--population", 32), ("--layouts", 2), ("stack",), ("--task", "mine.yaml")):
+        assert "give only" in refused(monkeypatch, capsys, "--resume", tmp_path / "run", *extra)
+
+
+@pytest.mark.skipif(jax.default_backend() != "cpu", reason="there is a GPU")
+def test_a_gpu_that_is_not_there(tmp_path):
+    done = train("stack", "--device", "gpu", "--out", tmp_path / "run")
+    assert done.returncode == 2
+    assert "use --device cpu" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """What a run of 6 generations has said, and its folder."""
+    folder = tmp_path_factory.mktemp("runs") / "whole"
+    return train_folder(folder, "--generations", 6), folder
+
+
+def test_a_run_leaves_its_folder(whole):
+    done, path = whole
+    assert "learnt tree" in done.stdout
+    assert done.stderr == ""
+    folder = RunFolder(path)
+    rows = (path / "history.csv").read_text().splitlines()
+    assert len(rows) == 1 + 7
+    result = json.loads((path / "result.json").read_text())
+    assert result["fitness"] == max(run["fitness"] for run in result["runs"])
+    assert folder.tree() == from_xml((path / "best_tree.xml").read_text())
+    assert folder.tree() in [parse_tree(run["tree"]) for run in result["runs"]]
+    assert folder.config().gp == GPConfig(population=8, generations=6, max_nodes=32)
+    assert not [file.name for file in path.iterdir() if file.name.startswith(".")]
+
+
+def test_more_generations_continue_a_finished_run(tmp_path, whole):
+    train_folder(tmp_path / "parts", "--generations", 3)
+    done = train("--resume", tmp_path / "parts", "--generations", 6, "--device", "cpu")
+    assert done.returncode == 0, done.stderr
+    same_results(tmp_path / "parts", whole[1])
+
+
+def same_results(a, b):
+    for name in SAME_BYTES:
+        assert (a / name).read_bytes() == (b / name).read_bytes(), name
+    ours, theirs = (np.load(folder / "checkpoint.npz") for folder in (a, b))
+    assert ours.files == theirs.files
+    for name in ours.files:
+        np.testing.assert_array_equal(ours[name], theirs[name])
+    ours, theirs = (json.loads((folder / "result.json").read_text()) for folder in (a, b))
+    varies = {"last_session"}
+    assert {k: v for k, v in ours.items() if k not in varies} == {k: v for k, v in theirs.items() if k not in varies}
+
+
+def start(folder, *arguments):
+    return subprocess.Popen(
+        train_command(*QUICK, "--out", folder, *arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+def stopped(folder, how, *, wait):
+    """Starts an endless training and sends it a signal `wait` seconds after its first checkpoint."""
+    process = start(folder, "--generations", 1_000_000)
+    try:
+        while not (folder / "checkpoint.npz").exists():
+            assert process.poll() is None, process.communicate()
+            time.sleep(0.05)
+        time.sleep(wait)
+        process.send_signal(how)
+        out, err = process.communicate(timeout=120)
+    finally:
+        process.kill()
+    return process.returncode, out, err
+
+
+def killed_and_resumed(tmp_path, kills):
+    folder, rng = tmp_path / "stopped", random.Random(0)
+    code, _, _ = stopped(folder, signal.SIGKILL, wait=rng.random())
+    assert code == -signal.SIGKILL
+    for _ in range(kills - 1):
+        process = subprocess.Popen(train_command("--resume", folder, "--device", "cpu"), stdout=subprocess.DEVNULL)
+        time.sleep(rng.uniform(3, 8))
+        process.kill()
+        process.wait()
+    generations = RunFolder(folder).load_checkpoint()[0].generation + 30
+    done = train("--resume", folder, "--generations", generations, "--device", "cpu")
+    assert done.returncode == 0, done.stderr
+    train_folder(tmp_path / "whole", "--generations", generations)
+    same_results(folder, tmp_path / "whole")
+
+
+def test_a_killed_run_goes_on_as_if_nothing_had_happened(tmp_path):
+    killed_and_resumed(tmp_path, kills=1)
+
+
+@pytest.mark.slow
+def test_a_run_killed_again_and_again_goes_on_as_if_nothing_had_happened(tmp_path):
+    killed_and_resumed(tmp_path, kills=5)
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
+def test_an_interrupted_run_keeps_its_tree_and_says_how_to_go_on(tmp_path, how):
+    folder = tmp_path / "stopped"
+    code, out, err = stopped(folder, how, wait=0.3)
+    assert code == 0, err
+    assert "Traceback" not in err
+    assert "--resume" in out
+    tree, result = RunFolder(folder).tree(), json.loads((folder / "result.json").read_text())
+    assert parse_tree(result["runs"][0]["tree"]) == tree
+    rows = (folder / "history.csv").read_text().splitlines()
+    state, history = RunFolder(folder).load_checkpoint()
+    assert result["generations"] == state.generation == len(rows) - 2 == history[-1].generation
+    assert dataclasses.replace(RunFolder(folder).config().gp, generations=50) == GPConfig(population=8, max_nodes=32)
+
+
+def test_an_interruption_before_the_first_generation(tmp_path):
+    process = start(tmp_path / "run")
+    while not (tmp_path / "run" / "config.json").exists():
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=120)
+    assert "Traceback" not in err
+    assert process.returncode in (0, 2, 130)
