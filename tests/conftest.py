@@ -1,6 +1,7 @@
 """Its place puts this folder on the import path, so that tests share `strategies` and `samples`."""
 
 import os
+import signal
 from pathlib import Path
 
 import jax
@@ -22,3 +23,8 @@ jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 def always_trace(monkeypatch):
     """Executables from the disk would hide what tracing checks: ranks, dtypes and annotations."""
     monkeypatch.setattr("bt_jax.compilation.keep_compiled", lambda folder: None)
+
+
+def pytest_configure(config):
+    """Background jobs of a script ignore SIGINT, and so would every process that a test starts and interrupts."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
