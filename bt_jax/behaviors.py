@@ -15,9 +15,9 @@ from collections.abc import Iterable
 import numpy as np
 
 from bt_jax.errors import UserError
-from bt_jax.task import SUBGOALS, Task
+from bt_jax.task import Task
 
-__all__ = ["FIRST_LEAF", "Behavior", "Control", "Kind", "Tree", "Vocabulary", "gene_pool", "parse_behavior"]
+__all__ = ["FIRST_LEAF", "Behavior", "Control", "Kind", "Tree", "Vocabulary", "expand", "gene_pool", "parse_behavior"]
 
 
 class Kind(enum.IntEnum):
@@ -50,6 +50,7 @@ SIGNATURES: dict[str, Signature] = {
     "pick": Signature(Kind.ACTION, ("object",), cost=20.0),
     "place": Signature(Kind.ACTION, ("object", "position", "frame"), cost=20.0),
     "move": Signature(Kind.GENE, ("object", "position", "frame"), cost=40.0),
+    "subtask": Signature(Kind.GENE, ("name", "tree")),
 }
 
 NOTHING = "nothing"
@@ -58,10 +59,13 @@ OPEN, CLOSED = "open", "closed"
 
 @dataclasses.dataclass(frozen=True)
 class Behavior:
-    """A leaf: a condition, an action, or a gene. Compare and hash by value."""
+    """A leaf: a condition, an action, or a gene. Compare and hash by value.
+
+    The gene `subtask(name, tree)` makes one leaf of any tree, for instance of a demonstrated one.
+    """
 
     name: str
-    args: tuple[str | tuple[float, float, float], ...] = ()
+    args: tuple[Argument, ...] = ()
 
     def __post_init__(self) -> None:
         if self.name not in SIGNATURES:
@@ -70,10 +74,8 @@ class Behavior:
         if len(self.args) != len(wanted):
             raise UserError(f"{self.name} takes ({', '.join(wanted)}), found {len(self.args)} arguments; mend the call")
         for argument, value in zip(wanted, self.args, strict=True):
-            if (argument == "position") != isinstance(value, tuple):
-                raise UserError(
-                    f"{self.name}: {argument} cannot be {value!r}; write it as in at(Box, (0, 0, 0.1), Frame)"
-                )
+            if not isinstance(value, ARGUMENT_TYPES.get(argument, str)):
+                raise UserError(f"{self.name}: {argument} cannot be {value!r}; write it as in {EXAMPLES[argument]}")
         if self.name == "gripper" and self.args[0] not in (OPEN, CLOSED):
             raise UserError(f"gripper({self.args[0]}) is unknown; write gripper(open) or gripper(closed)")
 
@@ -86,7 +88,7 @@ class Behavior:
         """What running the action once costs, in arbitrary units; planners prefer cheap ones."""
         return SIGNATURES[self.name].cost
 
-    def _argument(self, name: str) -> str | tuple[float, float, float] | None:
+    def _argument(self, name: str) -> Argument | None:
         wanted = SIGNATURES[self.name].arguments
         return self.args[wanted.index(name)] if name in wanted else None
 
@@ -106,6 +108,11 @@ class Behavior:
         if not self.args:
             return self.name
         return f"{self.name}({', '.join(_argument_text(value) for value in self.args)})"
+
+    @property
+    def label(self) -> str:
+        """What stands in drawings: the text, but only the name of a subtask."""
+        return self.args[0] if self.name == "subtask" else str(self)
 
     @property
     def preconditions(self) -> tuple[Behavior, ...]:
@@ -133,10 +140,12 @@ class Behavior:
                 return ()
 
     @property
-    def subtree(self) -> Control | None:
-        """What a gene stands for (paper, figure 1); None for other behaviors."""
+    def subtree(self) -> Tree | None:
+        """What a gene stands for, without genes in it (of `move`: paper, figure 1); None for other behaviors."""
         if self.kind != Kind.GENE:
             return None
+        if self.name == "subtask":
+            return expand(self.args[1])
         pick = Behavior("pick", (self.object,))
         opened = Control.fallback(Behavior("gripper", (OPEN,)), Behavior("open_gripper"))
         held = Control.fallback(Behavior("holding", (self.object,)), Control.sequence(opened, pick))
@@ -158,8 +167,27 @@ class Control:
     def fallback(*children: Tree) -> Control:
         return Control(Kind.FALLBACK, children)
 
+    def __str__(self) -> str:
+        return f"{self.kind.name.title()}({', '.join(map(str, self.children))})"
+
 
 Tree = Behavior | Control
+Argument = str | tuple[float, float, float] | Tree
+ARGUMENT_TYPES = {"position": tuple, "tree": Tree}  # of those that are no names
+EXAMPLES = {
+    **dict.fromkeys(("object", "position", "frame"), "at(Box, (0, 0, 0.1), Frame)"),
+    **dict.fromkeys(("name", "tree"), "subtask(unstack, Sequence(...))"),
+    "opening": "gripper(open)",
+    "subgoal": "reached(unstacked)",
+}
+
+
+def expand(tree: Tree) -> Tree:
+    """The same tree with each gene replaced by the subtree that it stands for."""
+    if isinstance(tree, Behavior):
+        return tree.subtree or tree
+    return Control(tree.kind, tuple(map(expand, tree.children)))
+
 
 FIRST_LEAF = 3  # tokens 0, 1, 2 are padding, Sequence and Fallback
 
@@ -214,7 +242,7 @@ def gene_pool(task: Task) -> Vocabulary:
     """What evolution may use: gripper conditions and actions, a `reached` condition for each subgoal of the task, and one
     `move` gene for each box and each place that the task's gene settings define (57 in the published scene)."""
     conditions = [Behavior("gripper", (OPEN,)), Behavior("gripper", (CLOSED,)), Behavior("holding", (NOTHING,))]
-    conditions += [Behavior("reached", (subgoal,)) for subgoal in task.subgoals]
+    conditions += [Behavior("reached", (subgoal.name,)) for subgoal in task.subgoals]
     actions = [Behavior("open_gripper"), Behavior("close_gripper")]
     genes = [
         Behavior("move", (box.name, position, frame))
@@ -250,15 +278,18 @@ def _rounded(*values: float) -> tuple[float, float, float]:
     return tuple(round(value, 6) + 0.0 for value in values)
 
 
-def _argument_text(value: str | tuple[float, ...]) -> str:
-    return value if isinstance(value, str) else f"({', '.join(np.format_float_positional(x, trim='-') for x in value)})"
+def _argument_text(value: Argument) -> str:
+    if isinstance(value, tuple):
+        return f"({', '.join(np.format_float_positional(x, trim='-') for x in value)})"
+    return str(value)
 
 
 _CALL = re.compile(r"\s*([A-Za-z_]\w*)\s*(?:\((.*)\))?\s*$", re.DOTALL)
 
 
 def parse_behavior(text: str) -> Behavior:
-    """Reads what `str(behavior)` writes. Raises UserError where it is not a behavior."""
+    """Reads what `str(behavior)` writes, but for a subtask, which `encoding.text.parse_tree` reads. Raises UserError where
+    it is not a behavior."""
     match = _CALL.match(text)
     if not match:
         raise UserError(f"'{text.strip()}' is not a behavior; write name(arguments), for instance pick(YellowBox)")
@@ -284,11 +315,21 @@ def _parse_position(part: str, text: str) -> tuple[float, float, float]:
 
 def check_names(leaf: Behavior, task: Task) -> None:
     """Raises UserError where a leaf names an object, frame or subgoal that the task does not have."""
+    if leaf.name == "subtask":
+        _check_tree(leaf.args[1], task)
     objects = (*task.box_names, NOTHING) if leaf.name == "holding" else task.box_names
     if leaf.object is not None and leaf.object not in objects:
         raise UserError(f"{leaf}: task {task.name} has no object '{leaf.object}'; use one of {', '.join(objects)}")
     if leaf.frame is not None and (leaf.frame not in task.frames or leaf.frame == leaf.object):
         frames = [frame for frame in task.frames if frame != leaf.object]
         raise UserError(f"{leaf}: task {task.name} has no such frame '{leaf.frame}'; use one of {', '.join(frames)}")
-    if leaf.name == "reached" and leaf.args[0] not in SUBGOALS:
-        raise UserError(f"{leaf}: unknown subgoal '{leaf.args[0]}'; use one of {', '.join(SUBGOALS)}")
+    if leaf.name == "reached" and leaf.args[0] not in [subgoal.name for subgoal in task.subgoals]:
+        raise UserError(f"{leaf}: task {task.name} declares no such subgoal; add it under subgoals")
+
+
+def _check_tree(tree: Tree, task: Task) -> None:
+    if isinstance(tree, Behavior):
+        check_names(tree, task)
+        return
+    for child in tree.children:
+        _check_tree(child, task)

@@ -16,14 +16,14 @@ from rich.markup import escape
 from rich.progress import Progress
 from rich.text import Text
 
-from bt_jax.behaviors import Behavior, Tree, Vocabulary
+from bt_jax.behaviors import Behavior, Tree, Vocabulary, expand
 from bt_jax.encoding.drawing import draw_text, to_dot
 from bt_jax.encoding.reading import read_tree
 from bt_jax.encoding.svg import to_svg
 from bt_jax.encoding.text import format_tree
 from bt_jax.encoding.tick import Status
 from bt_jax.encoding.trees import MAX_NODES, encode_all
-from bt_jax.encoding.walk import expand, prefix
+from bt_jax.encoding.walk import prefix
 from bt_jax.encoding.xml import to_xml
 from bt_jax.errors import UserError
 from bt_jax.files import write_atomic

@@ -25,6 +25,7 @@ __all__ = [
     "GeneSettings",
     "Kit",
     "Layout",
+    "Subgoal",
     "Table",
     "Target",
     "Task",
@@ -129,6 +130,15 @@ class Weights:
 
 
 @dataclasses.dataclass(frozen=True)
+class Subgoal:
+    """A configuration worth reaching once, on the way: all `conditions` hold, written as in trees, for instance
+    "clear(YellowBox)". `{box}` in a condition stands for every box."""
+
+    name: str
+    conditions: tuple[str, ...]
+
+
+@dataclasses.dataclass(frozen=True)
 class Task:
     """Everything that defines a task; hashable, so that compiled functions can be kept per task."""
 
@@ -142,7 +152,7 @@ class Task:
     genes: GeneSettings = GeneSettings()
     episode: Episode = Episode()
     weights: Weights = Weights()
-    subgoals: tuple[str, ...] = ()
+    subgoals: tuple[Subgoal, ...] = ()
     robot_frame: str = "base_link"
     robot_position: Vec3 = (0.0, 1.0, 0.05)
     gripper_opening: float = 0.2
@@ -168,7 +178,9 @@ class Task:
 
 RESERVED = ("floor", "gripper", "kit", "metal", "nothing", "plate", "rubber", "sky", "table", "wall_back", "wall_front",
             "wall_left", "wall_right")  # fmt: skip
-SUBGOALS: Mapping[str, str] = MappingProxyType({"unstacked": "every box rests on a table, not on another box"})
+SUBGOALS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {"unstacked": ("holding(nothing)", "reachable({box})", "clear({box})")}  # every box rests on a table or in the kit
+)
 
 
 def task_names() -> list[str]:
@@ -189,9 +201,23 @@ def task_from_dict(data: Mapping[str, Any], *, source: str) -> Task:
     """Builds a task from a mapping as in the YAML files and checks that it makes sense; `source` is named in errors."""
     data = dict(data)
     data.pop("extends", None)
+    if isinstance(data.get("subgoals"), list | tuple):
+        data["subgoals"] = [_subgoal(entry, source) for entry in data["subgoals"]]
     task = _build(Task, data, source, "")
     _check(task, source)
     return task
+
+
+def _subgoal(entry: Any, source: str) -> Any:
+    """A subgoal that is only named is one of those that every task knows."""
+    if not isinstance(entry, str):
+        return entry
+    if entry not in SUBGOALS:
+        known = ", ".join(SUBGOALS)
+        raise UserError(
+            f"{source}, key subgoals: '{entry}' is unknown; use one of {known}, or give a name with conditions"
+        )
+    return {"name": entry, "conditions": list(SUBGOALS[entry])}
 
 
 def _find(name_or_path: str | Path) -> Path:
@@ -239,7 +265,7 @@ def _merge(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
     return merged
 
 
-_NESTED = {cls.__name__: cls for cls in (Table, Kit, Box, Target, Layout, GeneSettings, Episode, Weights)}
+_NESTED = {cls.__name__: cls for cls in (Table, Kit, Box, Target, Layout, GeneSettings, Episode, Weights, Subgoal)}
 
 
 def _build(cls: type, data: Any, source: str, where: str) -> Any:
@@ -324,9 +350,11 @@ def _check(task: Task, source: str) -> None:
         fail("tables", "there is nothing to stand on", "add at least one table")
     if not task.targets:
         fail("targets", "there is nothing to do", "add at least one target")
-    for subgoal in task.subgoals:
-        if subgoal not in SUBGOALS:
-            fail("subgoals", f"'{subgoal}' is unknown", f"use one of {', '.join(SUBGOALS)}")
+    for i, subgoal in enumerate(task.subgoals):
+        if not subgoal.name.isidentifier() or subgoal.name in [other.name for other in task.subgoals[:i]]:
+            fail(f"subgoals[{i}].name", f"'{subgoal.name}' is no name or stands twice", "use letters, digits and _")
+        if not subgoal.conditions:
+            fail(f"subgoals[{i}].conditions", "there are none", "add a condition, for instance clear(YellowBox)")
     _check_sizes(task, fail)
     _check_layout(task, fail)
     _check_targets(task, fail)

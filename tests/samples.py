@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import jax
 import numpy as np
-from strategies import ATOMS
+from strategies import ATOMS, SUBTASKS
 
 from bt_jax.behaviors import Behavior, Control, Kind, Tree, gene_pool
 from bt_jax.mjx_env.kinematic import Kinematic
@@ -42,7 +42,8 @@ def semantics_of(task_name: str, *, atoms: bool = True) -> Semantics:
     task = load_task(task_name)
     vocabulary = gene_pool(task)
     if atoms:
-        vocabulary = vocabulary.extended([atom for atom in ATOMS if atom.name != "reached"])
+        known = [leaf for leaf in (*ATOMS, *SUBTASKS) if task.subgoals or "reached" not in str(leaf)]
+        vocabulary = vocabulary.extended(known)
     return Semantics(task, vocabulary)
 
 

@@ -22,10 +22,16 @@ ATOMS = (
     *(Behavior("pick", (box,)) for box in BOXES),
     *(Behavior("place", (box, place, "KittingBox")) for box in BOXES for place in _PLACES),
 )
+SUBTASKS = (
+    Behavior("subtask", ("one_move", GENES[-1])),
+    Behavior(
+        "subtask", ("unstack", Control.fallback(Behavior("reached", ("unstacked",)), Control.sequence(*GENES[-3:-1])))
+    ),
+)
 
 
 @st.composite
-def trees(draw: st.DrawFn, leaves: Sequence[Behavior] = (*ATOMS, *GENES), max_leaves: int = 8) -> Tree:
+def trees(draw: st.DrawFn, leaves: Sequence[Behavior] = (*ATOMS, *GENES, *SUBTASKS), max_leaves: int = 8) -> Tree:
     """Trees that break none of the rules of `violations`; `leaves` must hold two actions or genes at least."""
     doers = [leaf for leaf in leaves if leaf.kind != Kind.CONDITION]
 

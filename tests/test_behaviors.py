@@ -93,7 +93,8 @@ def test_tokens_stand_for_leaves():
         (Behavior("pick", ("RedBox",)), "use one of YellowBox"),
         (Behavior("at", ("GreenBox", (0.0, 0.0, 0.1), "RedBox")), "use one of YellowBox"),
         (Behavior("at", ("GreenBox", (0.0, 0.0, 0.1), "GreenBox")), "use one of YellowBox"),
-        (Behavior("reached", ("tidy",)), "use one of unstacked"),
+        (Behavior("reached", ("tidy",)), "add it under subgoals"),
+        (Behavior("subtask", ("rest", Behavior("pick", ("RedBox",)))), "use one of YellowBox"),
         (Behavior("pick", ("nothing",)), "use one of YellowBox"),
     ],
 )

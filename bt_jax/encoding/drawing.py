@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bt_jax.behaviors import Behavior, Control, Kind, Tree
+from bt_jax.behaviors import Behavior, Control, Kind, Tree, expand
 from bt_jax.encoding.tick import Status
-from bt_jax.encoding.walk import children, expand
+from bt_jax.encoding.walk import children
 
 __all__ = ["draw_text", "to_dot"]
 
@@ -29,7 +29,7 @@ def draw_text(tree: Tree, statuses: Sequence[Status | None] | None = None) -> st
     lines: list[str] = []
 
     def visit(node: Tree, lead: str, rest: str) -> None:
-        label = SYMBOLS[node.kind] if isinstance(node, Control) else str(node)
+        label = SYMBOLS[node.kind] if isinstance(node, Control) else node.label
         lines.append(f"{lead}{label}\n")
         below = children(node)
         for child in below[:-1]:
@@ -53,7 +53,7 @@ def to_dot(tree: Tree, *, expand_genes: bool = False) -> str:
     def visit(node: Tree) -> int:
         nonlocal count
         index, count = count, count + 1
-        label = str(node) if isinstance(node, Behavior) else SYMBOLS[node.kind]
+        label = node.label if isinstance(node, Behavior) else SYMBOLS[node.kind]
         quoted = label.replace("\\", "\\\\").replace('"', '\\"')
         lines.append(f'  n{index} [label="{quoted}" id="node-{index}" {DOT_SHAPES[node.kind]}]')
         for child in children(node):

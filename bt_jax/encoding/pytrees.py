@@ -8,8 +8,8 @@ from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 from py_trees.composites import Selector, Sequence
 
-from bt_jax.behaviors import Behavior, Kind, Tree
-from bt_jax.encoding.walk import children, expand
+from bt_jax.behaviors import Behavior, Kind, Tree, expand
+from bt_jax.encoding.walk import children
 
 __all__ = ["Leaf", "to_py_trees"]
 
@@ -18,7 +18,7 @@ class Leaf(Behaviour):
     """A condition, an action or a gene; its status comes from `status_of` whenever it is ticked."""
 
     def __init__(self, behavior: Behavior, status_of: Callable[[Behavior], Status]):
-        super().__init__(name=str(behavior))
+        super().__init__(name=behavior.label)
         self.behavior = behavior
         self.status_of = status_of
 

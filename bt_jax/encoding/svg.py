@@ -103,7 +103,7 @@ class _Node:
 
     @property
     def lines(self) -> list[str]:
-        return [] if isinstance(self.tree, Control) else _broken(str(self.tree))
+        return [] if isinstance(self.tree, Control) else _broken(self.tree.label)
 
     @property
     def size(self) -> tuple[float, float]:
@@ -148,7 +148,11 @@ def _shape(node: _Node) -> Shape:
     below = tuple(map(_shape, node.children))
     if node.gene is None:
         return Shape(width, height, below)
-    return Shape(width, height, below, framed=True, caption=_text_width(node.gene.name) + 16)
+    return Shape(width, height, below, framed=True, caption=_text_width(_caption(node.gene)) + 16)
+
+
+def _caption(gene: Behavior) -> str:
+    return gene.label if gene.name == "subtask" else gene.name
 
 
 def _text_width(text: str) -> float:
@@ -170,7 +174,9 @@ def _broken(label: str) -> list[str]:
 def _frame(frame: Frame, node: _Node) -> str:
     assert node.gene is not None
     where = f'x="{frame.left:g}" y="{frame.top:g}" width="{frame.width:g}" height="{frame.height:g}"'
-    caption = f'<text class="caption" x="{frame.left + 8:g}" y="{frame.top + 16:g}">{node.gene.name}</text>'
+    caption = (
+        f'<text class="caption" x="{frame.left + 8:g}" y="{frame.top + 16:g}">{escape(_caption(node.gene))}</text>'
+    )
     return f'<g><title>{escape(str(node.gene))}</title><rect class="frame" {where} rx="10"/>{caption}</g>'
 
 

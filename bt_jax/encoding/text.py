@@ -7,8 +7,8 @@
         open_gripper
 
 On one line: `Sequence(move(YellowBox, (0, 0, 0.055), KittingBox), Fallback(gripper(open), open_gripper))`. Both forms
-mix: a line may hold a whole subtree in parentheses, and inside parentheses lines may break anywhere. `#` starts a
-comment.
+mix: a line may hold a whole subtree in parentheses, and inside parentheses lines may break anywhere. A subtask holds its
+tree: `subtask(unstack, Sequence(...))`. `#` starts a comment.
 """
 
 from __future__ import annotations
@@ -48,9 +48,7 @@ def format_tree(tree: Tree) -> str:
 
 def one_line(tree: Tree) -> str:
     """The tree on one line, children in parentheses. `parse_tree` reads it back to an equal tree."""
-    if isinstance(tree, Behavior):
-        return str(tree)
-    return f"{NAMES[tree.kind]}({', '.join(map(one_line, tree.children))})"
+    return str(tree)
 
 
 def parse_tree(text: str) -> Tree:
@@ -181,7 +179,8 @@ class _Parser:
             if not nodes:
                 name.fail(f"{name.text} has no children; add some or delete it")
             return Control(CONTROLS[name.text], tuple(nodes))
-        arguments = tuple(self.items(self.argument))
+        wanted = iter(SIGNATURES[name.text].arguments)
+        arguments = tuple(self.items(lambda: self.node() if next(wanted, None) == "tree" else self.argument()))
         try:
             return Behavior(name.text, arguments)
         except UserError as error:

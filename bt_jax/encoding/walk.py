@@ -1,10 +1,10 @@
-"""Walking trees of Python objects: prefix order, the children of a node, genes written out."""
+"""Walking trees of Python objects: prefix order, the children of a node."""
 
 from __future__ import annotations
 
-from bt_jax.behaviors import Behavior, Control, Tree
+from bt_jax.behaviors import Control, Tree
 
-__all__ = ["children", "depth", "expand", "prefix"]
+__all__ = ["children", "depth", "prefix"]
 
 
 def children(tree: Tree) -> tuple[Tree, ...]:
@@ -23,10 +23,3 @@ def prefix(tree: Tree) -> list[Tree]:
 def depth(tree: Tree) -> int:
     """Number of nodes on the longest path from the root to a leaf."""
     return 1 + max(map(depth, children(tree)), default=0)
-
-
-def expand(tree: Tree) -> Tree:
-    """The same tree with each gene replaced by the subtree that it stands for."""
-    if isinstance(tree, Behavior):
-        return tree.subtree or tree
-    return Control(tree.kind, tuple(map(expand, tree.children)))

@@ -3,8 +3,9 @@
 Memoryless control nodes are ReactiveSequence and ReactiveFallback there; plain Sequence and Fallback remember a running
 child, which our trees do not, so they are refused. Leaves are compact tags with ports, `<Pick object="YellowBox"/>`;
 positions are written "x;y;z", as BehaviorTree.CPP writes vectors. A gene is a `<SubTree ID="Move" .../>` with one
-`<BehaviorTree ID="Move">` whose leaves read the ports as `{object}`. Some 4.x releases forbid
-two running children in a ReactiveSequence unless the program calls `BT::ReactiveSequence::EnableException(false)`.
+`<BehaviorTree ID="Move">` whose leaves read the ports as `{object}`; a subtask is a `<SubTree ID="Subtask_NAME"/>`.
+Some 4.x releases forbid two running children in a ReactiveSequence unless the program calls
+`BT::ReactiveSequence::EnableException(false)`.
 
 Format: https://www.behaviortree.dev/docs/learn-the-basics/xml_format
 """
@@ -13,7 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import NoReturn
 from xml.etree import ElementTree
@@ -22,16 +23,17 @@ from xml.parsers import expat
 
 import numpy as np
 
-from bt_jax.behaviors import SIGNATURES, Behavior, Control, Kind, Tree
+from bt_jax.behaviors import SIGNATURES, Behavior, Control, Kind, Tree, expand
 from bt_jax.encoding.trees import MAX_NODES
-from bt_jax.encoding.walk import expand, prefix
+from bt_jax.encoding.walk import prefix
 from bt_jax.errors import UserError
 
 __all__ = ["from_xml", "to_xml"]
 
 CONTROLS = {"ReactiveSequence": Kind.SEQUENCE, "ReactiveFallback": Kind.FALLBACK}
 CONTROL_TAGS = {kind: tag for tag, kind in CONTROLS.items()}
-LEAF_TAGS = {name: "".join(word.title() for word in name.split("_")) for name in SIGNATURES}
+SUBTASK = "Subtask_"
+LEAF_TAGS = {name: "".join(word.title() for word in name.split("_")) for name in SIGNATURES if name != "subtask"}
 LEAVES = {tag: name for name, tag in LEAF_TAGS.items()}
 EXPLICIT = ("Action", "Condition", "Control", "SubTree")
 MODEL_TAGS = {Kind.CONDITION: "Condition", Kind.ACTION: "Action", Kind.GENE: "SubTree"}
@@ -52,11 +54,32 @@ def to_xml(tree: Tree, *, name: str = "MainTree", expand_genes: bool = False) ->
     root = Element("root", {"BTCPP_format": "4", "main_tree_to_execute": name})
     tree = expand(tree) if expand_genes else tree
     _write(SubElement(root, "BehaviorTree", {"ID": name}), tree)
-    for gene in sorted({node.name for node in prefix(tree) if node.kind == Kind.GENE}):
+    subtasks, genes = _genes(tree)
+    for subtask, body in subtasks.items():
+        _write(SubElement(root, "BehaviorTree", {"ID": f"{SUBTASK}{subtask}"}), body)
+    for gene in sorted(genes):
         _write_gene(root, gene)
-    _write_models(root)
+    _write_models(root, subtasks)
     ElementTree.indent(root)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
+
+
+def _genes(tree: Tree) -> tuple[dict[str, Tree], set[str]]:
+    """The subtasks in a tree, by name, and the names of the other genes, also those inside of subtasks. Raises UserError
+    where two different subtasks have one name."""
+    subtasks: dict[str, Tree] = {}
+    genes: set[str] = set()
+    open_ = [tree]
+    while open_:
+        for node in prefix(open_.pop()):
+            if node.kind == Kind.GENE and node.name != "subtask":
+                genes.add(node.name)
+            elif node.kind == Kind.GENE and node.args[0] not in subtasks:
+                subtasks[node.args[0]] = node.args[1]
+                open_.append(node.args[1])
+            elif node.kind == Kind.GENE and subtasks[node.args[0]] != node.args[1]:
+                raise UserError(f"two different subtasks are called '{node.args[0]}'; rename one of them")
+    return subtasks, genes
 
 
 def _write(parent: Element, node: Tree) -> None:
@@ -64,6 +87,9 @@ def _write(parent: Element, node: Tree) -> None:
         element = SubElement(parent, CONTROL_TAGS[node.kind])
         for child in node.children:
             _write(element, child)
+        return
+    if node.name == "subtask":
+        SubElement(parent, "SubTree", {"ID": f"{SUBTASK}{node.args[0]}"})
         return
     ports = {port: _port_text(value) for port, value in zip(SIGNATURES[node.name].arguments, node.args, strict=True)}
     if node.kind == Kind.GENE:
@@ -86,12 +112,14 @@ def _write_gene(root: Element, name: str) -> None:
             leaf.set("position", "{position}")
 
 
-def _write_models(root: Element) -> None:
+def _write_models(root: Element, subtasks: Iterable[str]) -> None:
     models = SubElement(root, "TreeNodesModel")
-    for name, signature in SIGNATURES.items():
-        model = SubElement(models, MODEL_TAGS[signature.kind], {"ID": LEAF_TAGS[name], "editable": "true"})
-        for port in signature.arguments:
+    for name, tag in LEAF_TAGS.items():
+        model = SubElement(models, MODEL_TAGS[SIGNATURES[name].kind], {"ID": tag, "editable": "true"})
+        for port in SIGNATURES[name].arguments:
             SubElement(model, "input_port", {"name": port, "type": "std::string"})
+    for name in subtasks:
+        SubElement(models, "SubTree", {"ID": f"{SUBTASK}{name}", "editable": "true"})
 
 
 def _port_text(value: str | tuple[float, ...]) -> str:
@@ -227,6 +255,8 @@ class _Reader:
             circle = " > ".join([*scope.inside, name])
             self.fail(element, f"the tree {name} contains itself ({circle}); break the circle")
         tree = self.definition(name, dataclasses.replace(scope, ports=values))
+        if name.startswith(SUBTASK) and not values:
+            return Behavior("subtask", (name.removeprefix(SUBTASK), tree))
         if is_gene and set(values) == set(SIGNATURES[LEAVES[name]].arguments):
             gene = self.leaf(element, name, values)
             return gene if gene.subtree == tree else tree

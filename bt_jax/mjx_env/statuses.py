@@ -13,7 +13,7 @@ import functools
 import numpy as np
 from jaxtyping import Bool, Int8, Int16
 
-from bt_jax.behaviors import FIRST_LEAF, NOTHING, OPEN, Behavior, Control, Kind, Vocabulary, check_names
+from bt_jax.behaviors import FIRST_LEAF, NOTHING, OPEN, Behavior, Control, Kind, Vocabulary, check_names, parse_behavior
 from bt_jax.encoding.tick import Status
 from bt_jax.errors import UserError
 from bt_jax.mjx_env.world import Array, World, frames, namespace, to_world
@@ -84,7 +84,7 @@ class Semantics:
             Behavior("gripper", ("closed",)),
             *(Behavior("reachable", (name,)) for name in names),
             *(Behavior("clear", (name,)) for name in names),
-            *(Behavior("reached", (subgoal,)) for subgoal in self.task.subgoals),
+            *(Behavior("reached", (subgoal.name,)) for subgoal in self.task.subgoals),
         )
 
     @functools.cached_property
@@ -100,13 +100,8 @@ class Semantics:
             body = leaf.subtree or leaf
             tokens, _, columns = groups.setdefault(_skeleton(body), ([], body, []))
             tokens.append(FIRST_LEAF + i)
-            columns.append([self._column(atom) for atom in _atoms(leaf)])
+            columns.append([self._columns[atom] for atom in _atoms(leaf)])
         return [(np.array(tokens), body, np.array(columns).T) for tokens, body, columns in groups.values()]
-
-    def _column(self, atom: Behavior) -> int:
-        if atom.name == "reached" and atom not in self._columns:
-            raise UserError(f"{atom}: task {self.task.name} declares no such subgoal; add it under subgoals")
-        return self._columns[atom]
 
     def outcomes(self, world: World) -> Int16[Array, "2 S V"]:
         """Outcome of every token in every state: `command << COMMAND_BITS | status`. The second layer holds the outcomes
@@ -192,18 +187,31 @@ class Semantics:
 def see_subgoals(task: Task, world: World) -> Bool[Array, "S G"]:
     """Which of the task's subgoals hold in each state."""
     xp = namespace(world.poses)
-    seen = [SUBGOAL_TESTS[name](world, task) for name in task.subgoals]
-    return xp.stack(seen, axis=1) if seen else xp.zeros((world.held.shape[0], 0), bool)
+    if not task.subgoals:
+        return xp.zeros((world.held.shape[0], 0), bool)
+    semantics, columns = _subgoal_columns(task)
+    holds = semantics._condition_values(world)
+    return xp.stack([xp.all(holds[:, column], axis=1) for column in columns], axis=1)
 
 
-def unstacked(world: World, task: Task) -> Bool[Array, "S"]:
-    """Every box rests on a table or in the kit there: none is held, on the floor, or on another box."""
-    xp = namespace(world.poses)
-    on_box = xp.any(_rests_on(world, task), axis=(-2, -1))
-    return (world.held < 0) & xp.all(_reachable(world, task), axis=-1) & ~on_box
-
-
-SUBGOAL_TESTS = {"unstacked": unstacked}
+@functools.lru_cache(maxsize=16)
+def _subgoal_columns(task: Task) -> tuple[Semantics, list[np.ndarray]]:
+    """What computes the conditions of the task's subgoals, and for each subgoal the columns of its own."""
+    meanings = [
+        dict.fromkeys(
+            parse_behavior(text.replace("{box}", name)) for text in subgoal.conditions for name in task.box_names
+        )
+        for subgoal in task.subgoals
+    ]
+    for subgoal, meaning in zip(task.subgoals, meanings, strict=True):
+        for condition in meaning:
+            if condition.kind != Kind.CONDITION or condition.name == "reached":
+                raise UserError(
+                    f"{condition} in the subgoal {subgoal.name} is not a condition of the scene; use at, holding, gripper, "
+                    "reachable or clear"
+                )
+    semantics = Semantics(task, Vocabulary.of(condition for meaning in meanings for condition in meaning))
+    return semantics, [np.array([semantics._columns[condition] for condition in meaning]) for meaning in meanings]
 
 
 def _reachable(world: World, task: Task) -> Bool[Array, "S B"]:

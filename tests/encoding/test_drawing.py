@@ -11,11 +11,11 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 from strategies import trees
 
-from bt_jax.behaviors import Behavior, Control, Kind
+from bt_jax.behaviors import Behavior, Control, Kind, expand
 from bt_jax.encoding.drawing import draw_text, to_dot
 from bt_jax.encoding.svg import to_svg
 from bt_jax.encoding.tick import Status
-from bt_jax.encoding.walk import children, expand, prefix
+from bt_jax.encoding.walk import children, prefix
 
 SVG = "{http://www.w3.org/2000/svg}"
 FONT = FontProperties(family="DejaVu Sans")
@@ -24,7 +24,7 @@ EXAMPLE = Control.sequence(GENE, Control.fallback(Behavior("gripper", ("open",))
 
 
 def label(node) -> str:
-    return str(node) if isinstance(node, Behavior) else {Kind.SEQUENCE: "→", Kind.FALLBACK: "?"}[node.kind]
+    return node.label if isinstance(node, Behavior) else {Kind.SEQUENCE: "→", Kind.FALLBACK: "?"}[node.kind]
 
 
 def groups(root) -> list:

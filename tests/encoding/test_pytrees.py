@@ -4,9 +4,9 @@ from py_trees.common import Status
 from py_trees.composites import Selector, Sequence
 from strategies import trees
 
-from bt_jax.behaviors import Behavior, Control, Kind
+from bt_jax.behaviors import Behavior, Control, Kind, expand
 from bt_jax.encoding.pytrees import Leaf, to_py_trees
-from bt_jax.encoding.walk import expand, prefix
+from bt_jax.encoding.walk import prefix
 
 STATUSES = (Status.SUCCESS, Status.FAILURE, Status.RUNNING)
 
@@ -66,4 +66,4 @@ def test_nodes_are_those_of_the_tree(tree, expand_genes):
         else:
             assert isinstance(theirs, Leaf)
             assert theirs.behavior == ours
-            assert theirs.name == str(ours)
+            assert theirs.name == ours.label

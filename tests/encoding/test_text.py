@@ -3,10 +3,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import ATOMS, GENES, trees
 
-from bt_jax.behaviors import Behavior, Control
+from bt_jax.behaviors import Behavior, Control, expand
 from bt_jax.encoding.text import format_tree, one_line, parse_tree
 from bt_jax.encoding.trees import violations
-from bt_jax.encoding.walk import depth, expand, prefix
+from bt_jax.encoding.walk import depth, prefix
 from bt_jax.errors import UserError
 
 EXAMPLE = Control.sequence(

@@ -3,14 +3,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from samples import random_trees
-from strategies import ATOMS, GENES, trees
+from strategies import ATOMS, GENES, SUBTASKS, trees
 
 from bt_jax.behaviors import Behavior, Control, Kind, Vocabulary
 from bt_jax.encoding.trees import MAX_NODES, decode, encode, encode_all, length, violations
 from bt_jax.encoding.walk import prefix
 from bt_jax.errors import UserError
 
-VOCABULARY = Vocabulary.of((*ATOMS, *GENES))
+VOCABULARY = Vocabulary.of((*ATOMS, *GENES, *SUBTASKS))
 C = Behavior("holding", ("nothing",))
 A, B = Behavior("pick", ("YellowBox",)), Behavior("open_gripper")
 GENE = GENES[-1]

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import GENES, trees
 
-from bt_jax.behaviors import Behavior, Control, Kind
-from bt_jax.encoding.walk import expand, prefix
+from bt_jax.behaviors import Behavior, Control, Kind, expand
+from bt_jax.encoding.walk import prefix
 from bt_jax.encoding.xml import from_xml, to_xml
 from bt_jax.errors import UserError
 

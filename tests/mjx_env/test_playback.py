@@ -4,11 +4,11 @@ import jax
 import numpy as np
 import pytest
 
-from bt_jax.behaviors import Behavior, Control, Kind, gene_pool
+from bt_jax.behaviors import Behavior, Control, Kind, expand, gene_pool
 from bt_jax.encoding.text import parse_tree
 from bt_jax.encoding.tick import Status
 from bt_jax.encoding.trees import encode_all
-from bt_jax.encoding.walk import expand, prefix
+from bt_jax.encoding.walk import prefix
 from bt_jax.errors import UserError
 from bt_jax.mjx_env.evaluate import TableEvaluator
 from bt_jax.mjx_env.fitness import WORST_FITNESS, Ending
