@@ -1,0 +1,36 @@
+"""Which conditions cannot hold together, which hold anyway, and which actions undo a condition."""
+
+from __future__ import annotations
+
+from bt_jax.behaviors import NOTHING, OPEN, Behavior
+
+__all__ = ["conflict", "implies", "undoes"]
+
+
+def conflict(a: Behavior, b: Behavior) -> bool:
+    """Whether two conditions exclude each other: different things held, two states of the gripper, one object at two
+    places, or something held by an open gripper."""
+    if a.name == b.name:
+        match a.name:
+            case "holding" | "gripper":
+                return a.args != b.args
+            case "at":
+                return a.object == b.object and a != b
+    held = next((c.object for c in (a, b) if c.name == "holding"), NOTHING)
+    opened = any(c.name == "gripper" and c.args == (OPEN,) for c in (a, b))
+    return held != NOTHING and opened
+
+
+def implies(a: Behavior, b: Behavior) -> bool:
+    """Whether a condition includes another: an open gripper holds nothing."""
+    return a == b or (a == Behavior("gripper", (OPEN,)) and b == Behavior("holding", (NOTHING,)))
+
+
+def undoes(action: Behavior, condition: Behavior) -> bool:
+    """Whether carrying out an action makes a condition false, or may: it moves the object that the condition is about,
+    or the object in whose frame that one stands, or its postconditions exclude the condition."""
+    if condition.name == "at" and action.name in ("pick", "place"):
+        return action.object == condition.frame or (
+            action.object == condition.object and condition not in action.postconditions
+        )
+    return any(conflict(post, condition) for post in action.postconditions)

@@ -1,0 +1,81 @@
+"""In which order things must happen, as far as all demonstrations agree on it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+from bt_jax.behaviors import Behavior
+from bt_jax.errors import UserError
+from bt_jax.lfd.clustering import Inference
+from bt_jax.lfd.conflicts import conflict, implies
+from bt_jax.lfd.goals import Step
+
+__all__ = ["Order", "check_acyclic", "orders", "preconditions"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Order:
+    """`before` precedes `after` in all `seen` demonstrations that have both; `distance` is how many steps apart they are
+    at least."""
+
+    before: Step
+    after: Step
+    seen: int
+    distance: int
+
+
+def orders(steps: Sequence[Sequence[Step]]) -> tuple[Order, ...]:
+    """All pairs in a constant order; one reversed observation, also within a demonstration, cancels a pair for good."""
+    found: dict[tuple[Step, Step], list[int]] = {}
+    for sequence in steps:
+        for j, after in enumerate(sequence):
+            for i in range(j):
+                found.setdefault((sequence[i], after), []).append(j - i)
+    return tuple(
+        Order(before, after, len(distances), min(distances))
+        for (before, after), distances in sorted(found.items())
+        if (after, before) not in found and before != after
+    )
+
+
+def check_acyclic(constraints: Sequence[Order], inferences: Sequence[Inference]) -> None:
+    """Raises UserError, naming the actions, where the constraints of different demonstrations go in a circle."""
+    later: dict[Step, list[Step]] = {}
+    for order in constraints:
+        later.setdefault(order.before, []).append(order.after)
+    done: set[Step] = set()
+
+    def visit(step: Step, path: tuple[Step, ...]) -> None:
+        if step in path:
+            circle = [str(inferences[i].behavior) for i in (*path[path.index(step) :], step)]
+            raise UserError(
+                f"the demonstrations contradict each other in the order of {' before '.join(circle)}; delete or repeat one"
+            )
+        if step not in done:
+            for other in later.get(step, ()):
+                visit(other, (*path, step))
+            done.add(step)
+
+    for step in later:
+        visit(step, ())
+
+
+def preconditions(
+    constraints: Sequence[Order], inferences: Sequence[Inference]
+) -> Mapping[Behavior, tuple[Behavior, ...]]:
+    """For each action, the conditions beyond its own preconditions that earlier actions establish: their postconditions,
+    the nearest action's where they conflict, and none that conflicts with what the action itself needs. Of an action that
+    is done several times, those that hold each time."""
+    extra: dict[Behavior, tuple[Behavior, ...]] = {}
+    for step, inference in enumerate(inferences):
+        action = inference.behavior
+        kept = list(action.preconditions)
+        before = sorted((o for o in constraints if o.after == step), key=lambda order: (order.distance, order.before))
+        for order in before:
+            for condition in inferences[order.before].behavior.postconditions:
+                if not any(implies(other, condition) or conflict(condition, other) for other in kept):
+                    kept.append(condition)
+        new = tuple(reversed(kept[len(action.preconditions) :]))
+        extra[action] = tuple(condition for condition in extra.get(action, new) if condition in new)
+    return extra

@@ -1,0 +1,52 @@
+"""What demonstrations achieve: the goal of each, and which of them share one."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+from bt_jax.behaviors import Behavior
+from bt_jax.lfd.clustering import Inference, Moment
+from bt_jax.lfd.conflicts import conflict
+from bt_jax.lfd.demonstration import Demonstrations
+
+__all__ = ["Step", "Subtask", "goal_of", "sequences", "subtasks"]
+
+Step = int  # index of an inference: what one observed action is an instance of
+
+
+@dataclasses.dataclass(frozen=True)
+class Subtask:
+    """Demonstrations (by their index) with the same goal: conditions, in the order in which they come to hold."""
+
+    goal: tuple[Behavior, ...]
+    demonstrations: tuple[int, ...]
+
+
+def sequences(demonstrations: Demonstrations, inferences: Sequence[Inference]) -> list[list[Step]]:
+    """Each demonstration as a sequence of steps."""
+    step_at = {moment: step for step, inference in enumerate(inferences) for moment in inference.moments}
+    return [
+        [step_at[Moment(d, i)] for i in range(len(demonstration.actions))]
+        for d, demonstration in enumerate(demonstrations)
+    ]
+
+
+def goal_of(actions: Sequence[Behavior]) -> tuple[Behavior, ...]:
+    """What holds in the end: the postconditions, from the last action backwards, that conflict with none already kept; in
+    the order in which they come to hold, those of the gripper last."""
+    kept: list[Behavior] = []
+    for action in reversed(actions):
+        for condition in action.postconditions:
+            if condition not in kept and not any(conflict(condition, other) for other in kept):
+                kept.append(condition)
+    return tuple(sorted(reversed(kept), key=lambda condition: condition.name != "at"))
+
+
+def subtasks(inferences: Sequence[Inference], steps: Sequence[Sequence[Step]]) -> tuple[Subtask, ...]:
+    """Demonstrations grouped by their goals, whatever the order in which these come to hold."""
+    found: dict[frozenset[Behavior], tuple[tuple[Behavior, ...], list[int]]] = {}
+    for d, sequence in enumerate(steps):
+        goal = goal_of([inferences[step].behavior for step in sequence])
+        found.setdefault(frozenset(goal), (goal, []))[1].append(d)
+    return tuple(Subtask(goal, tuple(members)) for goal, members in found.values())

@@ -1,0 +1,122 @@
+"""From demonstrations to a Behavior Tree."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+from bt_jax.behaviors import Behavior, Control, Tree
+from bt_jax.encoding.walk import prefix
+from bt_jax.errors import UserError
+from bt_jax.lfd.clustering import NEEDED, Inference, infer
+from bt_jax.lfd.constraints import Order, check_acyclic, orders, preconditions
+from bt_jax.lfd.demonstration import Demonstrations
+from bt_jax.lfd.goals import Step, Subtask, sequences, subtasks
+from bt_jax.lfd.planner import plan
+from bt_jax.lfd.subgoals import derive_subgoal
+from bt_jax.task import Subgoal, Target, Task
+
+__all__ = ["LearntSubtask", "Lesson", "learn"]
+
+
+@dataclasses.dataclass(frozen=True)
+class LearntSubtask:
+    """What the demonstrations of one goal taught. `preconditions` are those of actions beyond the actions' own."""
+
+    subtask: Subtask
+    constraints: tuple[Order, ...]
+    preconditions: Mapping[Behavior, tuple[Behavior, ...]]
+    tree: Tree
+
+
+@dataclasses.dataclass(frozen=True)
+class Lesson:
+    """Everything that a set of demonstrations taught, with what it was inferred from.
+
+    `steps` are the demonstrations as sequences of indices into `inferences`.
+    """
+
+    task: Task
+    demonstrations: Demonstrations
+    inferences: tuple[Inference, ...]
+    steps: tuple[tuple[Step, ...], ...]
+    subtasks: tuple[LearntSubtask, ...]
+    tree: Tree
+
+    @property
+    def missing(self) -> int:
+        """How many more demonstrations are needed to tell in which frames the actions are meant."""
+        return max(0, NEEDED - len(self.demonstrations))
+
+    @property
+    def placements(self) -> tuple[Behavior, ...]:
+        """The places `at(...)` in the goals, each once."""
+        goals = (condition for one in self.subtasks for condition in one.subtask.goal)
+        return tuple(dict.fromkeys(condition for condition in goals if condition.name == "at"))
+
+    @property
+    def genes(self) -> tuple[Behavior, ...]:
+        """A `move` gene for each demonstrated place, and whatever other leaves the tree has."""
+        moves = [Behavior("move", place.args) for place in self.placements]
+        leaves = [node for node in prefix(self.tree) if isinstance(node, Behavior)]
+        return tuple(dict.fromkeys([*moves, *leaves]))
+
+    @property
+    def targets(self) -> tuple[Target, ...]:
+        """The demonstrated places as targets. Raises UserError where one object has several."""
+        objects = [place.object for place in self.placements]
+        for name in objects:
+            if objects.count(name) > 1:
+                raise UserError(
+                    f"the demonstrations leave {name} at {objects.count(name)} different places, so it has no one target; "
+                    "learn from those that agree"
+                )
+        return tuple(Target(place.object, place.position, place.frame) for place in self.placements)
+
+    def subgoal(self, name: str) -> Subgoal:
+        """The configuration that the demonstrations reach, under a name."""
+        goal = [condition for one in self.subtasks for condition in one.subtask.goal]
+        return derive_subgoal(name, self.demonstrations, goal, self.task)
+
+    def subtask_gene(self, name: str) -> Behavior:
+        """The whole tree as one gene that is done with for good once the subgoal of that name has been reached."""
+        return Behavior("subtask", (name, Control.fallback(Behavior("reached", (name,)), self.tree)))
+
+
+def learn(demonstrations: Demonstrations, task: Task) -> Lesson:
+    """Learns a tree from demonstrations recorded in a task's scene.
+
+    Raises UserError where the frames are not those of the task, the demonstrations contradict each other in a circle, or no
+    tree achieves what they do.
+    """
+    _check_frames(demonstrations, task)
+    inferences = infer(demonstrations, movable=task.box_names)
+    steps = sequences(demonstrations, inferences)
+    learnt = []
+    for subtask in subtasks(inferences, steps):
+        constraints = orders([steps[d] for d in subtask.demonstrations])
+        check_acyclic(constraints, inferences)
+        extra = preconditions(constraints, inferences)
+        learnt.append(LearntSubtask(subtask, constraints, extra, plan(subtask.goal, extra=extra)))
+    trees = tuple(one.tree for one in learnt)
+    tree = trees[0] if len(trees) == 1 else Control.fallback(*trees)
+    return Lesson(task, demonstrations, inferences, tuple(map(tuple, steps)), tuple(learnt), tree)
+
+
+def _check_frames(demonstrations: Demonstrations, task: Task) -> None:
+    frames = demonstrations.frames
+    for name in frames.names:
+        if name not in task.frames:
+            known = ", ".join(task.frames)
+            raise UserError(
+                f"the demonstrations have a frame '{name}' that task {task.name} has not; use one of {known}"
+            )
+    for name in (task.robot_frame, *task.box_names):
+        if name not in frames.names:
+            raise UserError(f"the demonstrations lack the frame {name} of task {task.name}; record them in that task")
+    if frames.robot != task.robot_frame:
+        raise UserError(f"the robot's frame is {frames.robot} in the demonstrations and {task.robot_frame} in the task")
+    for one in demonstrations:
+        for i, action in enumerate(one.actions, start=1):
+            if action.kind == "pick" and (thing := action.nearest(frames.objects)) not in task.box_names:
+                raise UserError(f"{one.name}, action {i} picks {thing}, which the robot cannot move; record it again")

@@ -1,0 +1,172 @@
+"""A Behavior Tree from a goal, by backchaining (Colledanchise, Almeida and Ögren, Towards Blended Reactive Planning and
+Acting using Behavior Trees, 2019), without a state: every condition that is not sure to hold is followed by what achieves
+it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+
+from bt_jax.behaviors import Behavior, Control, Kind, Tree
+from bt_jax.encoding.walk import prefix
+from bt_jax.errors import UserError
+from bt_jax.lfd.conflicts import undoes
+from bt_jax.task import Task
+
+__all__ = ["fold_moves", "plan", "plan_task"]
+
+MAX_DEPTH = 40  # conditions that wait for each other, one inside the other
+GIVEN = ("reachable", "clear")  # conditions that an action checks itself, and that no action is there to achieve
+
+
+def plan(
+    goal: Sequence[Behavior],
+    *,
+    actions: Iterable[Behavior] = (),
+    extra: Mapping[Behavior, tuple[Behavior, ...]] | None = None,
+) -> Tree:
+    """A tree that achieves all conditions of a goal, from wherever it is ticked.
+
+    `actions` may be used besides those that the goal itself suggests (open and close the gripper, pick and place); `extra`
+    are preconditions beyond the actions' own, for instance from `constraints.preconditions`. Deterministic: the cheapest
+    action that achieves a condition is taken, the first of equals. Where a later part would undo an earlier condition, it is
+    moved before it. Raises UserError where no action achieves a condition, or where the parts undo each other in a circle.
+    """
+    planner = _Planner(tuple(actions), extra or {})
+    wanted = [condition for condition in goal if not _follows(condition, goal)]
+    parts = planner.ordered([planner.achieved(condition, ()) for condition in wanted])
+    tree = _needed(_control(Kind.SEQUENCE, [part.tree for part in parts]), frozenset())
+    if tree is None:
+        raise UserError("there is nothing to achieve; give a goal")
+    return fold_moves(tree)
+
+
+def plan_task(task: Task) -> Tree:
+    """A tree that brings every object of a task to its target."""
+    return plan([Behavior("at", (target.object, target.position, target.frame)) for target in task.targets])
+
+
+def fold_moves(tree: Tree) -> Tree:
+    """Every subtree that is what a `move` gene stands for becomes that gene."""
+    if isinstance(tree, Behavior):
+        return tree
+    first = tree.children[0]
+    if isinstance(first, Behavior) and first.name == "at":
+        gene = Behavior("move", first.args)
+        if gene.subtree == tree:
+            return gene
+    return _control(tree.kind, [fold_moves(child) for child in tree.children])
+
+
+def _follows(condition: Behavior, goal: Sequence[Behavior]) -> bool:
+    """Whether a condition of the gripper holds anyway once the rest of the goal has been placed."""
+    placed = [Behavior("place", other.args) for other in goal if other.name == "at"]
+    return condition.name != "at" and any(condition in action.postconditions for action in placed)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Part:
+    """The subtree that achieves a condition."""
+
+    condition: Behavior
+    tree: Tree
+
+    def disturbs(self, condition: Behavior) -> bool:
+        return any(undoes(node, condition) for node in prefix(self.tree) if node.kind == Kind.ACTION)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Planner:
+    actions: tuple[Behavior, ...]
+    extra: Mapping[Behavior, tuple[Behavior, ...]]
+
+    def achieved(self, condition: Behavior, waiting: tuple[Behavior, ...]) -> _Part:
+        """Checks the condition, and achieves it where it does not hold; `waiting` are the conditions that this is for."""
+        if condition in waiting:
+            circle = " needs ".join(map(str, (*waiting[waiting.index(condition) :], condition)))
+            raise UserError(f"the goal cannot be planned: {circle}; change the demonstrations or the targets")
+        if len(waiting) >= MAX_DEPTH:
+            raise UserError(f"planning {condition} goes {MAX_DEPTH} conditions deep; demonstrate smaller subtasks")
+        action = self.cheapest(condition)
+        waiting = (*waiting, condition)
+        needed = [*action.preconditions, *self.extra.get(action, ())]
+        needed = [other for other in needed if other.name not in GIVEN]
+        parts = [self.achieved(other, waiting) for other in dict.fromkeys(needed)]
+        own = len([other for other in action.preconditions if other.name not in GIVEN])
+        # What the action itself needs of the gripper comes last: whatever else must hold first may use the gripper.
+        parts = self.ordered([*parts[own:], *parts[:own]])
+        attempt = _control(Kind.SEQUENCE, [*(part.tree for part in parts), action])
+        return _Part(condition, _control(Kind.FALLBACK, [condition, attempt]))
+
+    def cheapest(self, condition: Behavior) -> Behavior:
+        found = [action for action in (*self.actions, *_suggested(condition)) if condition in action.postconditions]
+        if not found:
+            raise UserError(f"no action achieves {condition}; leave it out of the goal, or give an action that does")
+        return min(found, key=lambda action: action.cost)
+
+    def ordered(self, parts: Sequence[_Part]) -> list[_Part]:
+        """The parts in the given order, except that one which disturbs an earlier condition comes before that."""
+        done: list[_Part] = []
+        left = list(dict.fromkeys(parts))
+        while left:
+            free = next((p for p in left if not any(q.disturbs(p.condition) for q in left if q is not p)), None)
+            if free is None and all(part.condition.name == "at" for part in left):
+                names = ", ".join(str(part.condition) for part in left)
+                raise UserError(f"each of {names} undoes another; give one of them another frame")
+            free = free or left[0]
+            left.remove(free)
+            done.append(free)
+        return done
+
+
+def _needed(tree: Tree, known: frozenset[Behavior]) -> Tree | None:
+    """The tree without what is known to hold where it is ticked, None where nothing is left of it.
+
+    A memoryless Sequence ticks a child only once those before it have succeeded in the same tick, so that what they check
+    or achieve holds there.
+    """
+    if isinstance(tree, Behavior):
+        return None if tree in known else tree
+    if tree.kind == Kind.FALLBACK:
+        if tree.children[0] in known:
+            return None
+        kept = [_needed(child, known) for child in tree.children]
+        return _control(tree.kind, [child for child in kept if child is not None])
+    kept = []
+    for child in tree.children:
+        kept.append(_needed(child, known))
+        known |= _established(child)
+    kept = [child for child in kept if child is not None]
+    return _control(tree.kind, kept) if kept else None
+
+
+def _established(tree: Tree) -> frozenset[Behavior]:
+    """The conditions that hold once a part of a plan has succeeded."""
+    if isinstance(tree, Behavior):
+        return frozenset([tree] if tree.kind == Kind.CONDITION else tree.postconditions)
+    if tree.kind == Kind.FALLBACK:
+        return _established(tree.children[0])
+    return frozenset().union(*map(_established, tree.children))
+
+
+def _suggested(condition: Behavior) -> list[Behavior]:
+    """The actions that a condition itself names."""
+    match condition.name:
+        case "at":
+            return [Behavior("place", condition.args)]
+        case "holding" if condition.object != "nothing":
+            return [Behavior("pick", (condition.object,))]
+        case "holding":
+            return [Behavior("open_gripper")]
+        case "gripper":
+            return [Behavior(f"{'open' if condition.args[0] == 'open' else 'close'}_gripper")]
+    return []
+
+
+def _control(kind: Kind, parts: Sequence[Tree]) -> Tree:
+    """A control node; one child stands for itself, and children of the same kind dissolve into it."""
+    flat: list[Tree] = []
+    for part in parts:
+        flat += part.children if isinstance(part, Control) and part.kind == kind else [part]
+    return flat[0] if len(flat) == 1 else Control(kind, tuple(flat))

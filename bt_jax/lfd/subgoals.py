@@ -1,0 +1,54 @@
+"""What a demonstration changes in the scene, as a configuration that is worth reaching."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from bt_jax.behaviors import NOTHING, Behavior
+from bt_jax.lfd.demonstration import Action, Demonstrations
+from bt_jax.task import Subgoal, Task
+
+__all__ = ["derive_subgoal"]
+
+
+def derive_subgoal(name: str, demonstrations: Demonstrations, goal: Sequence[Behavior], task: Task) -> Subgoal:
+    """The configuration that all demonstrations reach, as general as they allow.
+
+    If they free boxes on which others stood, it is that those are clear: where the others were put does not matter.
+    Otherwise it is the goal, the places of what was moved.
+    """
+    freed = [
+        Behavior("clear", (box,))
+        for box in task.box_names
+        if all(_is_under(box, one.actions[0], task) and not _is_under(box, one.actions[-1], task)
+               for one in demonstrations)
+    ]  # fmt: skip
+    conditions = [
+        *(freed or [condition for condition in goal if condition.name == "at"]),
+        Behavior("holding", (NOTHING,)),
+    ]
+    return Subgoal(name, tuple(map(str, conditions)))
+
+
+def _is_under(box: str, action: Action, task: Task) -> bool:
+    """Whether another box stands on this one at the moment of an action."""
+    sizes = {other.name: other.size for other in task.boxes}
+    here = _position(box, action, task)
+    for other in task.box_names:
+        middle = (sizes[box] + sizes[other]) / 2
+        x, y, z = _position(other, action, task) - here
+        # As for the condition `clear` in the scene: a box on top is about one size higher, and not beside.
+        if other != box and max(abs(x), abs(y)) < middle and 0.6 * middle < z < 1.3 * middle:
+            return True
+    return False
+
+
+def _position(frame: str, action: Action, task: Task) -> Float[np.ndarray, "3"]:
+    """The origin of a frame in the robot's [m], from the end effector's pose in both."""
+    in_robot, in_frame = action.poses[task.robot_frame], action.poses[frame]
+    turn = Rotation.from_quat(in_robot.quaternion) * Rotation.from_quat(in_frame.quaternion).inv()
+    return np.array(in_robot.position) - turn.apply(in_frame.position)
