@@ -23,7 +23,7 @@ from bt_jax.encoding.svg import to_svg
 from bt_jax.encoding.text import format_tree
 from bt_jax.encoding.tick import Status
 from bt_jax.encoding.trees import MAX_NODES, encode_all
-from bt_jax.encoding.walk import prefix
+from bt_jax.encoding.walk import leaves
 from bt_jax.encoding.xml import to_xml
 from bt_jax.errors import UserError
 from bt_jax.files import write_atomic
@@ -111,8 +111,8 @@ def run(arguments: Arguments, console: Console | None = None) -> None:
     task, level, tree = _open(arguments)
     configure_jax(arguments.device)
     written = expand(tree)
-    leaves = [node for node in (*prefix(tree), *prefix(written)) if isinstance(node, Behavior)]
-    semantics, physics = Semantics(task, Vocabulary.of(leaves)), _physics(task, level, arguments.backend)
+    known = Vocabulary.of([*leaves(tree), *leaves(written)])
+    semantics, physics = Semantics(task, known), _physics(task, level, arguments.backend)
     console.print(f"[bold]{task.name}[/]: {escape(task.description)}\n{physics.name}: {physics.why}")
     if arguments.export is not None:
         export = EXPORTS[arguments.export.suffix.lower()]

@@ -4,7 +4,7 @@ config.json        task, settings and version     history.csv         one row a 
 best_tree.txt      the learnt tree                best_tree.xml       the same for BehaviorTree.CPP and Groot2
 best_tree.svg      its drawing                    learning_curve.png  best and mean fitness over the generations
 result.json        best of each run, times          solved.png          the solved scene, where there is a renderer
-checkpoint.npz     populations, to resume
+checkpoint.npz     populations, to resume         config-0.json ...   of phases before, where the task was changed
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from bt_jax.behaviors import Tree
+from bt_jax.behaviors import Behavior, Tree
 from bt_jax.encoding.svg import to_svg
 from bt_jax.encoding.text import format_tree, one_line, parse_tree
 from bt_jax.encoding.trees import Trees
@@ -33,9 +33,9 @@ from bt_jax.gp.evolution import Generation, Population, State
 from bt_jax.task import Task, task_from_dict
 from bt_jax.training import Settings
 
-__all__ = ["RunConfig", "RunFolder", "package_version"]
+__all__ = ["Checkpoint", "RunConfig", "RunFolder", "package_version"]
 
-FORMAT = 1
+FORMAT = 2
 
 
 def package_version() -> str:
@@ -45,12 +45,19 @@ def package_version() -> str:
 
 @dataclasses.dataclass(frozen=True)
 class RunConfig:
-    """Everything needed to repeat a run."""
+    """Everything needed to repeat a run.
+
+    A run has several phases where it went on with another task, baseline or gene pool: this is phase number `phase`, which
+    begins at generation `since`.
+    """
 
     task: Task
     gp: GPConfig
     settings: Settings
     baseline: Tree | None = None
+    extra_leaves: tuple[Behavior, ...] = ()
+    phase: int = 0
+    since: int = 0
     version: str = dataclasses.field(default_factory=package_version)
 
     def to_json(self) -> str:
@@ -61,8 +68,21 @@ class RunConfig:
             "gp": dataclasses.asdict(self.gp),
             "settings": dataclasses.asdict(self.settings),
             "baseline": None if self.baseline is None else one_line(self.baseline),
+            "extra_leaves": list(map(str, self.extra_leaves)),
+            "phase": self.phase,
+            "since": self.since,
         }
         return json.dumps(data, indent=2) + "\n"
+
+
+@dataclasses.dataclass(frozen=True)
+class Checkpoint:
+    """Where a run was: its state, what its tokens stand for, the phase it was in, and the history."""
+
+    state: State
+    leaves: tuple[Behavior, ...]
+    phase: int
+    history: list[Generation]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,6 +102,12 @@ class RunFolder:
         """Writes the configuration. Raises UserError where the folder is in use and the run is not a resumed one."""
         if not resume and self.path.exists() and (not self.path.is_dir() or any(self.path.iterdir())):
             raise UserError(f"{self.path} is not empty; choose another --out, or continue it with --resume {self.path}")
+        write_atomic(self.path / "config.json", config.to_json())
+
+    def begin_phase(self, config: RunConfig) -> None:
+        """Replaces the configuration by that of the next phase, and keeps the one before under another name."""
+        before = (self.path / "config.json").read_bytes()
+        write_atomic(self.path / f"config-{config.phase - 1}.json", before)
         write_atomic(self.path / "config.json", config.to_json())
 
     def config(self) -> RunConfig:
@@ -104,9 +130,12 @@ class RunFolder:
             methods = {key: Selection(data["gp"][key]) for key in ("parent_selection", "survivor_selection")}
             gp, settings = GPConfig(**{**data["gp"], **methods}), Settings(**data["settings"])
             baseline = None if data["baseline"] is None else parse_tree(data["baseline"])
+            extra = tuple(_leaf(text) for text in data["extra_leaves"])
+            phase, since, version = int(data["phase"]), int(data["since"]), data["version"]
         except (TypeError, KeyError, ValueError) as error:
             raise UserError(f"{source} is damaged ({error}); restore it, or train again") from error
-        return RunConfig(task_from_dict(data["task"], source=str(source)), gp, settings, baseline, data["version"])
+        task = task_from_dict(data["task"], source=str(source))
+        return RunConfig(task, gp, settings, baseline, extra, phase, since, version)
 
     def tree(self) -> Tree:
         """The learnt tree."""
@@ -117,9 +146,9 @@ class RunFolder:
             )
         return parse_tree(source.read_text(encoding="utf-8"))
 
-    def save_checkpoint(self, state: State, history: list[Generation]) -> None:
+    def save_checkpoint(self, checkpoint: Checkpoint) -> None:
         """Replaces the checkpoint; a killed process leaves the previous one."""
-        buffer = io.BytesIO()
+        buffer, state = io.BytesIO(), checkpoint.state
         np.savez(
             buffer,
             tokens=np.asarray(state.population.trees.tokens),
@@ -127,13 +156,16 @@ class RunFolder:
             fitness=np.asarray(state.population.fitness),
             baseline_fitness=np.asarray(state.baseline_fitness),
             seen=np.concatenate(state.seen),
-            episodes=np.array(state.episodes),
+            counts=np.array([len(hashes) for hashes in state.seen]),
+            earlier=np.array(state.earlier),
             generation=np.array(state.generation),
-            history=np.frombuffer(history_csv(history).encode(), np.uint8),
+            phase=np.array(checkpoint.phase),
+            leaves=_as_bytes("\n".join(map(str, checkpoint.leaves))),
+            history=_as_bytes(history_csv(checkpoint.history)),
         )
         write_atomic(self.path / "checkpoint.npz", buffer.getvalue())
 
-    def load_checkpoint(self) -> tuple[State, list[Generation]] | None:
+    def load_checkpoint(self) -> Checkpoint | None:
         """The last checkpoint, or None where the run had not come to one."""
         source = self.path / "checkpoint.npz"
         if not source.is_file():
@@ -145,12 +177,14 @@ class RunFolder:
                     population=Population(trees, jnp.asarray(data["fitness"])),
                     generation=int(data["generation"]),
                     baseline_fitness=jnp.asarray(data["baseline_fitness"]),
-                    seen=tuple(np.split(data["seen"], np.cumsum(data["episodes"])[:-1])),
+                    seen=tuple(np.split(data["seen"], np.cumsum(data["counts"])[:-1])),
+                    earlier=tuple(data["earlier"].tolist()),
                 )
+                leaves = tuple(map(_leaf, data["leaves"].tobytes().decode().splitlines()))
                 history = read_history(data["history"].tobytes().decode())
+                return Checkpoint(state, leaves, int(data["phase"]), history)
         except (ValueError, KeyError, OSError, EOFError, zipfile.BadZipFile) as error:
             raise UserError(f"{source} is damaged; delete it to start this run again") from error
-        return state, history
 
     def save_tree(self, tree: Tree, *, title: str) -> None:
         """Text, XML and drawing of the learnt tree."""
@@ -166,6 +200,17 @@ class RunFolder:
 
     def save_result(self, result: dict[str, Any]) -> None:
         write_atomic(self.path / "result.json", json.dumps(result, indent=2) + "\n")
+
+
+def _leaf(text: str) -> Behavior:
+    leaf = parse_tree(text)
+    if not isinstance(leaf, Behavior):
+        raise ValueError(f"{text} is not a leaf")
+    return leaf
+
+
+def _as_bytes(text: str) -> np.ndarray:
+    return np.frombuffer(text.encode(), np.uint8)
 
 
 def history_csv(history: list[Generation]) -> str:

@@ -10,7 +10,7 @@ import dataclasses
 import functools
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NoReturn
@@ -170,6 +170,19 @@ class Task:
     def frames(self) -> tuple[str, ...]:
         """Frames in the order of their index: boxes, then the kit, then the robot."""
         return (*self.box_names, self.kit.name, self.robot_frame)
+
+    def with_targets(self, targets: Sequence[Target], *, source: str) -> Task:
+        """This task with more targets, each in place of one that the same object has; `source` is named in errors."""
+        kept = {target.object: target for target in (*self.targets, *targets)}
+        task = dataclasses.replace(self, targets=tuple(kept.values()))
+        _check(task, source)
+        return task
+
+    def with_subgoal(self, subgoal: Subgoal, *, source: str) -> Task:
+        """This task with one more subgoal; `source` is named in errors."""
+        task = dataclasses.replace(self, subgoals=(*self.subgoals, subgoal))
+        _check(task, source)
+        return task
 
     def to_dict(self) -> dict[str, Any]:
         """A plain mapping that `task_from_dict` reads back to an equal task."""

@@ -14,12 +14,12 @@ from typing import Annotated
 import tyro
 
 from bt_jax.console import Session, TrainingDisplay
-from bt_jax.encoding.reading import read_tree
 from bt_jax.errors import UserError
 from bt_jax.gp.config import GPConfig
 from bt_jax.gp.evolution import Generation, State, best_of
+from bt_jax.lessons import Changes, baseline_from
 from bt_jax.plots import learning_curve
-from bt_jax.run_folder import RunConfig, RunFolder, package_version
+from bt_jax.run_folder import Checkpoint, RunConfig, RunFolder, package_version
 from bt_jax.startup import CompileClock, Device, configure_jax, exit_code
 from bt_jax.task import load_task
 from bt_jax.training import Settings, Training
@@ -45,9 +45,14 @@ class Arguments:
     gp: tyro.conf.OmitArgPrefixes[GPConfig] = dataclasses.field(default_factory=GPConfig)
     settings: tyro.conf.OmitArgPrefixes[Settings] = dataclasses.field(default_factory=Settings)
     baseline: Path | None = None
-    """tree (.txt or .xml) to start from; it stays available for crossover"""
+    """tree (.txt or .xml) to start from, or a folder of train or learn with one; it stays available for crossover"""
+    add_target_from: Path | None = None
+    """folder of demonstrations: their places become targets and genes, their tree the baseline if no other is given"""
+    add_subgoal_from: Path | None = None
+    """folder of demonstrations of a step on the way: one gene, and a reward for what it reaches"""
     resume: Path | None = None
-    """run folder to go on with, bit for bit; only --generations, --target-fitness and --time-limit may differ"""
+    """run folder to go on with, bit for bit; only --generations, --target-fitness and --time-limit may differ. With
+    --baseline, --add-target-from or --add-subgoal-from a new phase begins there"""
     target_fitness: float | None = None
     """stop once the best fitness of every run has reached this"""
     time_limit: float | None = None
@@ -75,30 +80,49 @@ def parse(words: list[str]) -> Arguments:
 def run(arguments: Arguments) -> None:
     """Trains as the arguments say, and writes the run folder."""
     configure_jax(arguments.device)
-    config, out = _configuration(arguments)
-    training = Training(config.task, config.gp, config.settings, baseline=config.baseline)
-    folder = RunFolder(out)
-    folder.start(_pinned(config, training), resume=arguments.resume is not None)
+    config, folder = _configuration(arguments)
+    training = _training(config)
+    _begin(folder, _pinned(config, training), resume=arguments.resume is not None)
     display = TrainingDisplay(training, folder.path)
-    saved = folder.load_checkpoint()
-    state, history = saved if saved else (None, [])
+    state, history = _restored(training, folder.load_checkpoint(), config)
     clock, began, stopped = CompileClock(), time.monotonic(), False
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with display:
-            state, history = _evolve(training, folder, display, state, history, arguments)
+            state, history = _evolve(training, folder, display, state, history, arguments, config.phase)
     except KeyboardInterrupt:
         stopped = True
         state, history = display.last
         if state is None:
             raise UserError("stopped before the first generation was measured; nothing was learnt") from None
     session = Session(time.monotonic() - began, clock.seconds, training.num_broken, stopped)
-    folder.save_checkpoint(state, history)
+    folder.save_checkpoint(Checkpoint(state, training.vocabulary.leaves, config.phase, history))
     folder.save_tree(training.best_tree(state), title=config.task.name)
     if stopped:
         # The interruption may have come in the middle of an entry into the table: the test starts from a new one.
-        training = Training(config.task, config.gp, config.settings, baseline=config.baseline)
+        training = _training(config)
     _finish(training, folder, display, state, history, session)
+
+
+def _training(config: RunConfig) -> Training:
+    return Training(config.task, config.gp, config.settings, baseline=config.baseline, extra_leaves=config.extra_leaves)
+
+
+def _begin(folder: RunFolder, config: RunConfig, *, resume: bool) -> None:
+    """Writes the configuration of a new run, of one that goes on, or of its next phase."""
+    if resume and folder.config().phase < config.phase:
+        folder.begin_phase(config)
+    else:
+        folder.start(config, resume=resume)
+
+
+def _restored(training: Training, saved: Checkpoint | None, config: RunConfig) -> tuple[State | None, list[Generation]]:
+    """Where to go on: at the checkpoint, measured anew where it is from the phase before; a new run where there is none."""
+    if saved is None:
+        return None, []
+    if saved.phase == config.phase:
+        return saved.state, saved.history
+    return training.carried(saved.state, saved.leaves), saved.history
 
 
 def _pinned(config: RunConfig, training: Training) -> RunConfig:
@@ -108,20 +132,29 @@ def _pinned(config: RunConfig, training: Training) -> RunConfig:
     return dataclasses.replace(config, settings=dataclasses.replace(config.settings, backend=training.level.name))
 
 
-def _configuration(arguments: Arguments) -> tuple[RunConfig, Path]:
+def _configuration(arguments: Arguments) -> tuple[RunConfig, RunFolder]:
     """What to evolve, and the run folder for it; that of a resumed run comes from its folder."""
     if arguments.resume is not None:
         if arguments.out is not None:
             raise UserError("--resume goes on in its own folder; leave out --out")
-        return _resumed(arguments, RunFolder(arguments.resume).config()), arguments.resume
+        folder = RunFolder(arguments.resume)
+        return _resumed(arguments, folder), folder
     if arguments.name is not None and arguments.task is not None:
         raise UserError("two tasks are given; name one, or give one file with --task")
     arguments.gp.check()
     arguments.settings.check()
     task = load_task(arguments.task or arguments.name or "stack")
-    baseline = None if arguments.baseline is None else read_tree(arguments.baseline)
     out = arguments.out or unused(Path("runs") / f"{task.name}-{datetime.now():%Y%m%d-%H%M%S}")
-    return RunConfig(task, arguments.gp, arguments.settings, baseline), out
+    return _changes(arguments).applied(RunConfig(task, arguments.gp, arguments.settings)), RunFolder(out)
+
+
+def _changes(arguments: Arguments) -> Changes:
+    return Changes(
+        baseline=None if arguments.baseline is None else baseline_from(arguments.baseline),
+        target_from=arguments.add_target_from,
+        subgoal_from=arguments.add_subgoal_from,
+        baseline_index=arguments.gp.baseline_index,
+    )
 
 
 def unused(path: Path) -> Path:
@@ -130,18 +163,35 @@ def unused(path: Path) -> Path:
     return next(name for name in names if not name.exists())
 
 
-def _resumed(arguments: Arguments, config: RunConfig) -> RunConfig:
-    """The saved configuration, with as many generations as are asked for now."""
+def _resumed(arguments: Arguments, folder: RunFolder) -> RunConfig:
+    """The saved configuration, with as many generations as are asked for now, or that of the next phase."""
+    config = folder.config()
     if config.version != package_version():
         raise UserError(
-            f"{arguments.resume} was begun with version {config.version} and this is {package_version()}; go on "
+            f"{folder.path} was begun with version {config.version} and this is {package_version()}; go on "
             "with that version, or train again"
         )
-    same = dataclasses.replace(arguments.gp, generations=config.gp.generations) == config.gp
-    if not same or arguments.settings != config.settings or arguments.name or arguments.task or arguments.baseline:
-        raise UserError("--resume keeps task and settings; give only --generations, --target-fitness or --time-limit")
+    changed = arguments.baseline or arguments.add_target_from or arguments.add_subgoal_from
+    free = {"generations": config.gp.generations, "baseline_index": config.gp.baseline_index if changed else None}
+    same = dataclasses.replace(arguments.gp, **free) == dataclasses.replace(config.gp, **free)
+    if not same or arguments.settings != config.settings or arguments.name or arguments.task:
+        raise UserError(
+            "--resume keeps task and settings; give only --generations, --target-fitness or --time-limit, or a new "
+            "--baseline, --add-target-from or --add-subgoal-from"
+        )
     arguments.gp.check()
-    return dataclasses.replace(config, gp=arguments.gp)
+    if not changed:
+        return dataclasses.replace(config, gp=dataclasses.replace(config.gp, generations=arguments.gp.generations))
+    saved = folder.load_checkpoint()
+    if saved is None:
+        raise UserError(f"{folder.path} has no generation yet to go on from; train again with these options")
+    now, generations = saved.state.generation, arguments.gp.generations
+    if generations <= now:
+        generations = now + max(1, now - config.since)
+    gp = dataclasses.replace(arguments.gp, generations=generations)
+    return _changes(arguments).applied(
+        dataclasses.replace(config, gp=gp, baseline=config.baseline, phase=config.phase + 1, since=now)
+    )
 
 
 def _evolve(
@@ -151,6 +201,7 @@ def _evolve(
     state: State | None,
     history: list[Generation],
     arguments: Arguments,
+    phase: int,
 ) -> tuple[State, list[Generation]]:
     known = {row.generation for row in history}
     saved, wait = time.monotonic(), CHECKPOINT_SECONDS
@@ -161,7 +212,7 @@ def _evolve(
         display.update(state, history)
         if time.monotonic() - saved >= wait:
             began = time.monotonic()
-            folder.save_checkpoint(state, history)
+            folder.save_checkpoint(Checkpoint(state, training.vocabulary.leaves, phase, history))
             saved = time.monotonic()
             wait = max(CHECKPOINT_SECONDS, CHECKPOINT_SHARE * (saved - began))
     return state, history

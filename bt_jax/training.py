@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float32
 
-from bt_jax.behaviors import Behavior, Tree, gene_pool
+from bt_jax.behaviors import FIRST_LEAF, Behavior, Tree, gene_pool
 from bt_jax.encoding.text import one_line
-from bt_jax.encoding.trees import Trees, decode, encode
-from bt_jax.encoding.walk import prefix
+from bt_jax.encoding.trees import Trees, decode, encode, violations
+from bt_jax.encoding.walk import leaves
 from bt_jax.errors import UserError
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.config import GPConfig
@@ -131,8 +132,8 @@ class Training:
         config.check()
         settings.check()
         self.task, self.config, self.settings = task, config, settings
-        leaves = [node for node in prefix(baseline) if isinstance(node, Behavior)] if baseline is not None else []
-        self.vocabulary = gene_pool(task).extended([*extra_leaves, *leaves])
+        own = [] if baseline is None else _checked_leaves(baseline, config)
+        self.vocabulary = gene_pool(task).extended([*extra_leaves, *own])
         self.level = make_level(task, settings)
         batch = config.runs * max(config.population, config.num_offspring)
         semantics = Semantics(task, self.vocabulary)
@@ -160,6 +161,14 @@ class Training:
         which = np.broadcast_to(own, (runs, population, count)).reshape(-1, count)
         flat = jax.tree.map(lambda leaf: leaf.reshape(-1, leaf.shape[-1]), jax.device_get(trees))
         return self.evaluator(flat, self.layouts, which).fitness.reshape(runs, population)
+
+    def carried(self, state: State, vocabulary: Sequence[Behavior]) -> State:
+        """The populations of a training with that vocabulary, measured for this one's task: how evolution goes
+        on with another target, more genes or a baseline. Raises UserError where a leaf is not in this vocabulary."""
+        tokens = np.array([*range(FIRST_LEAF), *(self.vocabulary.token(leaf) for leaf in vocabulary)], np.int16)
+        old = jax.device_get(state.population.trees)
+        trees = Trees(jnp.asarray(tokens[old.tokens]), jnp.asarray(old.sizes))
+        return self.evolution.adopt(trees, generation=state.generation, earlier=state.episodes)
 
     def best_trees(self, state: State) -> list[Tree]:
         """The best tree of each run."""
@@ -200,6 +209,15 @@ class Training:
         return solved_picture(self.task, playback)
 
 
+def _checked_leaves(baseline: Tree, config: GPConfig) -> list[Behavior]:
+    """The leaves of a baseline. Raises UserError where it breaks a rule of evolved trees."""
+    broken = violations(baseline, gene_under_fallback=config.gene_under_fallback)
+    if broken:
+        remedy = "allow it with --gene-under-fallback" if "directly under a Fallback" in broken[0] else "mend the tree"
+        raise UserError(f"the baseline cannot be bred from: {broken[0]}; {remedy}")
+    return leaves(baseline)
+
+
 def evolve(
     task: Task,
     config: GPConfig = GPConfig(),  # noqa: B008
@@ -209,13 +227,14 @@ def evolve(
     target: float | None = None,
     time_limit: float | None = None,
     hook: Callable[[Training, State], None] | None = None,
+    extra_leaves: tuple[Behavior, ...] = (),
 ) -> Result:
     """Evolves a tree for a task and tests it in unseen layouts.
 
-    `target` stops once every run has that fitness, `time_limit` [s] after that time; `hook` is called after each
-    generation.
+    `baseline` is a tree to start from, `extra_leaves` join the gene pool. `target` stops once every run has that fitness,
+    `time_limit` [s] after that time; `hook` is called after each generation.
     """
-    training = Training(task, config, settings, baseline=baseline)
+    training = Training(task, config, settings, baseline=baseline, extra_leaves=extra_leaves)
     history: list[Generation] = []
     for state in training.evolution.run(target=target, time_limit=time_limit):
         history += training.evolution.describe(state)

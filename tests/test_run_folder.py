@@ -9,13 +9,14 @@ from hypothesis import strategies as st
 from samples import assert_same
 from strategies import trees as random_trees
 
+from bt_jax.behaviors import gene_pool
 from bt_jax.encoding.text import parse_tree
 from bt_jax.encoding.trees import Trees
 from bt_jax.encoding.xml import from_xml
 from bt_jax.errors import UserError
 from bt_jax.gp.config import GPConfig, Selection
 from bt_jax.gp.evolution import Generation, Population, State
-from bt_jax.run_folder import RunConfig, RunFolder, history_csv, read_history
+from bt_jax.run_folder import Checkpoint, RunConfig, RunFolder, history_csv, read_history
 from bt_jax.task import load_task, task_names
 from bt_jax.training import Settings
 
@@ -34,7 +35,7 @@ def state(runs=2):
     trees = Trees(jax.numpy.asarray(tokens), jax.numpy.ones((runs, 8, 16), jax.numpy.uint8))
     fitness = jax.numpy.asarray(rng.normal(size=(runs, 8)).astype(np.float32))
     seen = tuple(np.sort(rng.integers(0, 2**63, 5 + r).astype(np.uint64)) for r in range(runs))
-    return State(Population(trees, fitness), 7, fitness[:, 0], seen)
+    return State(Population(trees, fitness), 7, fitness[:, 0], seen, tuple(range(3, 3 + runs)))
 
 
 @pytest.fixture
@@ -49,6 +50,9 @@ def test_the_configuration_is_read_back(tmp_path, name):
         GPConfig(population=20, parent_selection=Selection.RANK, baseline_index=1, elites=3),
         Settings(level="kinematic", layouts=3),
         TREE,
+        extra_leaves=(parse_tree("subtask(aside, Sequence(move(BlueBox, (0, 0, 0.3), KittingBox), open_gripper))"),),
+        phase=2,
+        since=50,
     )
     found = RunFolder.create(tmp_path / "run", config).config()
     assert found == config
@@ -69,10 +73,12 @@ def test_history_is_read_back_and_written_the_same(history):
 @pytest.mark.parametrize("runs", [1, 2])
 def test_the_checkpoint_is_read_back(folder, runs):
     assert folder.load_checkpoint() is None
-    saved, history = state(runs), [Generation(0, 7, 8, -1.5, -2.0, 0.5, 3, 0.25, 1.0)]
-    folder.save_checkpoint(saved, history)
-    found, known = folder.load_checkpoint()
-    assert known == history
+    saved, history = state(runs), [Generation(0, 7, 8, -1.5, -2.0, 0.5, 3, 0.25, 1.0, 1, 2)]
+    leaves = CONFIG.extra_leaves + gene_pool(CONFIG.task).leaves
+    folder.save_checkpoint(Checkpoint(saved, leaves, 3, history))
+    checkpoint = folder.load_checkpoint()
+    found = checkpoint.state
+    assert (checkpoint.history, checkpoint.leaves, checkpoint.phase) == (history, leaves, 3)
     assert found.generation == 7
     assert_same(
         (found.population, found.baseline_fitness, found.seen), (saved.population, saved.baseline_fitness, saved.seen)
@@ -82,7 +88,7 @@ def test_the_checkpoint_is_read_back(folder, runs):
 
 @pytest.mark.parametrize("damage", ["empty", "half", "flipped", "text"])
 def test_a_damaged_checkpoint_is_named(folder, damage):
-    folder.save_checkpoint(state(), [])
+    folder.save_checkpoint(Checkpoint(state(), (), 0, []))
     path = folder.path / "checkpoint.npz"
     data = path.read_bytes()
     middle = len(data) // 2

@@ -194,7 +194,7 @@ def killed_and_resumed(tmp_path, kills):
         time.sleep(rng.uniform(3, 8))
         process.kill()
         process.wait()
-    generations = RunFolder(folder).load_checkpoint()[0].generation + 30
+    generations = RunFolder(folder).load_checkpoint().state.generation + 30
     done = train("--resume", folder, "--generations", generations, "--device", "cpu")
     assert done.returncode == 0, done.stderr
     train_folder(tmp_path / "whole", "--generations", generations)
@@ -220,7 +220,8 @@ def test_an_interrupted_run_keeps_its_tree_and_says_how_to_go_on(tmp_path, how):
     tree, result = RunFolder(folder).tree(), json.loads((folder / "result.json").read_text())
     assert parse_tree(result["runs"][0]["tree"]) == tree
     rows = (folder / "history.csv").read_text().splitlines()
-    state, history = RunFolder(folder).load_checkpoint()
+    checkpoint = RunFolder(folder).load_checkpoint()
+    state, history = checkpoint.state, checkpoint.history
     assert result["generations"] == state.generation == len(rows) - 2 == history[-1].generation
     assert dataclasses.replace(RunFolder(folder).config().gp, generations=50) == GPConfig(population=8, max_nodes=32)
 

@@ -12,7 +12,7 @@ from bt_jax.errors import UserError
 from bt_jax.gp.config import GPConfig
 from bt_jax.mjx_env.fitness import WORST_FITNESS
 from bt_jax.mjx_env.kinematic import Kinematic
-from bt_jax.run_folder import RunConfig, RunFolder
+from bt_jax.run_folder import Checkpoint, RunConfig, RunFolder
 from bt_jax.task import load_task
 from bt_jax.training import Settings, Training, evolve
 
@@ -59,8 +59,10 @@ def test_a_saved_run_goes_on_as_if_it_had_not_stopped(single, tmp_path, generati
     training, states = single
     history = [row for state in states for row in training.evolution.describe(state)]
     folder = RunFolder.create(tmp_path / "run", RunConfig(TASK, CONFIG, QUICK))
-    folder.save_checkpoint(states[generation], history[: generation + 1])
-    saved, known = folder.load_checkpoint()
+    leaves = training.vocabulary.leaves
+    folder.save_checkpoint(Checkpoint(states[generation], leaves, 0, history[: generation + 1]))
+    checkpoint = folder.load_checkpoint()
+    saved, known = checkpoint.state, checkpoint.history
     config = folder.config()
     fresh = Training(config.task, config.gp, config.settings, baseline=config.baseline)
     going_on = list(fresh.evolution.run(saved))

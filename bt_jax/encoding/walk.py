@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from bt_jax.behaviors import Control, Tree
+from bt_jax.behaviors import Behavior, Control, Tree
 
-__all__ = ["children", "depth", "prefix"]
+__all__ = ["children", "depth", "leaves", "prefix"]
 
 
 def children(tree: Tree) -> tuple[Tree, ...]:
@@ -23,3 +23,8 @@ def prefix(tree: Tree) -> list[Tree]:
 def depth(tree: Tree) -> int:
     """Number of nodes on the longest path from the root to a leaf."""
     return 1 + max(map(depth, children(tree)), default=0)
+
+
+def leaves(tree: Tree) -> list[Behavior]:
+    """All leaves from left to right."""
+    return [node for node in prefix(tree) if isinstance(node, Behavior)]

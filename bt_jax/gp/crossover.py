@@ -32,18 +32,18 @@ def crossover(
 ) -> tuple[Trees, Trees]:
     """Two offspring of each of P pairs: the first grows from `a`, the second from `b`.
 
-    A random proper subtree of each is inserted at a random place of the other (published), or takes the place of the
-    other's subtree (`swap`). A few subtrees and places are drawn, and one pair that fits is chosen evenly; where none fits
-    the tree is returned unchanged. Where `baseline` says that `a` (row 0) or `b` (row 1) is the baseline and
-    `baseline_index` is given, that tree or a subtree of it becomes the child of that index of the other's root, or its
-    last child where there are fewer.
+    A random proper subtree of each (a lone leaf is taken whole) is inserted at a random place of the other (published), or
+    takes the place of the other's subtree (`swap`). A few subtrees and places are drawn, and one pair that fits is chosen
+    evenly; where none fits the tree is returned unchanged. Where `baseline` says that `a` (row 0) or `b` (row 1) is the
+    baseline and `baseline_index` is given, that tree or a subtree of it becomes the child of that index of the other's
+    root, or its last child where there are fewer.
     """
     count, num_nodes = a.tokens.shape
     own = jnp.concatenate([pack(a), pack(b)])
     words = random_words(key, (WORDS, 2 * count))
     node_words = words[1:].reshape(2, -1, 2 * count)
     length = own[:, 0] >> SIZE_BIT
-    proper = 1 + draw_nodes(node_words[0], length - 1)
+    proper = jnp.where(length[:, None] > 1, 1 + draw_nodes(node_words[0], length - 1), 0)
 
     at = proper if swap else draw_nodes(node_words[1], length)
     forced = jnp.zeros(2 * count, bool)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import jax
@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float32, Int32, Key, UInt32, UInt64
 
+from bt_jax.behaviors import FIRST_LEAF
 from bt_jax.compilation import kept_jit
 from bt_jax.encoding.trees import Trees
 from bt_jax.gp.alphabet import Alphabet
@@ -48,18 +49,23 @@ class State:
 
     population: Population
     generation: int
-    baseline_fitness: Float32[Array, "R"]  # of individual 0 at the start, the baseline if there is one
+    baseline_fitness: Float32[Array, "R"]  # of the baseline if there is one, else of an individual at the start
     seen: tuple[UInt64[np.ndarray, "_"], ...]  # for each run the hashes of all trees measured, sorted
+    earlier: tuple[int, ...]  # for each run, how many were measured before, for another fitness
 
     @property
     def episodes(self) -> list[int]:
-        """Number of distinct trees measured in each run."""
-        return [len(hashes) for hashes in self.seen]
+        """How often a new tree was measured in each run."""
+        return [before + len(hashes) for before, hashes in zip(self.earlier, self.seen, strict=True)]
 
 
 @dataclasses.dataclass(frozen=True)
 class Generation:
-    """What there is to say about one run after one generation. `episodes` counts those of distinct trees."""
+    """What there is to say about one run after one generation. `episodes` counts those of distinct trees.
+
+    `baseline_leaves` is how many leaves of the best tree are leaves of the baseline, `baseline_child` the child of the root,
+    counted from 0, under which the first of them stands; -1 where there is none.
+    """
 
     run: int
     generation: int
@@ -70,6 +76,8 @@ class Generation:
     nodes: int
     fitness_entropy: float
     edit_distance: float
+    baseline_leaves: int
+    baseline_child: int
 
 
 class Evolution:
@@ -99,12 +107,21 @@ class Evolution:
     def start(self) -> State:
         """The first, random populations; the baseline, if any, takes the place of individual 0."""
         trees = _first(self.keys, self.alphabet, self._static)
+        return self._measured(trees, 0, generation=0, earlier=(0,) * self.config.runs)
+
+    def adopt(self, trees: Trees, *, generation: int, earlier: Sequence[int]) -> State:
+        """Goes on with populations [R, P, N] that were bred for another fitness: they are measured anew, and the baseline,
+        if any, takes the place of the last individual. `earlier` is how many trees each run has measured so far."""
+        return self._measured(trees, -1, generation=generation, earlier=tuple(earlier))
+
+    def _measured(self, trees: Trees, place: int, *, generation: int, earlier: tuple[int, ...]) -> State:
+        """The state of populations, with the baseline in its place."""
         if self.baseline is not None:
-            trees = jax.tree.map(lambda all_, one: all_.at[:, 0].set(one), trees, self.baseline)
+            trees = jax.tree.map(lambda all_, one: all_.at[:, place].set(one), trees, self.baseline)
         fitness = self.evaluate(trees)
         nothing = (np.empty(0, np.uint64),) * self.config.runs
         population = Population(trees, jnp.asarray(fitness))
-        return State(population, 0, jnp.asarray(fitness[:, 0]), _now_seen(nothing, trees))
+        return State(population, generation, jnp.asarray(fitness[:, place]), _now_seen(nothing, trees), earlier)
 
     def step(self, state: State) -> State:
         """One generation: offspring, their fitness, survivors."""
@@ -115,7 +132,7 @@ class Evolution:
         )
         offspring = Population(trees, jnp.asarray(self.evaluate(trees)))
         population = _survivors(self.keys, now, state.population, offspring, self._static)
-        return State(population, generation, state.baseline_fitness, _now_seen(state.seen, trees))
+        return State(population, generation, state.baseline_fitness, _now_seen(state.seen, trees), state.earlier)
 
     def run(
         self, state: State | None = None, *, target: float | None = None, time_limit: float | None = None
@@ -137,7 +154,9 @@ class Evolution:
         """One row for each run."""
         fitness = np.asarray(state.population.fitness)
         best = fitness.argmax(axis=1)
-        nodes = np.asarray(state.population.trees.sizes)[..., 0]
+        rows = np.arange(len(best))
+        best_trees = jax.tree.map(lambda leaf: np.asarray(leaf)[rows, best], state.population.trees)
+        shared = [self._baseline_in(tree) for tree in (best_trees[run] for run in rows)]
         entropy, distance = jax.device_get(_diversity(self.keys, np.int32(state.generation), state.population))
         return [
             Generation(
@@ -147,12 +166,27 @@ class Evolution:
                 best=float(row[best[run]]),
                 mean=float(row.mean()),
                 std=float(row.std()),
-                nodes=int(nodes[run, best[run]]),
+                nodes=int(best_trees.sizes[run, 0]),
                 fitness_entropy=float(entropy[run]),
                 edit_distance=float(distance[run]),
+                baseline_leaves=shared[run][0],
+                baseline_child=shared[run][1],
             )
             for run, row in enumerate(fitness)
         ]
+
+    def _baseline_in(self, tree: Trees) -> tuple[int, int]:
+        """How many leaves of a tree [N] are the baseline's, and the child of the root that has the first; 0 and -1."""
+        if self.baseline is None:
+            return 0, -1
+        known = self.baseline.tokens[self.baseline.tokens >= FIRST_LEAF]
+        places = np.flatnonzero(np.isin(tree.tokens, known))
+        if not places.size:
+            return 0, -1
+        child, count = 1, 0
+        while child + tree.sizes[child] <= places[0]:
+            child, count = child + int(tree.sizes[child]), count + 1
+        return len(places), count
 
 
 def best_of(state: State) -> tuple[Trees, Float32[np.ndarray, "R"]]:

@@ -1,0 +1,84 @@
+"""What demonstrations change in a training: more genes, a tree to breed from, other targets, a subgoal with its reward."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+from bt_jax.behaviors import Tree
+from bt_jax.encoding.reading import read_tree
+from bt_jax.encoding.walk import leaves as tree_leaves
+from bt_jax.errors import UserError
+from bt_jax.lfd import DemonstrationFolder, Lesson, learn
+from bt_jax.run_folder import RunConfig
+from bt_jax.task import Task
+
+__all__ = ["Changes", "baseline_from", "lesson_from", "subgoal_name"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Changes:
+    """What is new in a training, or in the next phase of one."""
+
+    baseline: Tree | None = None
+    target_from: Path | None = None
+    subgoal_from: Path | None = None
+    baseline_index: int | None = None
+
+    def __bool__(self) -> bool:
+        return any(value is not None for value in dataclasses.astuple(self))
+
+    def applied(self, config: RunConfig) -> RunConfig:
+        """The configuration with these changes.
+
+        Demonstrations of targets add their places to the targets and to the gene pool, and their tree is the baseline if no
+        other is given. Demonstrations of a subgoal become one gene, guarded by `reached(subgoal)`; the task rewards reaching
+        it, and the gene is the baseline if there is no other.
+        """
+        task, leaves, baseline = config.task, list(config.extra_leaves), self.baseline
+        if config.baseline is not None:
+            leaves += [leaf for leaf in tree_leaves(config.baseline) if leaf not in leaves]
+        if self.target_from is not None:
+            lesson = lesson_from(self.target_from, task)
+            task = task.with_targets(lesson.targets, source=str(self.target_from))
+            leaves += lesson.genes
+            baseline = baseline or lesson.tree
+        if self.subgoal_from is not None:
+            lesson, name = lesson_from(self.subgoal_from, task), subgoal_name(self.subgoal_from)
+            task = task.with_subgoal(lesson.subgoal(name), source=str(self.subgoal_from))
+            gene = lesson.subtask_gene(name)
+            leaves.append(gene)
+            baseline = baseline or gene
+        gp = dataclasses.replace(config.gp, baseline_index=self.baseline_index)
+        if baseline is None and self.baseline_index is not None:
+            raise UserError("--baseline-index says where a baseline enters; give one with --baseline or demonstrations")
+        return dataclasses.replace(
+            config, task=task, baseline=baseline, extra_leaves=tuple(dict.fromkeys(leaves)), gp=gp
+        )
+
+
+def lesson_from(folder: Path, task: Task) -> Lesson:
+    """Learns from a folder of demonstrations. Raises UserError, naming it, where that fails."""
+    demonstrations = DemonstrationFolder(folder).read()
+    try:
+        return learn(demonstrations, task)
+    except UserError as error:
+        raise UserError(f"{folder}: {error}") from None
+
+
+def subgoal_name(folder: Path) -> str:
+    """A name for the subgoal that the demonstrations in a folder reach: that of the folder."""
+    name = "".join(letter if letter.isalnum() else "_" for letter in folder.resolve().name)
+    return name if name.isidentifier() else f"subgoal_{name}"
+
+
+def baseline_from(path: Path) -> Tree:
+    """A tree from a file, or the one in a folder that `train` or `learn` has written."""
+    if path.is_dir():
+        for name in ("best_tree.txt", "learnt_tree.txt"):
+            if (path / name).is_file():
+                return read_tree(path / name)
+        raise UserError(
+            f"{path} holds no tree; give a tree as .txt or .xml, or a folder that train or learn has written"
+        )
+    return read_tree(path)
