@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import tempfile
 from pathlib import Path
 
 from bt_jax.errors import UserError
 
-__all__ = ["write_atomic"]
+__all__ = ["unused", "write_atomic"]
+
+
+def unused(path: Path) -> Path:
+    """The path, or with -2, -3, ... behind it the first that nothing has yet."""
+    names = itertools.chain([path], (path.with_name(f"{path.name}-{number}") for number in itertools.count(2)))
+    return next(name for name in names if not name.exists())
 
 
 def write_atomic(path: Path, content: str | bytes) -> None:

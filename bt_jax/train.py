@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import signal
 import sys
 import time
@@ -15,6 +14,7 @@ import tyro
 
 from bt_jax.console import Session, TrainingDisplay
 from bt_jax.errors import UserError
+from bt_jax.files import unused
 from bt_jax.gp.config import GPConfig
 from bt_jax.gp.evolution import Generation, State, best_of
 from bt_jax.lessons import Changes, baseline_from
@@ -155,12 +155,6 @@ def _changes(arguments: Arguments) -> Changes:
         subgoal_from=arguments.add_subgoal_from,
         baseline_index=arguments.gp.baseline_index,
     )
-
-
-def unused(path: Path) -> Path:
-    """The path, or with -2, -3, ... behind it the first that nothing has yet."""
-    names = itertools.chain([path], (path.with_name(f"{path.name}-{number}") for number in itertools.count(2)))
-    return next(name for name in names if not name.exists())
 
 
 def _resumed(arguments: Arguments, folder: RunFolder) -> RunConfig:

@@ -9,7 +9,7 @@ import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 
 from bt_jax.behaviors import Behavior, Control, Kind, Tree
-from bt_jax.encoding.walk import prefix
+from bt_jax.encoding.walk import leaves
 from bt_jax.errors import UserError
 from bt_jax.lfd.conflicts import undoes
 from bt_jax.task import Task
@@ -72,8 +72,10 @@ class _Part:
     condition: Behavior
     tree: Tree
 
-    def disturbs(self, condition: Behavior) -> bool:
-        return any(undoes(node, condition) for node in prefix(self.tree) if node.kind == Kind.ACTION)
+    def disturbs(self, known: frozenset[Behavior], condition: Behavior) -> bool:
+        """Whether achieving it where all of `known` hold may undo that condition."""
+        left = _needed(self.tree, known)
+        return left is not None and any(undoes(action, condition) for action in leaves(left))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -110,7 +112,8 @@ class _Planner:
         done: list[_Part] = []
         left = list(dict.fromkeys(parts))
         while left:
-            free = next((p for p in left if not any(q.disturbs(p.condition) for q in left if q is not p)), None)
+            known = frozenset(part.condition for part in done)
+            free = next((part for part in left if not self.disturbed(part, left, known)), None)
             if free is None and all(part.condition.name == "at" for part in left):
                 names = ", ".join(str(part.condition) for part in left)
                 raise UserError(f"each of {names} undoes another; give one of them another frame")
@@ -118,6 +121,11 @@ class _Planner:
             left.remove(free)
             done.append(free)
         return done
+
+    def disturbed(self, part: _Part, others: Sequence[_Part], known: frozenset[Behavior]) -> bool:
+        """Whether one of the others, coming after this part, may undo its condition."""
+        known |= {part.condition}
+        return any(other.disturbs(known, part.condition) for other in others if other is not part)
 
 
 def _needed(tree: Tree, known: frozenset[Behavior]) -> Tree | None:

@@ -171,9 +171,10 @@ class Semantics:
         boxes = np.arange(len(self.task.boxes), dtype=np.int8)
         holding = world.held[:, None] == np.append(boxes, np.int8(-1))[None]
         gripper = xp.stack([world.opened, ~world.opened], axis=1)
+        carried = world.held[:, None] == self.place_object.astype(np.int8)[None]
         return xp.concatenate(
             [
-                distance < np.float32(self.task.episode.tolerance),
+                (distance < np.float32(self.task.episode.tolerance)) & ~carried,
                 holding,
                 gripper,
                 _reachable(world, self.task),

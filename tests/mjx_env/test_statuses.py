@@ -42,7 +42,8 @@ class Oracle:
             case "at":
                 origin, turn = self.frame(c.frame)
                 goal = origin + rotate(turn[None].astype(np.float32), np.array([c.position], np.float32))[0]
-                return np.linalg.norm(self.poses[self.index(c.object), :3] - goal) < self.task.episode.tolerance
+                close = np.linalg.norm(self.poses[self.index(c.object), :3] - goal) < self.task.episode.tolerance
+                return close and self.held != self.index(c.object)
             case "holding":
                 return self.held == (-1 if c.object == NOTHING else self.index(c.object))
             case "gripper":

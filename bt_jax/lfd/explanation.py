@@ -1,0 +1,81 @@
+"""A lesson in words: what was inferred, and from what."""
+
+from __future__ import annotations
+
+import math
+
+from bt_jax.behaviors import Behavior
+from bt_jax.lfd.clustering import NEEDED, Inference
+from bt_jax.lfd.learning import LearntSubtask, Lesson
+
+__all__ = ["action_rows", "goal_sentence", "missing_sentence", "order_sentences", "precondition_sentences"]
+
+
+def action_rows(lesson: Lesson) -> list[dict[str, str]]:
+    """One row for each distinct action: `what` was inferred, in how many demonstrations it was `seen`, and `why` this frame:
+    what agrees there, its score, and the runner-up's."""
+    return [
+        {
+            "what": _what(inference),
+            "seen": f"in {len({moment.demonstration for moment in inference.moments})} of {len(lesson.demonstrations)}",
+            "why": _why(inference),
+        }
+        for inference in lesson.inferences
+    ]
+
+
+def missing_sentence(lesson: Lesson) -> str:
+    """How many demonstrations are there and needed, said plainly; empty where they suffice."""
+    if not lesson.missing:
+        return ""
+    robot = lesson.demonstrations.frames.default
+    return (
+        f"{len(lesson.demonstrations)} of {NEEDED} demonstrations needed: from {NEEDED} on, what the places are relative to "
+        f"can be told; until then they are fixed places in {robot}"
+    )
+
+
+def order_sentences(lesson: Lesson, one: LearntSubtask) -> list[str]:
+    """Which placement comes before which other, and in how many demonstrations that was seen."""
+    places = {step for step, inference in enumerate(lesson.inferences) if inference.kind == "place"}
+    found = []
+    for order in one.constraints:
+        if order.before in places and order.after in places:
+            before, after = (lesson.inferences[step].behavior for step in (order.before, order.after))
+            count = f"in all {order.seen} demonstrations" if order.seen > 1 else "in the one demonstration"
+            found.append(f"{before} before {after}: {count} that have both")
+    return found
+
+
+def precondition_sentences(one: LearntSubtask) -> list[str]:
+    """What an action waits for besides its own preconditions."""
+    return [
+        f"{action} waits for {', '.join(map(str, conditions))}"
+        for action, conditions in one.preconditions.items()
+        if conditions and action.name == "place"
+    ]
+
+
+def goal_sentence(goal: tuple[Behavior, ...]) -> str:
+    """A goal on one line."""
+    return " and ".join(map(str, goal))
+
+
+def _what(inference: Inference) -> str:
+    if inference.kind == "pick":
+        return f"pick {inference.object}"
+    x, y, z = inference.position
+    return (
+        f"place {inference.object} at ({x:g}, {y:g}, {z:g}) in {inference.frame}, "
+        f"within {1000 * inference.tolerance:.0f} mm"
+    )
+
+
+def _why(inference: Inference) -> str:
+    if inference.kind == "pick" or not inference.candidates:
+        return inference.reason
+    scores = [
+        f"{candidate.frame} {candidate.score:.0f}" if candidate.score > -math.inf else f"{candidate.frame} none"
+        for candidate in inference.candidates
+    ]
+    return f"{inference.reason} (scores: {', '.join(scores)})"

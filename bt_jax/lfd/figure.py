@@ -1,0 +1,82 @@
+"""The clusters that were weighed, as a picture: one row an action, one panel a candidate frame."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from bt_jax.lfd.clustering import EPS, Candidate, Inference
+from bt_jax.lfd.learning import Lesson
+
+__all__ = ["cluster_figure"]
+
+CHOSEN, OTHER, BESIDES = "#0072b2", "#999999", "#d55e00"
+ROWS = 12  # drawn at most; placements first
+NEAR = 1.5  # a panel shows what lies within so many clustering distances of the mean
+
+
+def cluster_figure(lesson: Lesson) -> bytes:
+    """PNG: where the demonstrations put each object, seen from above in every candidate frame. The chosen frame is blue;
+    panels are centred on the mean of the cluster, metres."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    rows = sorted(lesson.inferences, key=lambda one: one.kind != "place")[:ROWS]
+    rows = [one for one in rows if one.kind == "place"] or rows
+    frames = lesson.demonstrations.frames.names
+    size = (1.2 + 2.2 * len(frames), 0.6 + 2.4 * len(rows))
+    figure = Figure(figsize=size, dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    for axes, inference in zip(figure.subplots(len(rows), len(frames), squeeze=False), rows, strict=True):
+        for axis, frame in zip(axes, frames, strict=True):
+            _panel(axis, lesson, inference, frame)
+        axes[0].set_ylabel(f"{inference.kind} {inference.object}\n$y$ [m]")
+    out = io.BytesIO()
+    figure.savefig(out, format="png")
+    return out.getvalue()
+
+
+def _panel(axes: Axes, lesson: Lesson, inference: Inference, frame: str) -> None:
+    if frame == inference.object and inference.kind == "place":
+        axes.axis("off")
+        return
+    candidate = next((one for one in inference.candidates if one.frame == frame), None)
+    own, others = _points(lesson, inference, frame)
+    chosen = frame == inference.frame
+    centre = own.mean(axis=0) if candidate is None else np.array(candidate.mean)
+    axes.scatter(*others[:, :2].T, color=BESIDES, marker="x", s=28, label="other actions on it")
+    axes.scatter(*own[:, :2].T, color=CHOSEN if chosen else OTHER, s=34, edgecolors="white", linewidths=0.6)
+    axes.scatter(*centre[:2], color="black", marker="+", s=60, lw=1)
+    axes.set_xlim(centre[0] - NEAR * EPS, centre[0] + NEAR * EPS)
+    axes.set_ylim(centre[1] - NEAR * EPS, centre[1] + NEAR * EPS)
+    axes.set_aspect("equal")
+    axes.set_title(f"{frame}\n{_score(candidate)}", fontsize=9, color=CHOSEN if chosen else "black")
+    axes.tick_params(labelsize=7)
+    axes.grid(alpha=0.3)
+    if chosen:
+        for spine in axes.spines.values():
+            spine.set(color=CHOSEN, linewidth=2)
+
+
+def _points(lesson: Lesson, inference: Inference, frame: str) -> tuple[np.ndarray, np.ndarray]:
+    """Where the object was at the moments of an action, and at those of other actions of its kind, in a frame."""
+    demonstrations = lesson.demonstrations.demonstrations
+    same = [one for one in lesson.inferences if one.kind == inference.kind and one.object == inference.object]
+
+    def positions(inferences: Sequence[Inference]) -> np.ndarray:
+        moments = [moment for one in inferences for moment in one.moments]
+        points = [demonstrations[m.demonstration].actions[m.index].handled(frame) for m in moments]
+        return np.array(points).reshape(-1, 3)
+
+    return positions([inference]), positions([one for one in same if one is not inference])
+
+
+def _score(candidate: Candidate | None) -> str:
+    if candidate is None:
+        return "too few demonstrations"
+    if candidate.size == 1:
+        return "no agreement"
+    return f"score {candidate.score:.0f}: {candidate.size} within {1000 * candidate.spread:.0f} mm"

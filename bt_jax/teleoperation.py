@@ -1,0 +1,176 @@
+"""A person at the gripper: pick an object, carry it where it should be, let go. What they do is recorded."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from bt_jax.behaviors import Behavior, Vocabulary
+from bt_jax.errors import UserError
+from bt_jax.lfd.demonstration import END_EFFECTOR_HEIGHT, Action, Demonstration, Frames, Pose
+from bt_jax.mjx_env.physics import Physics
+from bt_jax.mjx_env.settling import Settler
+from bt_jax.mjx_env.skills import act, settled_world
+from bt_jax.mjx_env.statuses import Semantics
+from bt_jax.mjx_env.world import World, frames, rotate, to_world
+from bt_jax.task import Task
+
+__all__ = ["Teleoperation", "frames_of"]
+
+
+def frames_of(task: Task) -> Frames:
+    """The frames in which demonstrations of a task are recorded: the kit's, the boxes' and the robot's."""
+    return Frames((task.kit.name, *task.box_names, task.robot_frame), task.robot_frame, task.robot_frame)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Moment:
+    """The scene between two inputs of the person, and what was recorded so far."""
+
+    world: World
+    position: Float[np.ndarray, "3"] | None  # of the carried object's centre, world [m]
+    actions: tuple[Action, ...]
+
+
+class Teleoperation:
+    """A demonstration in the making, from a state at rest (a batch of one, NumPy; see `mjx_env.layouts.sample_layouts`).
+
+    Every input changes `world`; `undo` takes the last one back. Positions are metres.
+    """
+
+    def __init__(self, task: Task, physics: Physics, start: World) -> None:
+        self.task, self._settler = task, Settler(task, physics)
+        self._semantics = Semantics(task, Vocabulary.of([Behavior("open_gripper")]))
+        self._past: list[_Moment] = []
+        self._now = _Moment(start, None, ())
+
+    @property
+    def world(self) -> World:
+        """The scene, a batch of one state; a carried object is where the person holds it."""
+        if self._now.position is None:
+            return self._now.world
+        poses = self._now.world.poses.copy()
+        poses[0, int(self._now.world.held[0]), :3] = self._now.position
+        return dataclasses.replace(self._now.world, poses=poses)
+
+    @property
+    def held(self) -> str | None:
+        """The object in the gripper."""
+        held = int(self._now.world.held[0])
+        return None if held < 0 else self.task.box_names[held]
+
+    @property
+    def actions(self) -> tuple[Action, ...]:
+        """What was recorded so far."""
+        return self._now.actions
+
+    def position(self, frame: str) -> Float[np.ndarray, "3"]:
+        """Where the carried object's centre is, in a frame. Raises UserError where nothing is held."""
+        return self._in_frame(self._carried(), frame)
+
+    def pick(self, name: str) -> None:
+        """Takes an object and lifts it. Raises UserError where that is not possible."""
+        if name not in self.task.box_names:
+            raise UserError(f"there is no object '{name}' to pick; use one of {', '.join(self.task.box_names)}")
+        if self.held is not None:
+            raise UserError(f"the gripper holds {self.held}; release it before you pick {name}")
+        world = self._now.world
+        index = self.task.box_names.index(name)
+        pick = Behavior("pick", (name,))
+        semantics = Semantics(self.task, Vocabulary.of([*pick.preconditions, pick]))
+        conditions = semantics.outcomes(world)[0, 0] & 3
+        for condition in pick.preconditions:
+            if condition.name != "gripper" and conditions[semantics.vocabulary.token(condition)] == 0:
+                why = "something stands on it" if condition.name == "clear" else "it lies out of reach"
+                raise UserError(f"{name} cannot be picked, {why}; pick another object first")
+        grasp = world.poses[0, index, :3].astype(float)
+        action = Action("pick", self._end_effector(world, grasp))
+        after = self._done(semantics, world, pick)
+        self._push(_Moment(after, after.poses[0, index, :3].astype(float), (*self.actions, action)))
+
+    def move(self, by: Sequence[float]) -> None:
+        """Carries the held object by a vector in the world's axes; not below the floor."""
+        self.move_to(
+            self._in_frame(self._carried() + np.asarray(by, float), self.task.robot_frame), self.task.robot_frame
+        )
+
+    def move_to(self, position: Sequence[float], frame: str) -> None:
+        """Carries the held object's centre to a position in a frame."""
+        self._carried()
+        if frame not in self.task.frames or frame == self.held:
+            others = ", ".join(name for name in self.task.frames if name != self.held)
+            raise UserError(f"there is no frame '{frame}' to carry {self.held} to; use one of {others}")
+        if not np.all(np.isfinite(position)):
+            raise UserError("the position is not finite; give three numbers in metres")
+        index = np.array([self.task.frames.index(frame)])
+        goal = to_world(frames(self._now.world, self.task), index, np.asarray([position], np.float32))[0, 0].astype(
+            float
+        )
+        size = self.task.boxes[self.task.box_names.index(self.held)].size
+        goal[2] = max(goal[2], self.task.floor + size / 2)
+        self._push(dataclasses.replace(self._now, position=goal))
+
+    def release(self) -> None:
+        """Lowers the held object to where it is meant to be, or until it touches something, and lets go."""
+        position = self._carried()
+        place = self._in_frame(position, self.task.robot_frame)
+        action = Behavior("place", (self.held, tuple(float(x) for x in place), self.task.robot_frame))
+        recorded = Action("place", self._end_effector(self.world, position))
+        after = self._done(Semantics(self.task, Vocabulary.of([action])), self._now.world, action)
+        self._push(_Moment(after, None, (*self.actions, recorded)))
+
+    def undo(self) -> bool:
+        """Takes the last input back; False where there is none."""
+        if not self._past:
+            return False
+        self._now = self._past.pop()
+        return True
+
+    def demonstration(self, name: str = "demo") -> Demonstration:
+        """What was recorded. Raises UserError where an object is still held or nothing was done."""
+        if self.held is not None:
+            raise UserError(f"the gripper still holds {self.held}; release it, then finish")
+        if not self.actions:
+            raise UserError("nothing was demonstrated yet; pick an object and place it")
+        return Demonstration(name, self.actions)
+
+    def _push(self, moment: _Moment) -> None:
+        self._past.append(self._now)
+        self._now = moment
+
+    def _carried(self) -> Float[np.ndarray, "3"]:
+        if self._now.position is None:
+            raise UserError("the gripper holds nothing; pick an object first")
+        return self._now.position
+
+    def _done(self, semantics: Semantics, world: World, action: Behavior) -> World:
+        """The state at rest after an action."""
+        command = np.array([semantics.commands.index(action)], np.int32)
+        released = act(semantics, world, command)
+        poses, ok = self._settler.settle(released)
+        if not ok[0]:
+            raise UserError("physics gave no number for this; undo and place it elsewhere")
+        return settled_world(self.task, released, poses)
+
+    def _in_frame(self, point: Float[np.ndarray, "3"], frame: str) -> Float[np.ndarray, "3"]:
+        pose = frames(self._now.world, self.task)[0, self.task.frames.index(frame)].astype(float)
+        return _into(pose, point)
+
+    def _end_effector(self, world: World, centre: Float[np.ndarray, "3"]) -> dict[str, Pose]:
+        """Pose of the end effector, upright over an object's centre (world), in every frame."""
+        tip = centre + np.array([0, 0, END_EFFECTOR_HEIGHT])
+        found = {}
+        for name, pose in zip(self.task.frames, frames(world, self.task)[0].astype(float), strict=True):
+            w, x, y, z = pose[3:] / np.linalg.norm(pose[3:])
+            turn = (-x, -y, -z, w)  # of the upright end effector, seen from the frame
+            found[name] = Pose(tuple(_into(pose, tip).tolist()), tuple(float(c) + 0.0 for c in turn))
+        return found
+
+
+def _into(pose: Float[np.ndarray, "7"], point: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+    """A point of the world in the frame that has this pose (position, quaternion wxyz)."""
+    back = pose[3:] * np.array([1.0, -1.0, -1.0, -1.0]) / np.linalg.norm(pose[3:])
+    return rotate(back, point - pose[:3])
