@@ -2,14 +2,17 @@
 
 The method of Gustavsson et al., Combining Context Awareness and Planning to Learn Behavior Trees from Demonstration (2022).
 Actions of one type on one object are clustered in every candidate frame; a cluster is the better the more demonstrations
-it holds and the less they differ. Everything that was weighed is kept, to be shown.
+it holds and the less they differ. Beyond the publication, the number counts first among clusters that agree well: some of
+the demonstrations agree better than all of them by mere chance. And a box that is moved away later is the last to serve as a
+frame. Everything that was weighed is kept, to be shown.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Collection, Sequence
+from collections import Counter
+from collections.abc import Collection, Hashable, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -23,7 +26,7 @@ __all__ = ["NEEDED", "Candidate", "Inference", "Moment", "infer"]
 NEEDED = 3  # demonstrations from which a frame can be told
 EPS = 0.2  # DBSCAN: how far neighbours in a cluster may be apart, metres
 SPREAD_FLOOR = 0.001  # metres; demonstrations that agree better than this agree perfectly
-SPLIT_SCORE = 20.0  # times the number of demonstrations: agreement to 50 mm in a second frame tells two actions apart
+GOOD_SPREAD = 0.05  # metres; what agrees within this may be meant in a frame, however much better it agrees in others
 SAME_PLACE = 0.03  # metres; with too few demonstrations, what lies closer together counts as one place
 
 Vec3 = tuple[float, float, float]
@@ -42,6 +45,7 @@ class Candidate:
     """One frame in which an action may have been meant, with the cluster that the action belongs to there.
 
     `score` is size / spread [1/m], -inf where the action is alone; `spread` is the largest distance to the mean [m].
+    `leaves`: the frame is a box that one of the demonstrations moves later.
     """
 
     frame: str
@@ -49,10 +53,22 @@ class Candidate:
     members: tuple[Moment, ...]
     mean: Vec3
     spread: float
+    leaves: bool = False
 
     @property
     def size(self) -> int:
         return len(self.members)
+
+    @property
+    def good(self) -> bool:
+        """Whether it says that the action was meant in this frame, if in no better one."""
+        return self.score > -math.inf and self.spread <= GOOD_SPREAD
+
+    @property
+    def merit(self) -> tuple:
+        """What candidates are compared by; the greatest is the best."""
+        demonstrations = len({moment.demonstration for moment in self.members})
+        return (self.good, demonstrations, not self.leaves, self.score) if self.good else (False, 0, True, self.score)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,7 +117,9 @@ def infer(demonstrations: Demonstrations, *, movable: Collection[str]) -> tuple[
     groups: dict[tuple[str, str], list[_Observed]] = {}
     for observed in _observed(demonstrations):
         groups.setdefault((observed.action.kind, observed.object), []).append(observed)
-    found = [inference for group in groups.values() for inference in _infer_group(group, frames, len(demonstrations))]
+    count = len(demonstrations)
+    picked = {one.moment: one.object for group in groups.values() for one in group if one.action.kind == "pick"}
+    found = [inference for group in groups.values() for inference in _infer_group(group, frames, count, picked)]
     return tuple(sorted(found, key=lambda inference: min((m.index, m.demonstration) for m in inference.moments)))
 
 
@@ -115,13 +133,16 @@ def _observed(demonstrations: Demonstrations) -> list[_Observed]:
     return found
 
 
-def _infer_group(group: Sequence[_Observed], frames: Frames, count: int) -> list[Inference]:
-    """Splits actions of one type on one object into those that mean the same."""
+def _infer_group(
+    group: Sequence[_Observed], frames: Frames, count: int, picked: Mapping[Moment, str]
+) -> list[Inference]:
+    """Splits actions of one type on one object into those that mean the same; `picked` is what all demonstrations pick."""
     first = group[0]
     kind, thing = first.action.kind, first.object
     names = [frame for frame in frames.names if kind == "pick" or frame != thing]
     positions = {frame: np.array([one.action.handled(frame) for one in group]) for frame in names}
     moments = [one.moment for one in group]
+    whose = [moment.demonstration for moment in moments]
     if count < NEEDED:
         frame = thing if kind == "pick" else frames.default
         why = (
@@ -129,17 +150,22 @@ def _infer_group(group: Sequence[_Observed], frames: Frames, count: int) -> list
             if kind == "pick"
             else f"{count} of {NEEDED} demonstrations needed to tell a frame, so it is {frame}"
         )
-        labels = _labels(positions[frame], SAME_PLACE, 1)
-        members = [np.flatnonzero(labels == label) for label in sorted(set(labels.tolist()))]
-        return [_inference(kind, thing, frame, positions, moments, rows, (), why) for rows in members]
+        labels = _labels(positions[frame], whose, SAME_PLACE, 1)
+        nth = _occurrences(moments, labels.tolist())
+        members: dict[tuple, list[int]] = {}
+        for row, key in enumerate(zip(labels.tolist(), nth, strict=True)):
+            members.setdefault(key, []).append(row)
+        return [
+            _inference(kind, thing, frame, positions, moments, np.array(rows), (), why) for rows in members.values()
+        ]
 
     min_samples = NEEDED if count <= NEEDED else count // 2 + 1
-    clusters = {frame: _labels(positions[frame], EPS, min_samples) for frame in names}
-    ranked = [_ranked(row, clusters, positions, moments, frames) for row in range(len(group))]
+    clusters = {frame: _labels(positions[frame], whose, EPS, min_samples) for frame in names}
+    ranked = [_ranked(row, clusters, positions, moments, frames, picked) for row in range(len(group))]
     if kind == "pick":
         ranked = [sorted(own, key=lambda candidate: candidate.frame != thing) for own in ranked]
     found = []
-    for rows in _meanings(moments, ranked, clusters, kind, count):
+    for rows in _meanings(moments, ranked, clusters, kind):
         own = ranked[rows[0]]
         alone = own[0].score == -math.inf
         frame = thing if kind == "pick" else frames.default if alone else own[0].frame
@@ -153,7 +179,6 @@ def _meanings(
     ranked: Sequence[Sequence[Candidate]],
     clusters: dict[str, np.ndarray],
     kind: Kind,
-    count: int,
 ) -> list[list[int]]:
     """Rows of actions that mean the same: those of one cluster in their best frame.
 
@@ -166,24 +191,45 @@ def _meanings(
         together.setdefault(("", row) if alone else (own[0].frame, int(clusters[own[0].frame][row])), []).append(row)
     found: dict[tuple, list[int]] = {}
     for meaning, rows in together.items():
-        repeated = len({moments[row].demonstration for row in rows}) < len(rows)
-        occurrence: dict[tuple, int] = {}
-        for row in rows:
-            if repeated:
-                second = ranked[row][1]
-                good = second.score >= SPLIT_SCORE * count
-                key = (*meaning, second.frame, int(clusters[second.frame][row])) if good else (*meaning, "")
-                nth = occurrence[(*key, moments[row].demonstration)] = (
-                    occurrence.get((*key, moments[row].demonstration), -1) + 1
-                )
-                found.setdefault((*key, nth), []).append(row)
-            else:
-                found.setdefault(meaning, []).append(row)
+        keys = [meaning] * len(rows)
+        if len({moments[row].demonstration for row in rows}) < len(rows):
+            seconds = [ranked[row][1] for row in rows]
+            keys = [
+                (*meaning, second.frame, int(clusters[second.frame][row])) if second.good else meaning
+                for row, second in zip(rows, seconds, strict=True)
+            ]
+        nth = _occurrences([moments[row] for row in rows], keys)
+        for row, key in zip(rows, zip(keys, nth, strict=True), strict=True):
+            found.setdefault(key, []).append(row)
     return list(found.values())
 
 
-def _labels(points: Float[np.ndarray, "n 3"], eps: float, min_samples: int) -> np.ndarray:
-    return DBSCAN(eps=eps, min_samples=min_samples).fit_predict(points)
+def _occurrences(moments: Sequence[Moment], keys: Sequence[Hashable]) -> list[int]:
+    """The how manieth of its demonstration each action is among those with the same key, from 0."""
+    counts: Counter[tuple[int, Hashable]] = Counter()
+    found = []
+    for moment, key in zip(moments, keys, strict=True):
+        found.append(counts[moment.demonstration, key])
+        counts[moment.demonstration, key] += 1
+    return found
+
+
+def _labels(
+    points: Float[np.ndarray, "n 3"], demonstrations: Sequence[int], eps: float, min_samples: int
+) -> np.ndarray:
+    """The cluster of each point, -1 for none. One that holds several points of a demonstration is split by a smaller `eps`
+    where that is possible: what does not belong to it was near by chance."""
+    # A tree is no faster for so few points, but what is chosen otherwise starts threads, 50 ms on a busy machine.
+    labels = DBSCAN(eps=eps, min_samples=min_samples, algorithm="kd_tree").fit_predict(points)
+    whose = np.asarray(demonstrations)
+    for label in range(labels.max() + 1):
+        rows = np.flatnonzero(labels == label)
+        if len(set(whose[rows].tolist())) == len(rows) or eps / 2 < SAME_PLACE:
+            continue
+        parts = _labels(points[rows], whose[rows].tolist(), eps / 2, min_samples)
+        if parts.max() >= 0:
+            labels[rows] = np.where(parts < 0, -1, np.where(parts == 0, label, labels.max() + parts))
+    return labels
 
 
 def _ranked(
@@ -192,6 +238,7 @@ def _ranked(
     positions: dict[str, np.ndarray],
     moments: Sequence[Moment],
     frames: Frames,
+    picked: Mapping[Moment, str],
 ) -> tuple[Candidate, ...]:
     """The candidate frames of one action, the best first; equals in the order of the frames."""
     found = []
@@ -202,8 +249,19 @@ def _ranked(
         spread = float(np.linalg.norm(points - mean, axis=1).max())
         score = len(rows) / max(spread, SPREAD_FLOOR) if len(rows) > 1 else -math.inf
         members = tuple(moments[i] for i in rows)
-        found.append(Candidate(frame, float(f"{score:.6g}"), members, tuple(mean.round(4).tolist()), spread))
-    return tuple(sorted(found, key=lambda one: (-one.score, frames.names.index(one.frame))))
+        leaves = any(_leaves(frame, moment, picked) for moment in members)
+        score = float(f"{score:.6g}")
+        found.append(Candidate(frame, score, members, tuple(mean.round(4).tolist()), spread, leaves))
+    found.sort(key=lambda one: frames.names.index(one.frame))
+    return tuple(sorted(found, key=lambda one: one.merit, reverse=True))
+
+
+def _leaves(frame: str, moment: Moment, picked: Mapping[Moment, str]) -> bool:
+    """Whether a demonstration moves a frame after a moment."""
+    return any(
+        thing == frame and other.demonstration == moment.demonstration and other.index > moment.index
+        for other, thing in picked.items()
+    )
 
 
 def _inference(
@@ -237,8 +295,9 @@ def _reason(kind: Kind, frame: str, own: Sequence[Candidate], alone: bool, min_s
         return f"no frame has {min_samples} demonstrations that agree within {EPS} m, so it is {frame}"
     best, second = own[0], own[1]
     agree = f"{best.size} agree within {1000 * max(best.spread, SPREAD_FLOOR):.0f} mm in {frame}"
-    if second.score == best.score:
+    if second.merit == best.merit:
         return f"{agree}; {second.frame} fits as well"
     if second.score == -math.inf:
         return f"{agree}, and in no other frame"
-    return f"{agree}, in {second.frame} within {1000 * max(second.spread, SPREAD_FLOOR):.0f} mm"
+    moved = ", which is moved later" if second.leaves else ""
+    return f"{agree}, {second.size} in {second.frame} within {1000 * max(second.spread, SPREAD_FLOOR):.0f} mm{moved}"

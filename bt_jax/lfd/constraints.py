@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from bt_jax.behaviors import Behavior
 from bt_jax.errors import UserError
 from bt_jax.lfd.clustering import Inference
-from bt_jax.lfd.conflicts import conflict, implies
+from bt_jax.lfd.conflicts import conflict, implies, undoes
 from bt_jax.lfd.goals import Step
 
 __all__ = ["Order", "check_acyclic", "orders", "preconditions"]
@@ -62,20 +62,31 @@ def check_acyclic(constraints: Sequence[Order], inferences: Sequence[Inference])
 
 
 def preconditions(
-    constraints: Sequence[Order], inferences: Sequence[Inference]
+    constraints: Sequence[Order], inferences: Sequence[Inference], steps: Sequence[Sequence[Step]]
 ) -> Mapping[Behavior, tuple[Behavior, ...]]:
-    """For each action, the conditions beyond its own preconditions that earlier actions establish: their postconditions,
-    the nearest action's where they conflict, and none that conflicts with what the action itself needs. Of an action that
-    is done several times, those that hold each time."""
+    """For each action of the demonstrations, the conditions beyond its own preconditions that earlier actions establish and
+    that still hold when it begins: their postconditions, the nearest action's where they conflict, and none that conflicts
+    with what the action itself needs. Of an action that is done several times, those that hold each time."""
+    moments = [dict(zip(sequence, _held(sequence, inferences), strict=True)) for sequence in steps]
     extra: dict[Behavior, tuple[Behavior, ...]] = {}
-    for step, inference in enumerate(inferences):
-        action = inference.behavior
+    for step in sorted(set().union(*moments)):
+        action = inferences[step].behavior
         kept = list(action.preconditions)
-        before = sorted((o for o in constraints if o.after == step), key=lambda order: (order.distance, order.before))
-        for order in before:
+        for order in sorted((o for o in constraints if o.after == step), key=lambda o: (o.distance, o.before)):
+            both = [held[step] for held in moments if order.before in held and step in held]
             for condition in inferences[order.before].behavior.postconditions:
-                if not any(implies(other, condition) or conflict(condition, other) for other in kept):
+                known = any(implies(other, condition) or conflict(condition, other) for other in kept)
+                if not known and all(condition in held for held in both):
                     kept.append(condition)
         new = tuple(reversed(kept[len(action.preconditions) :]))
         extra[action] = tuple(condition for condition in extra.get(action, new) if condition in new)
     return extra
+
+
+def _held(sequence: Sequence[Step], inferences: Sequence[Inference]) -> Iterator[frozenset[Behavior]]:
+    """What the actions so far have established and not undone, before each action of a demonstration."""
+    held: frozenset[Behavior] = frozenset()
+    for step in sequence:
+        yield held
+        action = inferences[step].behavior
+        held = frozenset(c for c in held if not undoes(action, c)) | frozenset(action.postconditions)

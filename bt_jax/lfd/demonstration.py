@@ -29,6 +29,7 @@ from bt_jax.files import write_atomic
 __all__ = ["END_EFFECTOR_HEIGHT", "Action", "Demonstration", "DemonstrationFolder", "Demonstrations", "Frames", "Pose"]
 
 END_EFFECTOR_HEIGHT = 0.12  # of the end effector above the centre of what it holds, metres
+HUGE = 1e6  # metres; no robot is that far, and no such number is meant
 UNIT_SLACK = 0.01  # by which the length of a quaternion may differ from 1
 Kind = Literal["pick", "place"]
 
@@ -74,8 +75,8 @@ class Action:
         return self.poses[frame].apply((0.0, 0.0, -END_EFFECTOR_HEIGHT))
 
     def nearest(self, frames: Sequence[str]) -> str:
-        """Which of the frames the end effector is nearest to."""
-        return min(frames, key=lambda frame: float(np.linalg.norm(self.poses[frame].position)))
+        """Which of the frames the handled object is nearest to."""
+        return min(frames, key=lambda frame: float(np.linalg.norm(self.handled(frame))))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -216,6 +217,9 @@ def _problem(demonstration: Demonstration, frames: Frames, *, where: str) -> str
     for i, action in enumerate(demonstration.actions, start=1):
         if set(action.poses) != set(frames.names):
             return f"{where}, action {i}: there must be one pose for each of {', '.join(frames.names)}; record it again"
+        for frame, pose in action.poses.items():
+            if not _is_unit(pose.quaternion) or not all(map(math.isfinite, pose.position)):
+                return f"{where}, action {i}: the pose in {frame} is not finite or no rotation; record it again"
         if (action.kind == "place") != held:
             before = "a place follows no pick" if action.kind == "place" else "a pick follows a pick without a place"
             return f"action {i}: {before}; record it again"
@@ -233,10 +237,14 @@ def _action(file: Path, frames: Frames) -> Action:
     positions = _vectors(data, "vec_pos", 3, file, frames)
     quaternions = _vectors(data, "vec_quat", 4, file, frames)
     for frame, quaternion in quaternions.items():
-        length = math.sqrt(sum(x * x for x in quaternion))
-        if abs(length - 1) > UNIT_SLACK:
+        if not _is_unit(quaternion):
+            length = math.hypot(*quaternion)
             raise _Unusable(f"{file}: the quaternion in {frame} has length {length:.3f}, not 1; record it again.")
     return Action(kind, {frame: Pose(positions[frame], quaternions[frame]) for frame in frames.names})
+
+
+def _is_unit(quaternion: Sequence[float]) -> bool:
+    return abs(math.hypot(*quaternion) - 1) <= UNIT_SLACK
 
 
 def _vectors(data: Mapping[str, Any], key: str, count: int, file: Path, frames: Frames) -> dict[str, tuple[float, ...]]:
@@ -255,7 +263,7 @@ def _vectors(data: Mapping[str, Any], key: str, count: int, file: Path, frames: 
 
 def _vector(value: Any, count: int, file: Path, where: str) -> tuple[float, ...]:
     good = isinstance(value, list) and len(value) == count
-    if not good or not all(isinstance(x, int | float) and math.isfinite(x) for x in value):
+    if not good or not all(type(x) in (int, float) and abs(x) < HUGE for x in value):
         raise _Unusable(f"{file}: {where} is {value!r}, not {count} finite numbers; record it again or delete it.")
     return tuple(map(float, value))
 
@@ -263,7 +271,7 @@ def _vector(value: Any, count: int, file: Path, where: str) -> tuple[float, ...]
 def _mapping(file: Path) -> Mapping[str, Any]:
     try:
         data = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except (OSError, ValueError, yaml.YAMLError) as error:
         raise _Unusable(f"{file} cannot be read ({type(error).__name__}); restore or delete it.") from error
     if not isinstance(data, Mapping):
         raise _Unusable(f"{file} is empty or half written; restore or delete it.")

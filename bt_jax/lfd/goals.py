@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from bt_jax.behaviors import Behavior
 from bt_jax.lfd.clustering import Inference, Moment
-from bt_jax.lfd.conflicts import conflict
+from bt_jax.lfd.conflicts import conflict, undoes
 from bt_jax.lfd.demonstration import Demonstrations
 
 __all__ = ["Step", "Subtask", "goal_of", "sequences", "subtasks"]
@@ -33,12 +33,14 @@ def sequences(demonstrations: Demonstrations, inferences: Sequence[Inference]) -
 
 
 def goal_of(actions: Sequence[Behavior]) -> tuple[Behavior, ...]:
-    """What holds in the end: the postconditions, from the last action backwards, that conflict with none already kept; in
-    the order in which they come to hold, those of the gripper last."""
+    """What holds in the end: the postconditions, from the last action backwards, that conflict with none already kept
+    and that no later action undoes; in the order in which they come to hold, those of the gripper last."""
     kept: list[Behavior] = []
-    for action in reversed(actions):
+    for i, action in reversed(list(enumerate(actions))):
         for condition in action.postconditions:
-            if condition not in kept and not any(conflict(condition, other) for other in kept):
+            gone = any(conflict(condition, other) for other in kept)
+            gone = gone or any(undoes(later, condition) for later in actions[i + 1 :])
+            if condition not in kept and not gone:
                 kept.append(condition)
     return tuple(sorted(reversed(kept), key=lambda condition: condition.name != "at"))
 

@@ -86,17 +86,20 @@ class Lesson:
 def learn(demonstrations: Demonstrations, task: Task) -> Lesson:
     """Learns a tree from demonstrations recorded in a task's scene.
 
-    Raises UserError where the frames are not those of the task, the demonstrations contradict each other in a circle, or no
-    tree achieves what they do.
+    A demonstration that moves what the robot cannot is left out, with a sentence among the problems. Raises UserError where
+    the frames are not those of the task, the demonstrations contradict each other in a circle, or no tree achieves what they
+    do.
     """
     _check_frames(demonstrations, task)
+    demonstrations = _usable(demonstrations, task)
     inferences = infer(demonstrations, movable=task.box_names)
     steps = sequences(demonstrations, inferences)
     learnt = []
     for subtask in subtasks(inferences, steps):
-        constraints = orders([steps[d] for d in subtask.demonstrations])
+        shown = [steps[d] for d in subtask.demonstrations]
+        constraints = orders(shown)
         check_acyclic(constraints, inferences)
-        extra = preconditions(constraints, inferences)
+        extra = preconditions(constraints, inferences, shown)
         learnt.append(LearntSubtask(subtask, constraints, extra, plan(subtask.goal, extra=extra)))
     trees = tuple(one.tree for one in learnt)
     tree = trees[0] if len(trees) == 1 else Control.fallback(*trees)
@@ -116,7 +119,20 @@ def _check_frames(demonstrations: Demonstrations, task: Task) -> None:
             raise UserError(f"the demonstrations lack the frame {name} of task {task.name}; record them in that task")
     if frames.robot != task.robot_frame:
         raise UserError(f"the robot's frame is {frames.robot} in the demonstrations and {task.robot_frame} in the task")
+
+
+def _usable(demonstrations: Demonstrations, task: Task) -> Demonstrations:
+    """The demonstrations that move boxes only. Raises UserError where none does."""
+    good, problems = [], []
     for one in demonstrations:
-        for i, action in enumerate(one.actions, start=1):
-            if action.kind == "pick" and (thing := action.nearest(frames.objects)) not in task.box_names:
-                raise UserError(f"{one.name}, action {i} picks {thing}, which the robot cannot move; record it again")
+        picked = [action.nearest(demonstrations.frames.objects) for action in one.actions if action.kind == "pick"]
+        wrong = next((name for name in picked if name not in task.box_names), None)
+        if wrong is None:
+            good.append(one)
+        else:
+            problems.append(f"{one.name} is left out: it picks {wrong}, which the robot cannot move; record it again.")
+    if not good:
+        raise UserError(" ".join(problems) if problems else "there are no demonstrations; record some")
+    return dataclasses.replace(
+        demonstrations, demonstrations=tuple(good), problems=(*demonstrations.problems, *problems)
+    )

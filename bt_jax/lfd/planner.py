@@ -6,10 +6,9 @@ it.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from bt_jax.behaviors import Behavior, Control, Kind, Tree
-from bt_jax.encoding.walk import leaves
 from bt_jax.errors import UserError
 from bt_jax.lfd.conflicts import undoes
 from bt_jax.task import Task
@@ -72,16 +71,18 @@ class _Part:
     condition: Behavior
     tree: Tree
 
-    def disturbs(self, known: frozenset[Behavior], condition: Behavior) -> bool:
-        """Whether achieving it where all of `known` hold may undo that condition."""
+    def disturbs(self, known: frozenset[Behavior], condition: Behavior, levels: int) -> bool:
+        """Whether achieving it where all of `known` hold may undo that condition; of conditions that wait for each other, so
+        many `levels` are looked at."""
         left = _needed(self.tree, known)
-        return left is not None and any(undoes(action, condition) for action in leaves(left))
+        return left is not None and any(undoes(action, condition) for action in _actions(left, levels))
 
 
 @dataclasses.dataclass(frozen=True)
 class _Planner:
     actions: tuple[Behavior, ...]
     extra: Mapping[Behavior, tuple[Behavior, ...]]
+    parts: dict[Behavior, _Part] = dataclasses.field(default_factory=dict)  # planned so far, by their condition
 
     def achieved(self, condition: Behavior, waiting: tuple[Behavior, ...]) -> _Part:
         """Checks the condition, and achieves it where it does not hold; `waiting` are the conditions that this is for."""
@@ -90,6 +91,8 @@ class _Planner:
             raise UserError(f"the goal cannot be planned: {circle}; change the demonstrations or the targets")
         if len(waiting) >= MAX_DEPTH:
             raise UserError(f"planning {condition} goes {MAX_DEPTH} conditions deep; demonstrate smaller subtasks")
+        if condition in self.parts:
+            return self.parts[condition]
         action = self.cheapest(condition)
         waiting = (*waiting, condition)
         needed = [*action.preconditions, *self.extra.get(action, ())]
@@ -99,7 +102,8 @@ class _Planner:
         # What the action itself needs of the gripper comes last: whatever else must hold first may use the gripper.
         parts = self.ordered([*parts[own:], *parts[:own]])
         attempt = _control(Kind.SEQUENCE, [*(part.tree for part in parts), action])
-        return _Part(condition, _control(Kind.FALLBACK, [condition, attempt]))
+        self.parts[condition] = _Part(condition, _control(Kind.FALLBACK, [condition, attempt]))
+        return self.parts[condition]
 
     def cheapest(self, condition: Behavior) -> Behavior:
         found = [action for action in (*self.actions, *_suggested(condition)) if condition in action.postconditions]
@@ -110,10 +114,13 @@ class _Planner:
     def ordered(self, parts: Sequence[_Part]) -> list[_Part]:
         """The parts in the given order, except that one which disturbs an earlier condition comes before that."""
         done: list[_Part] = []
-        left = list(dict.fromkeys(parts))
+        left = list({part.condition: part for part in parts}.values())
         while left:
             known = frozenset(part.condition for part in done)
-            free = next((part for part in left if not self.disturbed(part, left, known)), None)
+            # Deep inside, a part may have means for a situation that does not arise after the parts before it. So where all
+            # of what it may do leaves no order, what it does first decides.
+            ranked = (self.undisturbed(left, known, levels) for levels in (MAX_DEPTH, 2, 1))
+            free = next((part for part in ranked if part is not None), None)
             if free is None and all(part.condition.name == "at" for part in left):
                 names = ", ".join(str(part.condition) for part in left)
                 raise UserError(f"each of {names} undoes another; give one of them another frame")
@@ -122,10 +129,13 @@ class _Planner:
             done.append(free)
         return done
 
-    def disturbed(self, part: _Part, others: Sequence[_Part], known: frozenset[Behavior]) -> bool:
-        """Whether one of the others, coming after this part, may undo its condition."""
-        known |= {part.condition}
-        return any(other.disturbs(known, part.condition) for other in others if other is not part)
+    def undisturbed(self, parts: Sequence[_Part], known: frozenset[Behavior], levels: int) -> _Part | None:
+        """The first part whose condition none of the others, coming after it, undoes."""
+        for part in parts:
+            holds = known | {part.condition}
+            if not any(other.disturbs(holds, part.condition, levels) for other in parts if other is not part):
+                return part
+        return None
 
 
 def _needed(tree: Tree, known: frozenset[Behavior]) -> Tree | None:
@@ -156,6 +166,19 @@ def _established(tree: Tree) -> frozenset[Behavior]:
     if tree.kind == Kind.FALLBACK:
         return _established(tree.children[0])
     return frozenset().union(*map(_established, tree.children))
+
+
+def _actions(tree: Tree, levels: int) -> Iterator[Behavior]:
+    """The actions of a part of a plan, down to so many placements that wait for each other."""
+    if isinstance(tree, Behavior):
+        if tree.kind == Kind.ACTION:
+            yield tree
+        return
+    first = tree.children[0]
+    levels -= tree.kind == Kind.FALLBACK and isinstance(first, Behavior) and first.name == "at"
+    if levels >= 0:
+        for child in tree.children:
+            yield from _actions(child, levels)
 
 
 def _suggested(condition: Behavior) -> list[Behavior]:

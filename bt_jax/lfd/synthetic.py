@@ -59,20 +59,10 @@ def demonstrate(
 
 
 def demonstration_set(
-    task: Task,
-    placements: Sequence[Target],
-    *,
-    count: int,
-    rng: np.random.Generator,
-    noise: float = 0.0,
-    reorder: bool = False,
+    task: Task, placements: Sequence[Target], *, count: int, rng: np.random.Generator, noise: float = 0.0
 ) -> Demonstrations:
-    """Several demonstrations of the same placements, each in another layout; with `reorder` each in a random order, as far
-    as they do not depend on each other."""
-    shown = []
-    for i in range(count):
-        order = reordered(placements, rng=rng) if reorder else placements
-        shown.append(demonstrate(task, order, rng=rng, noise=noise, name=f"demo{i + 1}"))
+    """Several demonstrations of the same placements in the same order, each in another layout."""
+    shown = [demonstrate(task, placements, rng=rng, noise=noise, name=f"demo{i + 1}") for i in range(count)]
     return Demonstrations(frames_of(task), tuple(shown))
 
 
