@@ -80,7 +80,7 @@ def run(arguments: Arguments) -> None:
         Path("runs") / f"learn-{arguments.folder.resolve().name}-{datetime.now():%Y%m%d-%H%M%S}"
     )
     write(out, lesson, tried)
-    console.print(_verdict(lesson, tried))
+    console.print(_verdict(lesson, tried, arguments.folder))
     console.print(f"results    {escape(str(out))}")
 
 
@@ -166,15 +166,14 @@ def as_data(lesson: Lesson, tried: Evaluation) -> dict[str, Any]:
     }
 
 
-def _verdict(lesson: Lesson, tried: Evaluation) -> str:
+def _verdict(lesson: Lesson, tried: Evaluation, folder: Path) -> str:
     solved, count = int(tried.solved.sum()), tried.solved.size
     said = f"tried      reaches what was demonstrated in [bold]{solved} of {count}[/] random layouts"
     if solved < count:
-        away = tried.distance[0].max(axis=1)[~tried.solved[0]]
         said += (
-            f"; in the others something is {1000 * np.median(away):.0f} mm away. A demonstration that began from a reached "
-            "configuration shows only the last step: let evolution find the rest with\n"
-            f"           python -m bt_jax.train {lesson.task.name} --add-target-from FOLDER"
+            ".\n           Demonstrations that begin where a tree has ended show only the last step:\n"
+            "           let evolution find the rest with "
+            f"python -m bt_jax.train {lesson.task.name} --add-target-from {folder}"
         )
     return said
 

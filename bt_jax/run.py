@@ -23,7 +23,7 @@ from bt_jax.encoding.svg import to_svg
 from bt_jax.encoding.text import format_tree
 from bt_jax.encoding.tick import Status
 from bt_jax.encoding.trees import MAX_NODES, encode_all
-from bt_jax.encoding.walk import leaves
+from bt_jax.encoding.walk import leaves, prefix
 from bt_jax.encoding.xml import to_xml
 from bt_jax.errors import UserError
 from bt_jax.files import write_atomic
@@ -38,6 +38,7 @@ from bt_jax.mjx_env.settling import Settler
 from bt_jax.mjx_env.statuses import Semantics
 from bt_jax.mjx_env.world import World, concatenate
 from bt_jax.run_folder import RunFolder
+from bt_jax.simplification import simplify
 from bt_jax.startup import Device, configure_jax, exit_code
 from bt_jax.task import Task, load_task
 from bt_jax.training import UNSEEN, Backend, Level, Settings, make_level
@@ -53,6 +54,7 @@ WORDS = {
 }
 EXPORTS = {".txt": format_tree, ".xml": to_xml, ".svg": to_svg, ".dot": to_dot}
 LISTED = 20  # failures
+SIMPLIFY_LAYOUTS = 100
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,6 +77,8 @@ class Arguments:
     """film the episode: .mp4, .gif, or .png for six stills"""
     expand: bool = False
     """show what is inside genes"""
+    simplify: bool = False
+    """first remove every node that does nothing in 100 unseen layouts; writes simplified_tree.* into a run folder"""
     export: Path | None = None
     """write the tree as .xml (BehaviorTree.CPP, Groot2), .svg, .dot or .txt"""
     delay: float = 0.5
@@ -110,6 +114,8 @@ def run(arguments: Arguments, console: Console | None = None) -> None:
     arguments.check()
     task, level, tree = _open(arguments)
     configure_jax(arguments.device)
+    if arguments.simplify:
+        tree = _simplified(console, task, level, tree, arguments)
     written = expand(tree)
     known = Vocabulary.of([*leaves(tree), *leaves(written)])
     semantics, physics = Semantics(task, known), _physics(task, level, arguments.backend)
@@ -141,6 +147,16 @@ def _open(arguments: Arguments) -> tuple[Task, Level, Tree]:
         return task, arguments.level or config.settings.level, tree
     task = load_task(arguments.task or "stack")
     return task, arguments.level or "physics", read_tree(arguments.source)
+
+
+def _simplified(console: Console, task: Task, level: Level, tree: Tree, arguments: Arguments) -> Tree:
+    """The tree without what does nothing; says what went and writes it beside the learnt one."""
+    layouts = sample_layouts(task, [UNSEEN, arguments.seed], SIMPLIFY_LAYOUTS)
+    found = simplify(task, _physics(task, level, arguments.backend), tree, layouts)
+    console.print(f"simplified {found.removed} of {len(prefix(tree))} nodes do nothing in {SIMPLIFY_LAYOUTS} layouts")
+    if arguments.source.is_dir():
+        RunFolder(arguments.source).save_tree(found.tree, title=f"{task.name}, simplified", name="simplified_tree")
+    return found.tree
 
 
 def _physics(task: Task, level: Level, backend: Backend) -> Physics:

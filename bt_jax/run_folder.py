@@ -186,11 +186,11 @@ class RunFolder:
         except (ValueError, KeyError, OSError, EOFError, zipfile.BadZipFile) as error:
             raise UserError(f"{source} is damaged; delete it to start this run again") from error
 
-    def save_tree(self, tree: Tree, *, title: str) -> None:
-        """Text, XML and drawing of the learnt tree."""
-        write_atomic(self.path / "best_tree.txt", format_tree(tree))
-        write_atomic(self.path / "best_tree.xml", to_xml(tree))
-        write_atomic(self.path / "best_tree.svg", to_svg(tree, title=title))
+    def save_tree(self, tree: Tree, *, title: str, name: str = "best_tree") -> None:
+        """Text, XML and drawing of a tree: of the learnt one, or of one that is kept beside it under another name."""
+        write_atomic(self.path / f"{name}.txt", format_tree(tree))
+        write_atomic(self.path / f"{name}.xml", to_xml(tree))
+        write_atomic(self.path / f"{name}.svg", to_svg(tree, title=title))
 
     def save_history(self, history: list[Generation]) -> None:
         write_atomic(self.path / "history.csv", history_csv(history))

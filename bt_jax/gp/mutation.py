@@ -150,16 +150,16 @@ def _weights(
     )
     replace = change * all_leaves * count(slot.instead(alphabet, gene_under_fallback=any_gene))
     grow = jnp.where(
-        root,
+        root & ~leaf,
         jnp.where(_flippable(nodes, alphabet, any_gene)[:, None], change * kind, 0),
-        jnp.where(leaf, within(2, change * kind * beside), 0),
+        jnp.where(leaf, within(2, (change + jnp.where(root, add, 0)) * kind * beside), 0),
     )
     append = within(1, add * all_leaves * count(slot.behind(alphabet, gene_under_fallback=any_gene)))
     append_control = within(3, add * kind * pair(OTHER - slot.token))
     return [
         jnp.where(slot.deletable, jnp.float32(config.delete), 0),
-        insert,
-        insert_control,
+        jnp.where(root & leaf, 0, insert),
+        jnp.where(root & leaf, 0, insert_control),
         jnp.where(root, 0, replace),
         grow,
         jnp.where(leaf, 0, append),
@@ -199,7 +199,7 @@ def _apply(
     appends = append | append_control
     new_pair = (insert_control & ~root) | append_control
     wrap_front, wrap_back = insert & root, insert_control & root
-    flip = grow & root
+    flip = grow & root & ~slot.is_leaf
     grow_act, grow_condition = grow & alphabet.is_act(slot.token), grow & alphabet.is_condition(slot.token)
 
     def pick(*cases: tuple[Array, int | Array]) -> Array:

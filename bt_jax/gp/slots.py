@@ -41,9 +41,9 @@ class Slot:
     lone: Bool[Array, "*S"]
     merges: Bool[Array, "*S"]
 
-    # `control` is the kind of control node that may stand here (around the whole tree, at the root). `lone`: deleting
-    # the node leaves its parent with one child, so the parent goes too; `merges`: and so does that child, a control node
-    # of the grandparent's kind.
+    # `control` is the kind of control node that may stand here (around the whole tree, at the root; a Sequence around a
+    # tree of one leaf, since that may be a gene). `lone`: deleting the node leaves its parent with one child, so the parent
+    # goes too; `merges`: and so does that child, a control node of the grandparent's kind.
 
     @property
     def is_root(self) -> Bool[Array, "*S"]:
@@ -180,7 +180,7 @@ def look(nodes: Int32[Array, "P N"], at: Int32[Array, "P S"], alphabet: Alphabet
         size=size,
         length=jnp.broadcast_to(sizes[:, :1], at.shape),
         parent=parent,
-        control=OTHER - parent_token,
+        control=jnp.where(parent_token < FIRST_LEAF, OTHER - parent_token, int(Kind.SEQUENCE)),
         previous=previous,
         next=next_token,
         last_child=last_child,

@@ -8,19 +8,19 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from bt_jax.lfd.clustering import EPS, Candidate, Inference
+from bt_jax.lfd.clustering import Candidate, Inference
 from bt_jax.lfd.learning import Lesson
 
 __all__ = ["cluster_figure"]
 
 CHOSEN, OTHER, BESIDES = "#0072b2", "#999999", "#d55e00"
 ROWS = 12  # drawn at most; placements first
-NEAR = 1.5  # a panel shows what lies within so many clustering distances of the mean
+LEAST = 0.03  # metres to each side of the mean that a panel shows at least
 
 
 def cluster_figure(lesson: Lesson) -> bytes:
-    """PNG: where the demonstrations put each object, seen from above in every candidate frame. The chosen frame is blue;
-    panels are centred on the mean of the cluster, metres."""
+    """PNG: where the demonstrations put each object, seen from above in every candidate frame, each panel at its own scale.
+    The chosen frame is blue; a cross is the mean of the cluster, an x another place of the same object."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -50,8 +50,10 @@ def _panel(axes: Axes, lesson: Lesson, inference: Inference, frame: str) -> None
     axes.scatter(*others[:, :2].T, color=BESIDES, marker="x", s=28, label="other actions on it")
     axes.scatter(*own[:, :2].T, color=CHOSEN if chosen else OTHER, s=34, edgecolors="white", linewidths=0.6)
     axes.scatter(*centre[:2], color="black", marker="+", s=60, lw=1)
-    axes.set_xlim(centre[0] - NEAR * EPS, centre[0] + NEAR * EPS)
-    axes.set_ylim(centre[1] - NEAR * EPS, centre[1] + NEAR * EPS)
+    reach = max(LEAST, 1.3 * float(np.abs(own[:, :2] - centre[:2]).max()))
+    axes.set_xlim(centre[0] - reach, centre[0] + reach)
+    axes.set_ylim(centre[1] - reach, centre[1] + reach)
+    axes.locator_params(nbins=5)
     axes.set_aspect("equal")
     axes.set_title(f"{frame}\n{_score(candidate)}", fontsize=9, color=CHOSEN if chosen else "black")
     axes.tick_params(labelsize=7)

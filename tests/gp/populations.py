@@ -51,7 +51,15 @@ def population(
     config = growing(gene_under_fallback)
     for step in range(steps):
         trees = mutate_once(jax.random.key(step), trees, alphabet, config)
-    return trees
+    return jax.tree.map(lambda all_, some: all_.at[: some.shape[0]].set(some), trees, lone_leaves(alphabet, num_nodes))
+
+
+def lone_leaves(alphabet: Alphabet, num_nodes: int) -> Trees:
+    """Trees of a single action or gene, as baselines are; the first and the last of them."""
+    tokens = np.zeros((2, num_nodes), np.int16)
+    sizes = np.zeros((2, num_nodes), np.uint8)
+    tokens[:, 0], sizes[:, 0] = (alphabet.first_action, alphabet.end - 1), 1
+    return Trees(tokens, sizes)
 
 
 def rows(trees: Trees) -> np.ndarray:

@@ -31,6 +31,10 @@ cross = jax.jit(crossover, static_argnames=("alphabet", "gene_under_fallback", "
 
 def assert_valid(trees: Trees, alphabet: Alphabet, gene_under_fallback: bool) -> None:
     assert np.asarray(is_valid(trees, alphabet, gene_under_fallback=gene_under_fallback)).all()
+
+
+def assert_grown(trees: Trees) -> None:
+    """No operator makes a tree of one leaf, or leaves one as it is."""
     assert np.asarray(trees.sizes[:, 0]).min() >= 3
 
 
@@ -43,12 +47,14 @@ def test_mutants_are_valid(alphabet, num_nodes, gene_under_fallback):
         assert_valid(trees, alphabet, gene_under_fallback)
         trees = mutate_once(jax.random.key(100 + step), trees, alphabet, config)
         assert_valid(trees, alphabet, gene_under_fallback)
+        assert_grown(trees)
 
 
 def test_100_000_mutants_are_valid_and_different():
     trees = jax.tree.map(lambda field: jnp.tile(field, (100, 1)), population(PAPER, 64, False))
     mutants = mutate_once(jax.random.key(0), trees, PAPER, MutationConfig())
     assert_valid(mutants, PAPER, False)
+    assert_grown(mutants)
     assert (rows(mutants) != rows(trees)).any(axis=1).all()
 
 

@@ -1,0 +1,138 @@
+"""python -m bt_jax.experiments: the paper's experiments 1 to 3, with demonstration and with GP only."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import platform
+import sys
+from datetime import date, datetime
+from pathlib import Path
+from typing import Annotated, Literal, get_args
+
+import jax
+import mujoco
+import tyro
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from bt_jax.errors import UserError
+from bt_jax.experiments import report
+from bt_jax.experiments.protocol import EXPERIMENTS, Outcome, Variant, perform
+from bt_jax.experiments.published import find_curves, read_curves
+from bt_jax.files import unused, write_atomic
+from bt_jax.startup import configure_jax, exit_code
+
+__all__ = ["Arguments", "main", "run"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Arguments:
+    """Repeat the paper's experiments: evolution with a demonstration, and alone, with the same number of episodes."""
+
+    which: Annotated[Literal["1", "2", "3", "all"], tyro.conf.Positional] = "all"
+    """the experiment"""
+    runs: int = 10
+    """independent runs of each variant, side by side"""
+    seed: int = 0
+    """seed of the first run"""
+    test_layouts: int = 100
+    """unseen layouts in which each learnt tree is tested"""
+    published: Path | None = None
+    """CSV with the published curves (default: ../shared/reference/learning_curves.csv where it is)"""
+    out: Path | None = None
+    """folder for figures and report (default: runs/experiments-DATE-TIME)"""
+
+    def check(self) -> None:
+        """Raises UserError for arguments that cannot work."""
+        for name in ("runs", "test_layouts"):
+            if getattr(self, name) < 1:
+                raise UserError(f"{name} is {getattr(self, name)}; choose 1 or more")
+
+
+def main() -> None:
+    """Entry point of the command line."""
+    arguments = tyro.cli(Arguments, prog="python -m bt_jax.experiments")
+    sys.exit(exit_code(lambda: run(arguments)))
+
+
+def run(arguments: Arguments) -> None:
+    """Runs the experiments, prints the table and writes the report; what is finished stays if a later part is stopped."""
+    arguments.check()
+    console = Console(highlight=False, soft_wrap=True)
+    path = arguments.published or find_curves()
+    curves = {} if path is None else read_curves(path)
+    configure_jax("cpu")
+    chosen = [one for one in EXPERIMENTS if arguments.which in ("all", str(one.number))]
+    out = arguments.out or unused(Path("runs") / f"experiments-{datetime.now():%Y%m%d-%H%M%S}")
+    outcomes: list[Outcome] = []
+    with Progress(
+        TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=console, transient=True,
+        disable=not console.is_terminal,
+    ) as bars:  # fmt: skip
+        for experiment in chosen:
+            for variant in get_args(Variant):
+                name = f"experiment {experiment.number}, {report.NAMES[variant]}"
+                bar = bars.add_task(name, total=experiment.config.generations)
+                outcome = perform(
+                    experiment,
+                    variant,
+                    runs=arguments.runs,
+                    seed=arguments.seed,
+                    test_layouts=arguments.test_layouts,
+                    progress=lambda generation, bar=bar: bars.update(bar, completed=generation),
+                )
+                bars.remove_task(bar)
+                outcomes.append(outcome)
+                last = outcome.best[:, -1]
+                solved = (last >= experiment.wanted).sum()
+                console.print(
+                    f"{name}: best fitness {last.mean():.1f} ± {last.std():.1f}, {solved} of {len(last)} runs at "
+                    f"{experiment.wanted:g} or better, {outcome.seconds:.0f} s"
+                )
+            these = [one for one in outcomes if one.experiment is experiment]
+            write_atomic(out / f"experiment_{experiment.number}.png", report.figure(these, curves))
+            write_atomic(out / "report.md", report.markdown(outcomes, curves, machine=_machine()))
+            write_atomic(out / "results.json", json.dumps(_data(outcomes), indent=1) + "\n")
+    for experiment in chosen:
+        _print(console, report.table([one for one in outcomes if one.experiment is experiment], curves))
+    console.print(f"report     {escape(str(out / 'report.md'))}")
+
+
+def _print(console: Console, rows: list[dict[str, str]]) -> None:
+    drawn = Table()
+    for column in rows[0]:
+        drawn.add_column(column)
+    for row in rows:
+        drawn.add_row(*row.values())
+    console.print(drawn)
+
+
+def _data(outcomes: list[Outcome]) -> list[dict]:
+    """What the figures were drawn from."""
+    return [
+        {
+            "experiment": outcome.experiment.number,
+            "variant": outcome.variant,
+            "seconds": round(outcome.seconds, 2),
+            "episodes": outcome.episodes,
+            "unseen": outcome.solved_unseen,
+            "best": outcome.best.round(2).tolist(),
+            "trees": list(map(str, outcome.trees)),
+        }
+        for outcome in outcomes
+    ]
+
+
+def _machine() -> str:
+    return (
+        f"{os.cpu_count()} cores; jax {jax.__version__}, mujoco {mujoco.__version__}, python {platform.python_version()}; "
+        f"{date.today().isoformat()}."
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,183 @@
+"""What is done in each experiment, and doing it.
+
+All runs of a variant are evolved side by side; run r has the layout of seed + r, the same in both variants.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float32
+
+from bt_jax.behaviors import Behavior, Tree
+from bt_jax.demonstrate import parse_script, record
+from bt_jax.gp.config import GPConfig
+from bt_jax.gp.evolution import Generation, State
+from bt_jax.lfd import Demonstrations, Lesson, learn, plan_task
+from bt_jax.task import Task, load_task
+from bt_jax.teleoperation import frames_of
+from bt_jax.training import Settings, Training, make_level
+
+__all__ = ["EXPERIMENTS", "Experiment", "Outcome", "Variant", "perform"]
+
+Variant = Literal["with_demonstration", "gp_only"]
+NOISE = 0.003  # with which the scripted person misses each place, along each axis, metres
+
+
+@dataclasses.dataclass(frozen=True)
+class Experiment:
+    """One experiment. Evolution first works on `before`, if there is one, and from generation `change_at` on `task`, with
+    the demonstration or without.
+
+    `script` is what is demonstrated `demonstrations` times, once the first `reached` targets of `task` have been reached.
+    It is taken for a target ("target") or for a step on the way ("subgoal"). `wanted` is the fitness by which a run counts
+    as solved.
+    """
+
+    number: int
+    title: str
+    task: str
+    config: GPConfig
+    script: str
+    demonstrations: int
+    meant: Literal["target", "subgoal"]
+    wanted: float
+    before: str | None = None
+    change_at: int = 0
+    reached: int = 0
+
+
+EXPERIMENTS = (
+    Experiment(
+        number=1,
+        title="a third box on the stack, added to the task at generation 50",
+        before="stack",
+        task="stack3",
+        config=GPConfig(generations=100),
+        change_at=50,
+        script="pick BlueBox; to (0, 0, 0.105) GreenBox; release",
+        demonstrations=3,
+        reached=2,
+        meant="target",
+        wanted=-65.0,
+    ),
+    Experiment(
+        number=2,
+        title="a pyramid whose top is not in the gene pool, demonstrated at generation 50",
+        before="pyramid",
+        task="pyramid",
+        config=GPConfig(generations=100),
+        change_at=50,
+        script="pick GreenBox; to (-0.065, 0, 0.155) KittingBox; release",
+        demonstrations=3,
+        reached=2,
+        meant="target",
+        wanted=-55.0,
+    ),
+    Experiment(
+        number=3,
+        title="a stack in the wrong order; unstacking is demonstrated once, before evolution begins",
+        task="restack",
+        config=GPConfig(generations=200, population=32, p_add=0.1, p_delete=0.3, p_change=0.6),
+        script="""pick GreenBox; to (-1.3, -1.3, 0.75) base_link; release
+                  pick BlueBox; to (-0.3, -1.3, 0.75) base_link; release""",
+        demonstrations=1,
+        meant="subgoal",
+        wanted=-70.0,
+    ),
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """What R runs of one variant came to."""
+
+    experiment: Experiment
+    variant: Variant
+    best: Float32[np.ndarray, "R G"]  # fitness of the best individual in each generation
+    trees: list[Tree]
+    episodes: list[int]
+    solved_unseen: list[float]  # share of unseen layouts that the best tree of each run solves
+    history: list[Generation]
+    seconds: float
+    lesson: Lesson | None
+
+
+def perform(
+    experiment: Experiment,
+    variant: Variant,
+    *,
+    runs: int,
+    seed: int = 0,
+    test_layouts: int = 100,
+    progress: Callable[[int], None] = lambda generation: None,
+) -> Outcome:
+    """Runs one variant of an experiment `runs` times; `progress` is told each generation."""
+    began = time.monotonic()
+    settings = Settings(test_layouts=test_layouts)
+    config = dataclasses.replace(experiment.config, runs=runs, seed=seed)
+    lesson = demonstrated(experiment, settings) if variant == "with_demonstration" else None
+    states: list[State] = []
+    history: list[Generation] = []
+
+    def evolve(training: Training, state: State | None) -> None:
+        for new in training.evolution.run(state):
+            if new is not state:
+                states.append(new)
+                history.extend(training.evolution.describe(new))
+                progress(new.generation)
+
+    carried = None
+    if experiment.before is not None:
+        first = Training(
+            load_task(experiment.before), dataclasses.replace(config, generations=experiment.change_at), settings
+        )
+        evolve(first, None)
+    training = _with_lesson(experiment, config, settings, lesson)
+    if experiment.before is not None:
+        carried = training.carried(states[-1], first.vocabulary.leaves)
+    evolve(training, carried)
+    trees = training.best_trees(states[-1])
+    return Outcome(
+        experiment,
+        variant,
+        best=np.array([np.asarray(state.population.fitness).max(axis=1) for state in states]).T,
+        trees=trees,
+        episodes=states[-1].episodes,
+        solved_unseen=[training.test(tree).success_rate for tree in trees],
+        history=history,
+        seconds=time.monotonic() - began,
+        lesson=lesson,
+    )
+
+
+def demonstrated(experiment: Experiment, settings: Settings) -> Lesson:
+    """What is learnt from the experiment's demonstrations, recorded in the simulator."""
+    task = load_task(experiment.task)
+    physics = make_level(task, settings)
+    targets = task.targets[: experiment.reached]
+    recorded = record(
+        task,
+        physics,
+        parse_script(experiment.script),
+        count=experiment.demonstrations,
+        noise=NOISE,
+        after=plan_task(dataclasses.replace(task, targets=targets)) if targets else None,
+    )
+    return learn(Demonstrations(frames_of(task), tuple(recorded)), task)
+
+
+def _with_lesson(experiment: Experiment, config: GPConfig, settings: Settings, lesson: Lesson | None) -> Training:
+    task: Task = load_task(experiment.task)
+    if lesson is None:
+        return Training(task, config, settings)
+    if experiment.meant == "target":
+        return Training(task, config, settings, baseline=lesson.tree, extra_leaves=lesson.genes)
+    name = "demonstrated"
+    task = task.with_subgoal(lesson.subgoal(name), source="the demonstration")
+    gene: Behavior = lesson.subtask_gene(name)
+    return Training(task, dataclasses.replace(config, baseline_index=0), settings, baseline=gene, extra_leaves=(gene,))
