@@ -165,8 +165,14 @@ def _infer_group(
     if kind == "pick":
         ranked = [sorted(own, key=lambda candidate: candidate.frame != thing) for own in ranked]
     found = []
+    single = [one for one, own in zip(group, ranked, strict=True) if own[0].score == -math.inf]
+    again = kind == "place" and single and min_samples > NEEDED
+    if again:  # no majority agrees with these, but fewer may: those of another subtask
+        found += _infer_group(single, frames, NEEDED, picked)
     for rows in _meanings(moments, ranked, clusters, kind):
         own = ranked[rows[0]]
+        if again and own[0].score == -math.inf:
+            continue
         alone = own[0].score == -math.inf
         frame = thing if kind == "pick" else frames.default if alone else own[0].frame
         why = _reason(kind, frame, own, alone, min_samples)
@@ -182,8 +188,8 @@ def _meanings(
 ) -> list[list[int]]:
     """Rows of actions that mean the same: those of one cluster in their best frame.
 
-    Where a demonstration has several of them, they are told apart by the cluster in the second-best frame, if that is a
-    good one, and otherwise by their order.
+    Where a demonstration has several of them, they are told apart by the cluster in the second-best frame, if those are good
+    and tell all of them apart, and otherwise by their order.
     """
     together: dict[tuple, list[int]] = {}
     for row, own in enumerate(ranked):
@@ -191,16 +197,16 @@ def _meanings(
         together.setdefault(("", row) if alone else (own[0].frame, int(clusters[own[0].frame][row])), []).append(row)
     found: dict[tuple, list[int]] = {}
     for meaning, rows in together.items():
-        keys = [meaning] * len(rows)
-        if len({moments[row].demonstration for row in rows}) < len(rows):
-            seconds = [ranked[row][1] for row in rows]
-            keys = [
-                (*meaning, second.frame, int(clusters[second.frame][row])) if second.good else meaning
-                for row, second in zip(rows, seconds, strict=True)
-            ]
-        nth = _occurrences([moments[row] for row in rows], keys)
-        for row, key in zip(rows, zip(keys, nth, strict=True), strict=True):
-            found.setdefault(key, []).append(row)
+        own = [moments[row] for row in rows]
+        seconds = [ranked[row][1] for row in rows]
+        split = [
+            (second.frame, int(clusters[second.frame][row])) if second.good else ("", 0)
+            for row, second in zip(rows, seconds, strict=True)
+        ]
+        if not any(_occurrences(own, [0] * len(rows))) or any(_occurrences(own, split)):
+            split = [("", 0)] * len(rows)
+        for row, part, nth in zip(rows, split, _occurrences(own, split), strict=True):
+            found.setdefault((meaning, part, nth), []).append(row)
     return list(found.values())
 
 

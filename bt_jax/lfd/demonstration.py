@@ -15,7 +15,7 @@ import dataclasses
 import math
 import re
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -43,9 +43,9 @@ class Pose:
 
     def apply(self, point: Sequence[float]) -> Float[np.ndarray, "3"]:
         """A point given in this pose's axes, in the frame that the pose is given in."""
-        axis, w = np.array(self.quaternion[:3]), self.quaternion[3]
-        turn = 2 * np.cross(axis, point)
-        return np.array(self.position) + point + w * turn + np.cross(axis, turn)
+        axis, w = self.quaternion[:3], self.quaternion[3]
+        turn = 2 * _cross(axis, point)
+        return np.array(self.position) + point + w * turn + _cross(axis, turn)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -276,6 +276,12 @@ def _mapping(file: Path) -> Mapping[str, Any]:
     if not isinstance(data, Mapping):
         raise _Unusable(f"{file} is empty or half written; restore or delete it.")
     return data
+
+
+def _cross(a: Iterable[float], b: Iterable[float]) -> Float[np.ndarray, "3"]:
+    """What np.cross does, in a tenth of its time."""
+    (x, y, z), (u, v, w) = a, b
+    return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
 
 
 def _numbers(values: Sequence[float]) -> list[float]:

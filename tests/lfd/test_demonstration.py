@@ -1,0 +1,279 @@
+import dataclasses
+import math
+import re
+import shutil
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from made import STACK3, STACKING, demonstrations, one_demonstration
+from scipy.spatial.transform import Rotation
+
+from bt_jax.errors import UserError
+from bt_jax.lfd import Action, Demonstration, DemonstrationFolder, Frames, Pose
+from bt_jax.lfd.synthetic import frames_of
+
+FRAMES = frames_of(STACK3)
+numbers = st.floats(-5, 5).map(lambda x: round(x, 5) + 0.0)
+
+
+vectors = st.tuples(numbers, numbers, numbers)
+turns = st.lists(st.tuples(vectors, vectors), min_size=len(FRAMES.names), max_size=len(FRAMES.names))
+
+
+def pose(position, rotation):
+    return Pose(position, tuple(round(float(x), 5) + 0.0 for x in Rotation.from_rotvec(rotation).as_quat()))
+
+
+def demonstration(of_actions):
+    """Picks and places in turn, with a position and a rotation vector for each frame."""
+    return Demonstration(
+        "",
+        tuple(
+            Action(kind, {frame: pose(*one) for frame, one in zip(FRAMES.names, given, strict=True)})
+            for kind, given in zip(["pick", "place"] * 3, of_actions, strict=False)
+        ),
+    )
+
+
+@pytest.fixture
+def folder(tmp_path):
+    made = DemonstrationFolder(tmp_path / "stacking")
+    made.create(FRAMES)
+    for one in demonstrations(STACK3, STACKING):
+        made.append(one)
+    return made
+
+
+def files(folder):
+    return {str(path.relative_to(folder.path)): path.read_bytes() for path in folder.path.rglob("*") if path.is_file()}
+
+
+@settings(max_examples=15)
+@given(
+    drawn=st.lists(
+        st.lists(turns, min_size=2, max_size=6).filter(lambda one: len(one) % 2 == 0), min_size=1, max_size=3
+    )
+)
+def test_what_is_written_is_read(tmp_path_factory, drawn):
+    given = [demonstration(one) for one in drawn]
+    folder = DemonstrationFolder(tmp_path_factory.mktemp("set"))
+    folder.create(FRAMES)
+    written = [folder.append(one) for one in given]
+    read = folder.read()
+    assert read.frames == FRAMES
+    assert read.problems == ()
+    assert list(read) == written
+    assert [one.actions for one in read] == [one.actions for one in given]
+    assert [one.name for one in read] == [f"demo{i}" for i in range(1, len(given) + 1)]
+
+
+@given(position=vectors, rotation=vectors, point=vectors)
+def test_a_pose_turns_as_scipy_does(position, rotation, point):
+    expected = Rotation.from_rotvec(rotation).apply(point) + position
+    np.testing.assert_allclose(pose(position, rotation).apply(point), expected, atol=5e-4)  # quaternions are rounded
+
+
+def test_demonstrations_are_in_natural_order(folder):
+    for _ in range(8):
+        folder.append(one_demonstration(STACK3))
+    assert folder.names() == [f"demo{i}" for i in range(1, 12)]
+
+
+def test_append_never_takes_the_name_of_another(folder):
+    folder.delete("demo2")
+    before = files(folder)
+    assert folder.append(one_demonstration(STACK3)).name == "demo4"
+    assert before.items() <= files(folder).items()
+
+
+def test_delete_takes_one_only(folder):
+    before = files(folder)
+    folder.delete("demo2")
+    assert files(folder) == {name: data for name, data in before.items() if not name.startswith("demo2")}
+
+
+def test_rename_loses_nothing(folder):
+    before = list(folder.read())
+    folder.rename("demo1", "first try")
+    assert sorted(one.name for one in folder.read()) == ["demo2", "demo3", "first try"]
+    assert {one.name: one.actions for one in folder.read()}["first try"] == before[0].actions
+
+
+@pytest.mark.parametrize("new", ["demo2", "../away", "", ".hidden", "a/b"])
+def test_a_bad_name_changes_nothing(folder, new):
+    before = files(folder)
+    with pytest.raises(UserError, match=r"choose another name|use letters"):
+        folder.rename("demo1", new)
+    assert files(folder) == before
+
+
+def test_what_is_not_there_is_reported(folder):
+    for change in (folder.delete, lambda name: folder.rename(name, "new")):
+        with pytest.raises(UserError, match="no demonstration 'demo9'; it has demo1, demo2, demo3"):
+            change("demo9")
+
+
+def test_other_frames_need_another_folder(folder):
+    before = files(folder)
+    folder.create(FRAMES)
+    with pytest.raises(UserError, match="other frames; choose another folder"):
+        folder.create(dataclasses.replace(FRAMES, default="KittingBox"))
+    assert files(folder) == before
+
+
+BAD_SEQUENCES = [
+    (("place",), "a place follows no pick"),
+    (("pick", "pick", "place"), "a pick follows a pick"),
+    (("pick",), "ends with an object in the gripper"),
+    ((), "no actions"),
+]
+
+
+@pytest.mark.parametrize(("actions", "message"), BAD_SEQUENCES)
+def test_a_senseless_sequence_is_not_appended(folder, actions, message):
+    before = files(folder)
+    with pytest.raises(UserError, match=message):
+        folder.append(one_demonstration(STACK3, actions=actions))
+    assert files(folder) == before
+
+
+BAD_POSES = [
+    Pose((math.nan, 0.0, 0.0)),
+    Pose((0.0, math.inf, 0.0)),
+    Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 2.0)),
+    Pose((0.0, 0.0, 0.0), (0.0, 0.0, math.nan, 1.0)),
+]
+
+
+@pytest.mark.parametrize("pose", BAD_POSES)
+def test_a_senseless_pose_is_not_appended(folder, pose):
+    before = files(folder)
+    good = one_demonstration(STACK3)
+    place = Action("place", {**good.actions[1].poses, "BlueBox": pose})
+    with pytest.raises(UserError, match="action 2: the pose in BlueBox"):
+        folder.append(Demonstration("", (good.actions[0], place)))
+    with pytest.raises(UserError, match="one pose for each"):
+        folder.append(Demonstration("", (good.actions[0], Action("place", {"BlueBox": Pose((0.0, 0.0, 0.0))}))))
+    assert files(folder) == before
+
+
+def edited(**changes):
+    """Changes the second file of demo2; None deletes a key."""
+
+    def change(folder):
+        file = folder.path / "demo2" / "data_2.yaml"
+        data = yaml.safe_load(file.read_text())
+        for key, value in changes.items():
+            if key == "type":
+                data[key] = value
+            else:
+                data[key].update(value)
+                data[key] = {frame: vector for frame, vector in data[key].items() if vector is not None}
+        file.write_text(yaml.safe_dump(data))
+
+    return change
+
+
+def write(text):
+    return lambda folder: (folder.path / "demo2" / "data_2.yaml").write_text(text)
+
+
+def emptied(folder):
+    shutil.rmtree(folder.path / "demo2")
+    (folder.path / "demo2").mkdir()
+
+
+BAD = {
+    "empty folder": (emptied, r"demo2 is left out: .*data_1.yaml; record it again or delete it\.$"),
+    "hole": (lambda f: (f.path / "demo2" / "data_3.yaml").unlink(), r"data_3.yaml is missing; restore it"),
+    "end missing": (lambda f: (f.path / "demo2" / "data_6.yaml").unlink(), r"object in the gripper; place it"),
+    "two picks": (edited(type="pick"), r"action 2: a pick follows a pick without a place; record it again"),
+    "type": (edited(type="push"), r"data_2.yaml: type is 'push'; write pick or place"),
+    "no type": (edited(type=None), r"data_2.yaml: type is None; write pick or place"),
+    "unknown frame": (
+        edited(vec_pos={"PinkBox": [0, 0, 0]}),
+        r"data_2.yaml: vec_pos names the frame 'PinkBox'.*add it",
+    ),
+    "frame missing": (edited(vec_quat={"BlueBox": None}), r"data_2.yaml: vec_quat lacks the frame BlueBox; record"),
+    "nan": (
+        edited(vec_pos={"BlueBox": [math.nan, 0, 0]}),
+        r"vec_pos.BlueBox is .nan.*3 finite numbers; record it again",
+    ),
+    "infinite": (edited(vec_pos={"BlueBox": [0, -math.inf, 0]}), r"vec_pos.BlueBox is .*3 finite numbers; record"),
+    "too large": (edited(vec_pos={"BlueBox": [0, 10**400, 0]}), r"vec_pos.BlueBox is .*3 finite numbers; record"),
+    "truth": (edited(vec_pos={"BlueBox": [0, True, 0]}), r"vec_pos.BlueBox is .*3 finite numbers; record it again"),
+    "two numbers": (edited(vec_pos={"BlueBox": [0, 0]}), r"vec_pos.BlueBox is .*3 finite numbers; record it again"),
+    "no numbers": (edited(vec_quat={"BlueBox": "up"}), r"vec_quat.BlueBox is 'up', not 4 finite numbers; record it"),
+    "not unit": (
+        edited(vec_quat={"BlueBox": [0, 0, 1, 1]}),
+        r"quaternion in BlueBox has length 1.414, not 1; record it",
+    ),
+    "half written": (write(""), r"data_2.yaml is empty or half written; restore or delete it\.$"),
+    "list": (write("- 1"), r"data_2.yaml is empty or half written; restore or delete it\.$"),
+    "no YAML": (write("type: [pick"), r"data_2.yaml cannot be read .*; restore or delete it\.$"),
+    "no date": (write("type: 2020-99-99"), r"data_2.yaml cannot be read .*; restore or delete it\.$"),
+    "no positions": (write("type: place"), r"data_2.yaml: vec_pos is missing; record the demonstration again"),
+}
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_a_bad_demonstration_is_left_out_with_a_sentence(folder, kind):
+    damage, sentence = BAD[kind]
+    good = list(folder.read())
+    damage(folder)
+    before = files(folder)
+    read = folder.read()
+    assert list(read) == [good[0], good[2]]
+    (problem,) = read.problems
+    assert str(folder.path / "demo2") in problem
+    assert problem.endswith(".")
+    assert "\n" not in problem
+    assert re.search(sentence, problem)
+    folder.append(one_demonstration(STACK3))
+    assert before.items() <= files(folder).items()
+
+
+@pytest.mark.parametrize("kind", ["half written", "nan", "not unit"])
+def test_where_nothing_is_usable_the_sentence_is_the_error(folder, kind):
+    damage, sentence = BAD[kind]
+    folder.delete("demo1")
+    folder.delete("demo3")
+    damage(folder)
+    with pytest.raises(UserError, match=sentence):
+        folder.read()
+
+
+GOOD_INFO = {"frames": ["KittingBox", "base_link"], "default_frame": "base_link", "robot": "base_link"}
+BAD_INFO = {
+    "frames: [": "cannot be read",
+    "": "empty or half written",
+    yaml.safe_dump({**GOOD_INFO, "frames": 3}): "frames must be a list of names",
+    yaml.safe_dump({**GOOD_INFO, "frames": ["base_link"]}): "at least two frames",
+    yaml.safe_dump({**GOOD_INFO, "frames": ["base_link"] * 2}): "each once",
+    yaml.safe_dump({**GOOD_INFO, "robot": "YuMi"}): "robot 'YuMi' is not one of the frames; use one of KittingBox",
+    yaml.safe_dump({**GOOD_INFO, "default_frame": None}): "default_frame 'None' is not one of the frames",
+}
+
+
+@pytest.mark.parametrize("text", BAD_INFO)
+def test_bad_information_is_named(tmp_path, text):
+    (tmp_path / "info.yaml").write_text(text)
+    with pytest.raises(UserError, match=BAD_INFO[text]) as error:
+        DemonstrationFolder(tmp_path).read()
+    assert str(tmp_path / "info.yaml") in str(error.value)
+    assert (tmp_path / "info.yaml").read_text() == text
+
+
+def test_a_missing_or_empty_folder_is_named(tmp_path):
+    folder = DemonstrationFolder(tmp_path / "none")
+    with pytest.raises(UserError, match=r"there is no folder .*none; give one"):
+        folder.read()
+    folder.path.mkdir()
+    with pytest.raises(UserError, match=r"info\.yaml is missing; restore it"):
+        folder.read()
+    folder.create(Frames(("KittingBox", "base_link"), "base_link", "base_link"))
+    with pytest.raises(UserError, match="none holds no demonstration; record some"):
+        folder.read()
