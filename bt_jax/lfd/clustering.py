@@ -2,9 +2,10 @@
 
 The method of Gustavsson et al., Combining Context Awareness and Planning to Learn Behavior Trees from Demonstration (2022).
 Actions of one type on one object are clustered in every candidate frame; a cluster is the better the more demonstrations
-it holds and the less they differ. Beyond the publication, the number counts first among clusters that agree well: some of
-the demonstrations agree better than all of them by mere chance. And a box that is moved away later is the last to serve as a
-frame. Everything that was weighed is kept, to be shown.
+it holds and the less they differ. Beyond the publication, the number counts first among clusters that agree well, since some
+of the demonstrations agree better than all of them by mere chance. Of equally many, one that mixes what is done first with
+an object and what is done later, or whose frame is a box that is moved away later, is the last to be taken. Everything that
+was weighed is kept, to be shown.
 """
 
 from __future__ import annotations
@@ -45,7 +46,8 @@ class Candidate:
     """One frame in which an action may have been meant, with the cluster that the action belongs to there.
 
     `score` is size / spread [1/m], -inf where the action is alone; `spread` is the largest distance to the mean [m].
-    `leaves`: the frame is a box that one of the demonstrations moves later.
+    `leaves`: the frame is a box that one of the demonstrations moves later; `mixed`: what one demonstration does first
+    with the object, another does later.
     """
 
     frame: str
@@ -54,6 +56,7 @@ class Candidate:
     mean: Vec3
     spread: float
     leaves: bool = False
+    mixed: bool = False
 
     @property
     def size(self) -> int:
@@ -68,7 +71,9 @@ class Candidate:
     def merit(self) -> tuple:
         """What candidates are compared by; the greatest is the best."""
         demonstrations = len({moment.demonstration for moment in self.members})
-        return (self.good, demonstrations, not self.leaves, self.score) if self.good else (False, 0, True, self.score)
+        if not self.good:
+            return (False, 0, True, True, self.score)
+        return (True, demonstrations, not self.mixed, not self.leaves, self.score)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -247,6 +252,7 @@ def _ranked(
     picked: Mapping[Moment, str],
 ) -> tuple[Candidate, ...]:
     """The candidate frames of one action, the best first; equals in the order of the frames."""
+    nth = _occurrences(moments, [0] * len(moments))
     found = []
     for frame, labels in clusters.items():
         rows = np.flatnonzero(labels == labels[row]) if labels[row] >= 0 else np.array([row])
@@ -256,8 +262,9 @@ def _ranked(
         score = len(rows) / max(spread, SPREAD_FLOOR) if len(rows) > 1 else -math.inf
         members = tuple(moments[i] for i in rows)
         leaves = any(_leaves(frame, moment, picked) for moment in members)
+        mixed = len({nth[i] for i in rows}) > 1
         score = float(f"{score:.6g}")
-        found.append(Candidate(frame, score, members, tuple(mean.round(4).tolist()), spread, leaves))
+        found.append(Candidate(frame, score, members, tuple(mean.round(4).tolist()), spread, leaves, mixed))
     found.sort(key=lambda one: frames.names.index(one.frame))
     return tuple(sorted(found, key=lambda one: one.merit, reverse=True))
 

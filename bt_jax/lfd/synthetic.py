@@ -1,8 +1,8 @@
 """Demonstrations made by computer, of which it is known what they mean.
 
-The demonstrator carries every box to its place by a straight path of the mind: there is no physics, a box stays where it is
-released but for its height, which is that of the place. For tests, for measuring how well frames are told, and to
-demonstrate in experiments without a person.
+The demonstrator carries every box straight to its place. There is no physics: a box stays where it is released, but for its
+height, which is that of the place. For tests, for measuring how well frames are told, and to demonstrate in experiments
+without a person.
 """
 
 from __future__ import annotations

@@ -135,6 +135,16 @@ def test_other_actions_nearby_do_not_spoil_a_cluster():
         np.testing.assert_allclose([one.position[0] for one in found], [-0.05, 0.05], atol=0.01)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_first_and_second_places_are_not_mixed(seed):
+    """As far apart as the tables are: with the kit on another table, the second place in it is where the first one was."""
+    places = [Target("YellowBox", (x, -0.64, 0.75), "base_link") for x in (0.875, -0.125)]
+    found = [one for one in infer(demonstrations(STACK3, places, count=5, seed=seed), movable=BOXES)
+             if one.kind == "place"]  # fmt: skip
+    assert [one.frame for one in found] == ["base_link"] * 2
+    assert [{moment.index for moment in one.moments} for one in found] == [{1}, {3}]
+
+
 def test_where_nothing_agrees_every_action_stands_alone():
     alone = [
         demonstrations(STACK3, [Target("YellowBox", (0.3 * i, 0.7 * i, 0.1 + i), "KittingBox")], count=1, seed=i)
