@@ -203,11 +203,7 @@ def _meanings(
     found: dict[tuple, list[int]] = {}
     for meaning, rows in together.items():
         own = [moments[row] for row in rows]
-        seconds = [ranked[row][1] for row in rows]
-        split = [
-            (second.frame, int(clusters[second.frame][row])) if second.good else ("", 0)
-            for row, second in zip(rows, seconds, strict=True)
-        ]
+        split = [_second_cluster(row, ranked[row], clusters) for row in rows]
         if not any(_occurrences(own, [0] * len(rows))) or any(_occurrences(own, split)):
             split = [("", 0)] * len(rows)
         for row, part, nth in zip(rows, split, _occurrences(own, split), strict=True):
@@ -215,8 +211,14 @@ def _meanings(
     return list(found.values())
 
 
+def _second_cluster(row: int, own: Sequence[Candidate], clusters: dict[str, np.ndarray]) -> tuple[str, int]:
+    """The frame and the cluster of an action in its second-best frame, ("", 0) where that says nothing."""
+    good = len(own) > 1 and own[1].good
+    return (own[1].frame, int(clusters[own[1].frame][row])) if good else ("", 0)
+
+
 def _occurrences(moments: Sequence[Moment], keys: Sequence[Hashable]) -> list[int]:
-    """The how manieth of its demonstration each action is among those with the same key, from 0."""
+    """For each action, how many of its demonstration with the same key come before it."""
     counts: Counter[tuple[int, Hashable]] = Counter()
     found = []
     for moment, key in zip(moments, keys, strict=True):
@@ -306,8 +308,10 @@ def _reason(kind: Kind, frame: str, own: Sequence[Candidate], alone: bool, min_s
         return "a pick is meant in the frame of its object"
     if alone:
         return f"no frame has {min_samples} demonstrations that agree within {EPS} m, so it is {frame}"
-    best, second = own[0], own[1]
+    best, second = own[0], own[1] if len(own) > 1 else None
     agree = f"{best.size} agree within {1000 * max(best.spread, SPREAD_FLOOR):.0f} mm in {frame}"
+    if second is None:
+        return f"{agree}, the only frame"
     if second.merit == best.merit:
         return f"{agree}; {second.frame} fits as well"
     if second.score == -math.inf:

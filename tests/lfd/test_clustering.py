@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import numpy as np
@@ -143,6 +144,14 @@ def test_first_and_second_places_are_not_mixed(seed):
              if one.kind == "place"]  # fmt: skip
     assert [one.frame for one in found] == ["base_link"] * 2
     assert [{moment.index for moment in one.moments} for one in found] == [{1}, {3}]
+
+
+def test_one_frame_is_enough():
+    shown = demonstrations(STACK3, [UNSTACKING[0]])
+    frames = dataclasses.replace(shown.frames, names=("GreenBox", "base_link"))
+    pick, place = infer(dataclasses.replace(shown, frames=frames), movable=BOXES)
+    assert (pick.frame, place.frame) == ("GreenBox", "base_link")
+    assert place.reason.endswith("in base_link, the only frame")
 
 
 def test_where_nothing_agrees_every_action_stands_alone():
