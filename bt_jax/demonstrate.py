@@ -80,7 +80,7 @@ class Input:
 
     kind: str
     name: str = ""  # of the object for pick, of the frame for to
-    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    position: tuple[float, ...] = (0.0, 0.0, 0.0)
 
 
 def parse_script(text: str) -> list[Input]:
@@ -104,7 +104,7 @@ def parse_script(text: str) -> list[Input]:
     return found
 
 
-def _vector(text: str, step: str) -> tuple[float, float, float]:
+def _vector(text: str, step: str) -> tuple[float, ...]:
     try:
         values = tuple(float(x) for x in text.split(","))
     except ValueError:

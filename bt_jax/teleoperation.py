@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from bt_jax.behaviors import Behavior, Vocabulary
 from bt_jax.errors import UserError
@@ -15,10 +16,12 @@ from bt_jax.mjx_env.physics import Physics
 from bt_jax.mjx_env.settling import Settler
 from bt_jax.mjx_env.skills import act, settled_world
 from bt_jax.mjx_env.statuses import Semantics
-from bt_jax.mjx_env.world import World, frames, rotate, to_world
+from bt_jax.mjx_env.world import World, frames, to_world
 from bt_jax.task import Task
 
 __all__ = ["Teleoperation", "frames_of"]
+
+Vector = Sequence[float] | Float[np.ndarray, "3"]
 
 
 def frames_of(task: Task) -> Frames:
@@ -91,13 +94,13 @@ class Teleoperation:
         after = self._done(semantics, world, pick)
         self._push(_Moment(after, after.poses[0, index, :3].astype(float), (*self.actions, action)))
 
-    def move(self, by: Sequence[float]) -> None:
+    def move(self, by: Vector) -> None:
         """Carries the held object by a vector in the world's axes; not below the floor."""
         self.move_to(
             self._in_frame(self._carried() + np.asarray(by, float), self.task.robot_frame), self.task.robot_frame
         )
 
-    def move_to(self, position: Sequence[float], frame: str) -> None:
+    def move_to(self, position: Vector, frame: str) -> None:
         """Carries the held object's centre to a position in a frame."""
         self._carried()
         if frame not in self.task.frames or frame == self.held:
@@ -164,13 +167,11 @@ class Teleoperation:
         tip = centre + np.array([0, 0, END_EFFECTOR_HEIGHT])
         found = {}
         for name, pose in zip(self.task.frames, frames(world, self.task)[0].astype(float), strict=True):
-            w, x, y, z = pose[3:] / np.linalg.norm(pose[3:])
-            turn = (-x, -y, -z, w)  # of the upright end effector, seen from the frame
-            found[name] = Pose(tuple(_into(pose, tip).tolist()), tuple(float(c) + 0.0 for c in turn))
+            turn = Rotation.from_quat(pose[3:], scalar_first=True).inv()  # of the upright end effector, in the frame
+            found[name] = Pose(tuple(_into(pose, tip).tolist()), tuple((turn.as_quat(canonical=True) + 0.0).tolist()))
         return found
 
 
 def _into(pose: Float[np.ndarray, "7"], point: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
     """A point of the world in the frame that has this pose (position, quaternion wxyz)."""
-    back = pose[3:] * np.array([1.0, -1.0, -1.0, -1.0]) / np.linalg.norm(pose[3:])
-    return rotate(back, point - pose[:3])
+    return Rotation.from_quat(pose[3:], scalar_first=True).inv().apply(point - pose[:3])

@@ -87,13 +87,19 @@ def _join(releases: list[Released]) -> Released:
     )
 
 
+def command(module: str, *arguments: object, **options) -> subprocess.CompletedProcess:
+    """Runs one of the package's commands to its end."""
+    words = [sys.executable, "-m", module, *map(str, arguments)]
+    return subprocess.run(words, capture_output=True, text=True, timeout=300, **options)
+
+
 def train_command(*arguments: object) -> list[str]:
     return [sys.executable, "-m", "bt_jax.train", *map(str, arguments)]
 
 
 def train(*arguments: object, **options) -> subprocess.CompletedProcess:
     """Runs the command line of training to its end."""
-    return subprocess.run(train_command(*arguments), capture_output=True, text=True, timeout=300, **options)
+    return command("bt_jax.train", *arguments, **options)
 
 
 def sized(task: Task) -> np.ndarray:
