@@ -9,7 +9,7 @@ from bt_jax.behaviors import Tree
 from bt_jax.encoding.reading import read_tree
 from bt_jax.encoding.walk import leaves as tree_leaves
 from bt_jax.errors import UserError
-from bt_jax.lfd import DemonstrationFolder, Lesson, learn
+from bt_jax.lfd import DemonstrationFolder, Lesson, learn, plan_task
 from bt_jax.run_folder import RunConfig
 from bt_jax.task import Task
 
@@ -18,15 +18,16 @@ __all__ = ["Changes", "baseline_from", "lesson_from", "subgoal_name"]
 
 @dataclasses.dataclass(frozen=True)
 class Changes:
-    """What is new in a training, or in the next phase of one."""
+    """What is new in a training, or in the next phase of one. `plan`: a planner's tree for the targets is the baseline."""
 
     baseline: Tree | None = None
+    plan: bool = False
     target_from: Path | None = None
     subgoal_from: Path | None = None
     baseline_index: int | None = None
 
     def __bool__(self) -> bool:
-        return any(value is not None for value in dataclasses.astuple(self))
+        return self != Changes()
 
     def applied(self, config: RunConfig) -> RunConfig:
         """The configuration with these changes.
@@ -49,6 +50,10 @@ class Changes:
             gene = lesson.subtask_gene(name)
             leaves.append(gene)
             baseline = baseline or gene
+        if self.plan:
+            if baseline is not None:
+                raise UserError("two baselines are given; leave out --plan, or --baseline and the demonstrations")
+            baseline = plan_task(task)
         gp = dataclasses.replace(config.gp, baseline_index=self.baseline_index)
         if baseline is None and self.baseline_index is not None:
             raise UserError("--baseline-index says where a baseline enters; give one with --baseline or demonstrations")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,8 +14,9 @@ __all__ = ["learning_curve"]
 BEST, MEAN = "#0072b2", "#999999"
 
 
-def learning_curve(history: list[Generation], *, title: str) -> bytes:
-    """PNG of the fitness over the generations: best (mean and range over the runs) and mean of the population."""
+def learning_curve(history: list[Generation], *, title: str, phases: Sequence[int] = ()) -> bytes:
+    """PNG of the fitness over the generations: best (mean and range over the runs) and mean of the population. A line
+    marks each generation at which a new phase began."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -30,6 +32,8 @@ def learning_curve(history: list[Generation], *, title: str) -> bytes:
         axes.fill_between(generations, best.min(axis=0), best.max(axis=0), color=BEST, alpha=0.2, lw=0, label="range")
     label = f"best, mean of {runs} runs" if runs > 1 else "best"
     axes.plot(generations, best.mean(axis=0), color=BEST, lw=2, label=label)
+    for phase in phases:
+        axes.axvline(phase, color=MEAN, lw=1, ls=":")
     axes.set_yscale("symlog", linthresh=100)
     axes.set_ylim(top=0)
     ticks = [-10_000, -3000, -1000, -300, -100, -50, 0]

@@ -110,6 +110,11 @@ class RunFolder:
         write_atomic(self.path / f"config-{config.phase - 1}.json", before)
         write_atomic(self.path / "config.json", config.to_json())
 
+    def phases(self) -> list[int]:
+        """The generations at which phases after the first began."""
+        files = [*self.path.glob("config-*.json"), self.path / "config.json"]
+        return sorted({int(json.loads(file.read_text(encoding="utf-8"))["since"]) for file in files} - {0})
+
     def config(self) -> RunConfig:
         """Reads the configuration. Raises UserError where this is no run folder, or one of another version."""
         source = self.path / "config.json"

@@ -46,13 +46,15 @@ class Arguments:
     settings: tyro.conf.OmitArgPrefixes[Settings] = dataclasses.field(default_factory=Settings)
     baseline: Path | None = None
     """tree (.txt or .xml) to start from, or a folder of train or learn with one; it stays available for crossover"""
+    plan: bool = False
+    """start from the tree that a planner makes for the task's targets"""
     add_target_from: Path | None = None
     """folder of demonstrations: their places become targets and genes, their tree the baseline if no other is given"""
     add_subgoal_from: Path | None = None
     """folder of demonstrations of a step on the way: one gene, and a reward for what it reaches"""
     resume: Path | None = None
     """run folder to go on with, bit for bit; only --generations, --target-fitness and --time-limit may differ. With
-    --baseline, --add-target-from or --add-subgoal-from a new phase begins there"""
+    --baseline, --plan, --add-target-from or --add-subgoal-from a new phase begins there"""
     target_fitness: float | None = None
     """stop once the best fitness of every run has reached this"""
     time_limit: float | None = None
@@ -151,6 +153,7 @@ def _configuration(arguments: Arguments) -> tuple[RunConfig, RunFolder]:
 def _changes(arguments: Arguments) -> Changes:
     return Changes(
         baseline=None if arguments.baseline is None else baseline_from(arguments.baseline),
+        plan=arguments.plan,
         target_from=arguments.add_target_from,
         subgoal_from=arguments.add_subgoal_from,
         baseline_index=arguments.gp.baseline_index,
@@ -165,7 +168,7 @@ def _resumed(arguments: Arguments, folder: RunFolder) -> RunConfig:
             f"{folder.path} was begun with version {config.version} and this is {package_version()}; go on "
             "with that version, or train again"
         )
-    changed = arguments.baseline or arguments.add_target_from or arguments.add_subgoal_from
+    changed = dataclasses.replace(_changes(arguments), baseline_index=None) != Changes()
     free = {"generations": config.gp.generations, "baseline_index": config.gp.baseline_index if changed else None}
     same = dataclasses.replace(arguments.gp, **free) == dataclasses.replace(config.gp, **free)
     if not same or arguments.settings != config.settings or arguments.name or arguments.task:
@@ -238,7 +241,7 @@ def _finish(
             "runs": [{"fitness": float(f), "tree": t} for f, t in zip(best_of(state)[1], result.lines, strict=True)],
         }
     )
-    folder.save_picture("learning_curve.png", learning_curve(history, title=training.task.name))
+    folder.save_picture("learning_curve.png", learning_curve(history, title=training.task.name, phases=folder.phases()))
     if (picture := training.picture(result.tree)) is not None:
         folder.save_picture("solved.png", picture)
     display.finish(result, state, session)
