@@ -16,7 +16,7 @@ from jaxtyping import Bool, Int16
 from bt_jax.behaviors import FIRST_LEAF, NOTHING, OPEN, Behavior, Control, Kind, Vocabulary, check_names
 from bt_jax.encoding.tick import Status
 from bt_jax.errors import UserError
-from bt_jax.mjx_env.world import Array, World, frames, namespace, to_world
+from bt_jax.mjx_env.world import Array, World, distances, frames, namespace, to_world
 from bt_jax.task import Task
 
 __all__ = ["COMMAND_BITS", "Semantics", "see_subgoals"]
@@ -171,13 +171,13 @@ class Semantics:
     def _condition_values(self, world: World) -> Bool[Array, "S conditions"]:
         xp = namespace(world.poses)
         goal = to_world(frames(world, self.task), self.place_frame, self.place_position)
-        distance = xp.sqrt(xp.sum((world.poses[:, self.place_object, :3] - goal) ** 2, axis=-1))
+        away = distances(world.poses[:, self.place_object, :3], goal)
         boxes = np.arange(len(self.task.boxes), dtype=np.int8)
         holding = world.held[:, None] == np.append(boxes, np.int8(-1))[None]
         gripper = xp.stack([world.opened, ~world.opened], axis=1)
         return xp.concatenate(
             [
-                distance < np.float32(self.task.episode.tolerance),
+                away < np.float32(self.task.episode.tolerance),
                 holding,
                 gripper,
                 _reachable(world, self.task),

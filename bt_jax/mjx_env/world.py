@@ -20,6 +20,7 @@ __all__ = [
     "Array",
     "World",
     "concatenate",
+    "distances",
     "frames",
     "namespace",
     "rotate",
@@ -64,7 +65,13 @@ def concatenate(worlds: list[World]) -> World:
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *worlds)
 
 
-def rotate(quaternion: Float32[Array, "*S 4"], vector: Float32[Array, "*S 3"]) -> Float32[Array, "*S 3"]:
+def distances(a: Float32[Array, "*S 3"], b: Float32[Array, "*S 3"]) -> Float32[Array, "*S"]:
+    """Between points, in their unit."""
+    x, y, z = (a[..., i] - b[..., i] for i in range(3))  # NumPy takes long for sums of three
+    return namespace(a).sqrt(x * x + y * y + z * z)
+
+
+def rotate(quaternion: Float32[Array, "*S 4"], vector: Float32[Array, "*#S 3"]) -> Float32[Array, "*S 3"]:
     """Rotates vectors by unit quaternions (w, x, y, z)."""
     xp = namespace(quaternion)
     w, a, b, c = (quaternion[..., i] for i in range(4))
@@ -92,8 +99,7 @@ def to_world(
 ) -> Float32[Array, "*S n 3"]:
     """World positions of n points, each given as index of its frame [n] and position in it [n, 3]."""
     poses = frame_poses[..., frame, :]
-    xp = namespace(frame_poses)
-    points = xp.broadcast_to(xp.asarray(position, np.float32), (*poses.shape[:-1], 3))
+    points = namespace(frame_poses).asarray(position.reshape((1,) * (poses.ndim - 2) + position.shape), np.float32)
     return poses[..., :3] + rotate(poses[..., 3:], points)
 
 
