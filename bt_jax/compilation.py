@@ -47,32 +47,35 @@ def kept_jit(
 ) -> Callable:
     """`jax.jit` whose executables outlive the process once `keep_compiled` was called.
 
-    Works on functions of positional or keyword arguments whose dynamic arguments are pytrees of arrays. Inside another
-    traced function it is `jax.jit`.
+    Works on functions without keyword-only parameters whose dynamic arguments are pytrees of arrays. Inside another traced
+    function it is `jax.jit`.
     """
     if function is None:
         return functools.partial(kept_jit, static_argnames=static_argnames, donate_argnums=donate_argnums)
     jitted = jax.jit(function, static_argnames=static_argnames, donate_argnums=donate_argnums)
     signature = inspect.signature(function)
+    static_at = [i for i, name in enumerate(signature.parameters) if name in static_argnames]
+    dynamic_at = [i for i, name in enumerate(signature.parameters) if name not in static_argnames]
     loaded: dict[Any, Callable] = {}
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
         if _Store.folder is None:
             return jitted(*args, **kwargs)
-        bound = signature.bind(*args, **kwargs)
-        bound.apply_defaults()
-        static = tuple(bound.arguments[name] for name in static_argnames)
-        dynamic = [value for name, value in bound.arguments.items() if name not in static_argnames]
+        if kwargs or len(args) < len(signature.parameters):
+            bound = signature.bind(*args, **kwargs)
+            bound.apply_defaults()
+            args = tuple(bound.arguments.values())
+        dynamic = [args[i] for i in dynamic_at]
         leaves, structure = jax.tree.flatten(dynamic)
-        if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
-            return jitted(*args, **kwargs)
-        key = (static, structure, tuple((leaf.shape, leaf.dtype) for leaf in leaves))
+        key = (tuple([args[i] for i in static_at]), structure, tuple([(leaf.shape, leaf.dtype) for leaf in leaves]))
+        if any([isinstance(leaf, jax.core.Tracer) for leaf in leaves]):
+            return jitted(*args)
         executable = loaded.get(key)
         if executable is None:
             name = f"{function.__module__}.{function.__qualname__}"
-            executable = loaded[key] = _load(name, key, lambda: jitted.lower(*bound.args, **bound.kwargs).compile())
-        return executable(*(value for name, value in bound.arguments.items() if name not in static_argnames))
+            executable = loaded[key] = _load(name, key, lambda: jitted.lower(*args).compile())
+        return executable(*dynamic)
 
     return call
 

@@ -64,7 +64,7 @@ def walk(semantics: Semantics, physics: Physics, *, seed: int, count: int, steps
 
 def random_commands(semantics: Semantics, world: World, rng: np.random.Generator) -> np.ndarray:
     """For each state a command that could run there; opening the gripper where nothing could."""
-    statuses = semantics._atom_statuses(world)[:, len(semantics.conditions) :]
+    statuses = semantics._atom_outcomes(world)[:, len(semantics.conditions) :] & 3
     weights = (statuses == 2) * rng.random(statuses.shape)
     return weights.argmax(axis=1).astype(np.int32)
 

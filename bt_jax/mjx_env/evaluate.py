@@ -38,6 +38,9 @@ __all__ = [
     "update_progress",
 ]
 
+MANY = 512  # from so many episodes on,
+FEW = 8  # those that wait go on by themselves once they are at most one in so many
+
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
@@ -181,23 +184,7 @@ class TableEvaluator:
 
     def _run(self, trees: Trees, starts: Int32[np.ndarray, "P K"]) -> Evaluation:
         tree = np.repeat(np.arange(starts.shape[0], dtype=np.int32), starts.shape[1])
-        state, progress = starts.reshape(-1), fresh_progress(starts.size)
-        jumps = _jump_table(trees)
-        while True:
-            state, progress, waiting = _advance(
-                jumps,
-                tree,
-                state,
-                progress,
-                self.table.outcomes,
-                self.table.following,
-                self.table.semantics.task.episode,
-            )
-            waiting = np.asarray(waiting)
-            missing = np.unique(waiting[waiting >= 0])
-            if not missing.size:
-                break
-            self.table.learn(*np.divmod(missing, self.table.num_commands))
+        state, progress = self._finish(_jump_table(trees), tree, starts.reshape(-1), fresh_progress(starts.size))
         state = np.asarray(state)
         return evaluation(
             self.table.semantics.task,
@@ -207,6 +194,30 @@ class TableEvaluator:
             missed=self.table.missed(state),
             shape=starts.shape,
         )
+
+    def _finish(
+        self, jumps: JumpTable, tree: Int32[np.ndarray, "E"], state: Int32[Array, "E"], progress: Progress
+    ) -> tuple[Int32[Array, "E"], Progress]:
+        """States and progress of all episodes at their ends. Where many have ended, the others go on by themselves."""
+        few = tree.size // FEW if tree.size >= MANY else 0
+        table = self.table
+        while True:
+            state, progress, waiting = _advance(
+                jumps, tree, state, progress, table.outcomes, table.following, table.semantics.task.episode
+            )
+            waiting = np.asarray(waiting)
+            missing = np.unique(waiting[waiting >= 0])
+            if not missing.size:
+                return state, progress
+            table.learn(*np.divmod(missing, table.num_commands))
+            rows = np.flatnonzero(waiting >= 0)
+            if rows.size <= few:
+                rows = np.resize(rows, few)  # some of them several times
+                whole = jax.tree.map(np.array, (state, progress))
+                part = self._finish(jumps, tree[rows], *jax.tree.map(operator.itemgetter(rows), whole))
+                for leaf, ended in zip(jax.tree.leaves(whole), jax.tree.leaves(part), strict=True):
+                    leaf[rows] = ended
+                return whole
 
 
 def all_layouts(trees: Trees, layouts: World) -> Int32[np.ndarray, "P K"]:

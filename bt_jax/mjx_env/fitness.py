@@ -7,7 +7,7 @@ import enum
 import numpy as np
 from jaxtyping import Float32, Int8, Int32
 
-from bt_jax.mjx_env.world import Array, World, frames, namespace, to_world
+from bt_jax.mjx_env.world import Array, World, distances, frames, namespace, to_world
 from bt_jax.task import Task
 
 __all__ = ["WORST_FITNESS", "Ending", "fitness", "subgoals_missed", "target_distances"]
@@ -27,12 +27,11 @@ class Ending(enum.IntEnum):
 
 def target_distances(task: Task, world: World) -> Float32[Array, "S targets"]:
     """Distance of each target's object from where it should be, metres."""
-    xp = namespace(world.poses)
     objects = np.array([task.box_names.index(target.object) for target in task.targets])
     frame = np.array([task.frames.index(target.frame) for target in task.targets])
     position = np.array([target.position for target in task.targets], np.float32)
     goal = to_world(frames(world, task), frame, position)
-    return xp.sqrt(xp.sum((world.poses[..., objects, :3] - goal) ** 2, axis=-1))
+    return distances(world.poses[..., objects, :3], goal)
 
 
 def subgoals_missed(world: World) -> Int32[Array, "S"]:

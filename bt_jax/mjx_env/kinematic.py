@@ -43,6 +43,9 @@ def settle(
     order = xp.argsort(xp.where(present, poses[..., 2], np.float32(np.inf)), axis=1, stable=True)
     for rank in range(count):
         chosen = order[:, rank, None] == np.arange(count)[None]
+        falls = chosen & present
+        if xp is np and not falls.any():
+            break
         one = chosen[..., None]
         pose = xp.sum(xp.where(one, poses, np.float32(0)), axis=1)
         half = xp.sum(xp.where(chosen, sizes, np.float32(0)), axis=1) / 2
@@ -58,7 +61,6 @@ def settle(
             before, pose = pose, _drop(surfaces, usable, _topple(surfaces, usable, pose, half), half)
             if xp is np and np.array_equal(before, pose):
                 break
-        falls = chosen & present
         poses = xp.where(falls[..., None], pose[:, None], poses)
         done = done | falls
     reach = xp.sqrt(xp.sum((poses[..., :2] - start[..., :2]) ** 2, axis=-1))

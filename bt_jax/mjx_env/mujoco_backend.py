@@ -12,6 +12,7 @@ from mujoco.rollout import Rollout
 
 from bt_jax.mjx_env.physics import MAX_STEPS, QUIET_STEPS, Settled
 from bt_jax.mjx_env.scene import compile_scene, timing
+from bt_jax.mjx_env.world import row_names
 from bt_jax.task import Task
 
 __all__ = ["MujocoPhysics"]
@@ -30,6 +31,7 @@ class MujocoPhysics:
         self.threads = threads or os.cpu_count() or 1
         self._pool = Rollout(nthread=self.threads if self.threads > 1 else 0)
         self._data: dict[int, list[mujoco.MjData]] = {}
+        self._models: dict[bytes, mujoco.MjModel] = {}
 
     def settle(
         self, kit: Float32[np.ndarray, "S 3"], poses: Float32[np.ndarray, "S B 7"], present: Bool[np.ndarray, "S B"]
@@ -53,7 +55,7 @@ class MujocoPhysics:
         """Solves problems with equally many boxes and writes them into `result`."""
         index = np.nonzero(present)[1].reshape(-1, count)
         start = np.take_along_axis(poses, index[..., None], axis=1).astype(np.float64)
-        models = self._models(present)
+        models = [self._model(names) for names in row_names(present)]
         if count not in self._data:
             self._data[count] = [mujoco.MjData(models[0]) for _ in range(self.threads)]
         data = self._data[count]
@@ -63,9 +65,16 @@ class MujocoPhysics:
         active = np.arange(len(rows))
         for nstep in _chunks():
             control = np.broadcast_to(kit[active, None].astype(np.float64), (len(active), nstep, 3))
-            chosen = [models[i] for i in active]
-            trajectory, _ = self._pool.rollout(
-                chosen, data, state[active], np.ascontiguousarray(control), control_spec=_CONTROL, nstep=nstep
+            trajectory = np.empty((len(active), nstep, state.shape[1]))
+            self._pool.rollout(
+                [models[i] for i in active],
+                data,
+                state[active],
+                np.ascontiguousarray(control),
+                control_spec=_CONTROL,
+                nstep=nstep,
+                state=trajectory,
+                skip_checks=True,
             )
             rest = quiet.update(active, trajectory)
             state[active] = trajectory[:, -1]
@@ -77,17 +86,15 @@ class MujocoPhysics:
         result.poses[rows], result.reach[rows] = placed, reach
         result.ok[rows], result.steps[rows] = quiet.ok, quiet.steps
 
-    def _models(self, present: Bool[np.ndarray, "S B"]) -> list[mujoco.MjModel]:
-        """A model for each problem. Boxes that only differ in name and colour share one."""
-        boxes = self.task.boxes
-        twin = [next(i for i, other in enumerate(boxes) if _alike(other, box)) for box in boxes]
-        alike = len(set(twin)) == 1
-        models = {}
-        for pattern in np.unique(present, axis=0):
-            names = tuple(box.name for box, here in zip(boxes, pattern, strict=True) if here)
-            key = tuple(box.name for box in boxes[: len(names)]) if alike else names
-            models[pattern.tobytes()] = compile_scene(self.task, key)[0]
-        return [models[row.tobytes()] for row in present]
+    def _model(self, present: bytes) -> mujoco.MjModel:
+        """The model with the boxes of a row of flags. Boxes that only differ in name and colour share one."""
+        if present not in self._models:
+            boxes = self.task.boxes
+            names = tuple(box.name for box, here in zip(boxes, present, strict=True) if here)
+            alike = all(_alike(box, boxes[0]) for box in boxes)
+            chosen = tuple(box.name for box in boxes[: len(names)]) if alike else names
+            self._models[present] = compile_scene(self.task, chosen)[0]
+        return self._models[present]
 
 
 class _Quiet:
@@ -117,7 +124,7 @@ class _Quiet:
         offset = np.linalg.norm(qpos[..., :2] - self.start[active, None, :, :2], axis=-1)
         slow = (pace < 1) & (pace < np.column_stack([self.before[active], pace[:, :-1]]) + 0.01)
         slow = np.column_stack([self.slow[active], slow])
-        quiet = np.lib.stride_tricks.sliding_window_view(slow, QUIET_STEPS, axis=1).all(axis=-1)
+        quiet = np.logical_and.reduce([slow[:, i : i + nstep] for i in range(QUIET_STEPS)])
         ends = quiet | ~sane
         done = ends.any(axis=1)
         last = np.where(done, ends.argmax(axis=1), nstep - 1)

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float32, Int, Int32
 
 from bt_jax.mjx_env.physics import Physics
 from bt_jax.mjx_env.skills import LIFT, Released
-from bt_jax.mjx_env.world import POSITION_GRID, ROTATION_GRID, snap
+from bt_jax.mjx_env.world import POSITION_GRID, ROTATION_GRID, row_names, snap
 from bt_jax.task import Task
 
 __all__ = ["Settler"]
@@ -39,13 +39,17 @@ class Settler:
     steps: int = 0
 
     def __post_init__(self) -> None:
-        self._index: dict[bytes, int] = {}
-        self._poses: list[np.ndarray] = []
-        self._ok: list[bool] = []
-        self._reach: list[np.ndarray] = []
+        self._solutions: dict[bytes, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}  # poses, ok and reach
         self._sizes = np.array([box.size for box in self.task.boxes], np.float32)
         self._twins = _groups([(box.size, box.density) for box in self.task.boxes])
-        self._table_groups = _groups([(table.size, table.position[2]) for table in self.task.tables])
+        tables = self.task.tables
+        self._centres = np.array([table.position[:2] for table in tables], np.float32)
+        self._half_widths = np.array([table.size[:2] for table in tables], np.float32) / 2
+        first = {i: g[0] for g in _groups([(table.size, table.position[2]) for table in tables]) for i in g}
+        positions = np.array([table.position for table in tables], np.float32)
+        # From the first table of the same shape to each table: what is added to a pose.
+        self._offsets = np.zeros((len(tables), 7), np.float32)
+        self._offsets[:, :3] = positions - positions[[first[i] for i in range(len(tables))]]
 
     def settle(self, released: Released) -> tuple[Float32[np.ndarray, "S B 7"], Bool[np.ndarray, "S"]]:
         """Poses of all boxes at rest (metres, world; quaternion wxyz), and whether physics gave a sane answer."""
@@ -55,14 +59,13 @@ class Settler:
         self.asked += len(rows)
         if rows.size:
             start, kit, present = released.poses[rows], released.world.kit[rows], released.present[rows]
-            table, centre = self._table(released, rows)
-            offset = self._offset(table)
-            here = np.abs(kit[:, :2] - centre).max(axis=1) < self._half_widths(table).min(axis=1)
-            local_kit = np.where(here[:, None], kit - offset, np.array([AWAY, 0, 0], np.float32)).astype(np.float32)
-            local = start - np.pad(offset, ((0, 0), (0, 4)))[:, None]
-            rest, fine, reach = self._solve(local_kit, local, near[rows])
-            rest = rest + np.pad(offset, ((0, 0), (0, 4)))[:, None]
-            far = ~self._is_local(start, near[rows], present, reach, centre, self._half_widths(table))
+            table = self._nearest_table(released, rows)
+            centre, half, offset = self._centres[table], self._half_widths[table], self._offsets[table][:, None]
+            here = np.abs(kit[:, :2] - centre).max(axis=1) < half.min(axis=1)
+            local_kit = np.where(here[:, None], kit - offset[:, 0, :3], np.array([[AWAY, 0, 0]], np.float32))
+            rest, fine, reach = self._solve(local_kit, start - offset, near[rows])
+            rest = rest + offset
+            far = ~self._is_local(start, near[rows], present, reach, centre, half)
             poses[rows], ok[rows] = np.where(near[rows][..., None], rest, start), fine
             if far.any():
                 whole = rows[far]
@@ -87,21 +90,10 @@ class Settler:
         loose = (touches | (near & tilted)).any(axis=1)
         return near & (~taken | loose)[:, None]
 
-    def _table(self, released: Released, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Index of the table nearest to the handled box, and that table's centre, for the given rows."""
-        centres = np.array([table.position[:2] for table in self.task.tables], np.float32)
+    def _nearest_table(self, released: Released, rows: np.ndarray) -> Int[np.ndarray, "S"]:
+        """Index of the table nearest to the handled box, for the given rows."""
         here = released.poses[rows, released.box[rows], :2]
-        nearest = np.argmin(np.linalg.norm(centres - here[:, None], axis=-1), axis=1)
-        return nearest, centres[nearest]
-
-    def _offset(self, table: np.ndarray) -> Float32[np.ndarray, "S 3"]:
-        """From the first table of the same shape to the given ones."""
-        first = {i: group[0] for group in self._table_groups for i in group}
-        centres = np.array([table.position for table in self.task.tables], np.float32)
-        return centres[table] - centres[[first[i] for i in table]]
-
-    def _half_widths(self, table: np.ndarray) -> Float32[np.ndarray, "S 2"]:
-        return np.array([t.size[:2] for t in self.task.tables], np.float32)[table] / 2
+        return np.argmin(np.linalg.norm(self._centres - here[:, None], axis=-1), axis=1)
 
     def _is_local(self, start, near, present, reach, centre, half) -> Bool[np.ndarray, "S"]:
         """Whether every box stays over its table and nothing that moved could have met a box that was left out."""
@@ -121,44 +113,31 @@ class Settler:
         order = self._canonical_order(records)
         records = np.take_along_axis(records, order[..., None], axis=1)
         keys = np.concatenate([np.rint(kit / POSITION_GRID).astype(np.int32), records.reshape(len(kit), -1)], axis=1)
-        flat = np.ascontiguousarray(keys).view(f"V{keys.shape[1] * 4}").ravel()
-        _, first, inverse = np.unique(flat, return_index=True, return_inverse=True)
-        names = [flat[i].tobytes() for i in first]
-        new = [(name, i) for name, i in zip(names, first, strict=True) if name not in self._index]
+        names = row_names(keys)
+        new = {name: i for i, name in enumerate(names) if name not in self._solutions}
         if new:
-            rows = np.array([i for _, i in new])
+            rows = np.array(list(new.values()))
             each = order[rows]
             sorted_present = np.take_along_axis(present[rows], each, axis=1)
             sorted_poses = snap(np.take_along_axis(poses[rows], each[..., None], axis=1))
-            self._simulate([name for name, _ in new], _snapped(kit[rows]), sorted_poses, sorted_present)
-        entry = np.array([self._index[name] for name in names])[inverse]
+            self._simulate(list(new), _snapped(kit[rows]), sorted_poses, sorted_present)
+        rest, ok, reach = map(np.array, zip(*[self._solutions[name] for name in names], strict=True))
         back = np.argsort(order, axis=1)
-        rest = np.take_along_axis(np.stack([self._poses[e] for e in entry]), back[..., None], axis=1)
-        reach = np.take_along_axis(np.stack([self._reach[e] for e in entry]), back, axis=1)
-        return rest, np.array([self._ok[e] for e in entry]), reach
+        return np.take_along_axis(rest, back[..., None], axis=1), ok, np.take_along_axis(reach, back, axis=1)
 
     def _simulate(self, names: list[bytes], kit: np.ndarray, poses: np.ndarray, present: np.ndarray) -> None:
         settled = self.physics.settle(kit, poses, present)
         self.solved += len(names)
         self.steps += int(np.asarray(settled.steps).sum())
-        for name, rest, ok, reach in zip(
-            names, np.asarray(settled.poses), np.asarray(settled.ok), np.asarray(settled.reach), strict=True
-        ):
-            self._index[name] = len(self._ok)
-            self._poses.append(rest)
-            self._ok.append(bool(ok))
-            self._reach.append(reach)
+        solutions = zip(np.asarray(settled.poses), np.asarray(settled.ok), np.asarray(settled.reach), strict=True)
+        self._solutions.update(zip(names, solutions, strict=True))
 
     def _canonical_order(self, records: Int32[np.ndarray, "S B 7"]) -> Int[np.ndarray, "S B"]:
         """For each slot the box in it: equal boxes are sorted by their records."""
         order = np.tile(np.arange(records.shape[1]), (len(records), 1))
         for group in self._twins:
-            own = records[:, group]
-            rank = np.tile(np.arange(len(group)), (len(records), 1))
-            for column in range(own.shape[2] - 1, -1, -1):
-                values = np.take_along_axis(own[..., column], rank, axis=1)
-                rank = np.take_along_axis(rank, np.argsort(values, axis=1, kind="stable"), axis=1)
-            order[:, group] = np.array(group)[rank]
+            columns = np.moveaxis(records[:, group], 2, 0)
+            order[:, group] = np.array(group)[np.lexsort(columns[::-1], axis=1)]
         return order
 
 

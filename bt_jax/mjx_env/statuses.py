@@ -11,12 +11,12 @@ import dataclasses
 import functools
 
 import numpy as np
-from jaxtyping import Bool, Int8, Int16
+from jaxtyping import Bool, Int16
 
 from bt_jax.behaviors import FIRST_LEAF, NOTHING, OPEN, Behavior, Control, Kind, Vocabulary, check_names, parse_behavior
 from bt_jax.encoding.tick import Status
 from bt_jax.errors import UserError
-from bt_jax.mjx_env.world import Array, World, frames, namespace, to_world
+from bt_jax.mjx_env.world import Array, World, distances, frames, namespace, to_world
 from bt_jax.task import Task
 
 __all__ = ["COMMAND_BITS", "Semantics", "see_subgoals"]
@@ -89,8 +89,14 @@ class Semantics:
 
     @functools.cached_property
     def _columns(self) -> dict[Behavior, int]:
-        """Column of each atom in the statuses of `_atom_statuses`: conditions first, then commands."""
+        """Column of each atom in `_atom_outcomes`: conditions first, then commands."""
         return {atom: i for i, atom in enumerate((*self.conditions, *self.commands))}
+
+    @functools.cached_property
+    def _named(self) -> dict[str, list[int]]:
+        """Columns of all conditions of the same name."""
+        names = dict.fromkeys(condition.name for condition in self.conditions)
+        return {name: [i for i, condition in enumerate(self.conditions) if condition.name == name] for name in names}
 
     @functools.cached_property
     def _groups(self) -> list[tuple[np.ndarray, Behavior | Control, np.ndarray]]:
@@ -103,78 +109,71 @@ class Semantics:
             columns.append([self._columns[atom] for atom in _atoms(leaf)])
         return [(np.array(tokens), body, np.array(columns).T) for tokens, body, columns in groups.values()]
 
+    @functools.cached_property
+    def _token_order(self) -> np.ndarray:
+        """Where to find each token when the columns of the groups stand side by side behind those of the control nodes."""
+        return np.argsort(np.concatenate([np.arange(FIRST_LEAF), *(tokens for tokens, _, _ in self._groups)]))
+
     def outcomes(self, world: World) -> Int16[Array, "2 S V"]:
         """Outcome of every token in every state: `command << COMMAND_BITS | status`. The second layer holds the outcomes
         once the command that is running in the first counts as failed."""
         xp = namespace(world.poses)
-        atoms = self._atom_statuses(world)
+        atoms = self._atom_outcomes(world)
         layers = []
-        exhausted: dict[int, Array] = {}
+        failed: list[Array | None] = [None] * len(self._groups)
         for _ in range(2):
-            columns = [xp.zeros((FIRST_LEAF, atoms.shape[0]), np.int16)]
-            order = [np.arange(FIRST_LEAF)]
-            for g, (tokens, body, atom_columns) in enumerate(self._groups):
-                status, command = self._evaluate(body, atoms, list(atom_columns), exhausted.get(g))
-                exhausted[g] = xp.where(status == Status.RUNNING, command, np.int16(-1))
-                columns.append((command << COMMAND_BITS | status.astype(np.int16)).T)
-                order.append(tokens)
-            layers.append(xp.concatenate(columns)[np.argsort(np.concatenate(order))].T)
+            columns = [xp.zeros((atoms.shape[0], FIRST_LEAF), np.int16)]
+            for g, (_, body, atom_columns) in enumerate(self._groups):
+                outcome = self._evaluate(body, atoms, list(atom_columns), failed[g])
+                failed[g] = xp.where(outcome & 3 == Status.RUNNING, outcome, np.int16(-1))
+                columns.append(outcome)
+            layers.append(xp.concatenate(columns, axis=1)[:, self._token_order])
         return xp.stack(layers)
 
     def _evaluate(
-        self, node: Behavior | Control, atoms: Int8[Array, "S A"], columns: list[np.ndarray], failed: Array | None
-    ) -> tuple[Int8[Array, "S m"], Int16[Array, "S m"]]:
-        """Status of a skeleton for m leaves at once, and the command that it runs (0 where none); consumes `columns`."""
+        self, node: Behavior | Control, atoms: Int16[Array, "S A"], columns: list[np.ndarray], failed: Array | None
+    ) -> Int16[Array, "S m"]:
+        """Outcome of a skeleton for m leaves at once, where the outcome `failed` counts as a failure; consumes `columns`."""
         xp = namespace(atoms)
         if isinstance(node, Behavior):
-            column = columns.pop(0)
-            status = atoms[:, column]
-            command = xp.asarray(np.maximum(column - len(self.conditions), 0).astype(np.int16))
-            if failed is not None:
-                fails = (status == Status.RUNNING) & (command[None] == failed)
-                status = xp.where(fails, np.int8(Status.FAILURE), status)
-            return status, xp.where(status == Status.RUNNING, command[None], np.int16(0))
+            outcome = atoms[:, columns.pop(0)]
+            if failed is None or node.kind == Kind.CONDITION:
+                return outcome
+            return xp.where(outcome == failed, np.int16(Status.FAILURE), outcome)
         proceed = Status.SUCCESS if node.kind == Kind.SEQUENCE else Status.FAILURE
-        status, command = self._evaluate(node.children[0], atoms, columns, failed)
+        outcome = self._evaluate(node.children[0], atoms, columns, failed)
         for child in node.children[1:]:
-            next_status, next_command = self._evaluate(child, atoms, columns, failed)
-            goes_on = status == proceed
-            status = xp.where(goes_on, next_status, status)
-            command = xp.where(goes_on, next_command, command)
-        return status, command
+            outcome = xp.where(outcome == proceed, self._evaluate(child, atoms, columns, failed), outcome)
+        return outcome
 
-    def _atom_statuses(self, world: World) -> Int8[Array, "S A"]:
-        """Statuses of all conditions, then of all commands. An action succeeds when its postconditions hold, fails when
+    def _atom_outcomes(self, world: World) -> Int16[Array, "S A"]:
+        """Outcomes of all conditions, then of all commands. An action succeeds when its postconditions hold, fails when
         its preconditions cannot be met, and otherwise runs."""
         xp = namespace(world.poses)
         conditions = self._condition_values(world)
-        column = {
-            name: [self._columns[c] for c in self.conditions if c.name == name]
-            for name in ("holding", "clear", "reachable")
-        }
-        holding, empty = conditions[:, column["holding"][:-1]], conditions[:, column["holding"][-1:]]
+        holding, can_hold = (conditions[:, self._named[name]] for name in ("holding", "clear"))
+        holding, empty = holding[:, :-1], holding[:, -1:]
         opened, closed = world.opened[:, None], ~world.opened[:, None]
-        can_pick = opened & conditions[:, column["clear"]] & conditions[:, column["reachable"]]
+        can_pick = opened & can_hold & conditions[:, self._named["reachable"]]
         at = conditions[:, : len(self.places)]
         done = xp.concatenate([opened & empty, closed, holding, at & empty], axis=1)
         always = xp.ones((conditions.shape[0], 2), bool)
         possible = xp.concatenate([always, can_pick, holding[:, self.place_object]], axis=1)
-        actions = xp.where(
-            done, np.int8(Status.SUCCESS), xp.where(possible, np.int8(Status.RUNNING), np.int8(Status.FAILURE))
-        )
-        return xp.concatenate([conditions.astype(np.int8), actions], axis=1)
+        running = (np.arange(len(self.commands), dtype=np.int16) << COMMAND_BITS)[None] | np.int16(Status.RUNNING)
+        actions = xp.where(done, np.int16(Status.SUCCESS), xp.where(possible, running, np.int16(Status.FAILURE)))
+        return xp.concatenate([conditions.astype(np.int16), actions], axis=1)
 
     def _condition_values(self, world: World) -> Bool[Array, "S conditions"]:
         xp = namespace(world.poses)
         goal = to_world(frames(world, self.task), self.place_frame, self.place_position)
-        distance = xp.sqrt(xp.sum((world.poses[:, self.place_object, :3] - goal) ** 2, axis=-1))
+        away = distances(world.poses[:, self.place_object, :3], goal)
         boxes = np.arange(len(self.task.boxes), dtype=np.int8)
         holding = world.held[:, None] == np.append(boxes, np.int8(-1))[None]
         gripper = xp.stack([world.opened, ~world.opened], axis=1)
         carried = world.held[:, None] == self.place_object.astype(np.int8)[None]
         return xp.concatenate(
             [
-                (distance < np.float32(self.task.episode.tolerance)) & ~carried,
+                (away < np.float32(self.task.episode.tolerance)) & ~carried,
                 holding,
                 gripper,
                 _reachable(world, self.task),

@@ -22,7 +22,7 @@ from bt_jax.mjx_env.physics import Physics
 from bt_jax.mjx_env.settling import Settler
 from bt_jax.mjx_env.skills import act, settled_world
 from bt_jax.mjx_env.statuses import Semantics
-from bt_jax.mjx_env.world import World, take, world_keys
+from bt_jax.mjx_env.world import World, row_names, take, world_keys
 
 __all__ = ["BROKEN", "UNKNOWN", "TransitionTable"]
 
@@ -30,6 +30,7 @@ UNKNOWN, BROKEN = -1, -2
 FIRST_CAPACITY = 2048
 GROWTH = 4
 BUCKETS = (64, 512, 4096, 32768)
+NOWHERE = np.iinfo(np.int32).max  # an index that is dropped
 
 
 class TransitionTable:
@@ -68,14 +69,12 @@ class TransitionTable:
 
     def ids(self, world: World) -> Int32[np.ndarray, "S"]:
         """Ids of snapped states (NumPy); new ones are added in the order in which they appear."""
-        keys = np.ascontiguousarray(world_keys(world))
-        flat = keys.view(f"V{keys.shape[1] * keys.itemsize}").ravel()
-        _, first, inverse = np.unique(flat, return_index=True, return_inverse=True)
-        new = np.array(sorted(i for i in first if flat[i].tobytes() not in self._ids), int)
-        if new.size:
-            self._ids.update((flat[i].tobytes(), self.num_states + k) for k, i in enumerate(new))
-            self._append(take(world, new))
-        return np.array([self._ids[flat[i].tobytes()] for i in first], np.int32)[inverse]
+        known = self._ids
+        ids = np.array([known.setdefault(name, len(known)) for name in row_names(world_keys(world))], np.int32)
+        if len(known) > self.num_states:
+            new = np.flatnonzero(ids >= self.num_states)
+            self._append(take(world, new[np.unique(ids[new], return_index=True)[1]]))
+        return ids
 
     def learn(self, states: Int32[np.ndarray, "n"], commands: Int32[np.ndarray, "n"]) -> None:
         """Simulates the commands in the states, as one batch, and enters where they lead. The pairs must be distinct."""
@@ -83,30 +82,29 @@ class TransitionTable:
         poses, ok = self.settler.settle(released)
         following = np.full(len(states), BROKEN, np.int32)
         if ok.any():
-            sane = jax.tree.map(lambda leaf: leaf[ok], released)
-            following[ok] = self.ids(settled_world(self.semantics.task, sane, poses[ok]))
+            if not ok.all():
+                released, poses = jax.tree.map(lambda leaf: leaf[ok], (released, poses))
+            following[ok] = self.ids(settled_world(self.semantics.task, released, poses))
         self.num_transitions += len(states)
         self.num_broken += int(np.sum(~ok))
         index = states * self.num_commands + commands
         for part in _parts(len(index)):
-            padding = (0, part.size - len(index[part.rows]))
-            at = np.pad(index[part.rows], padding, constant_values=np.iinfo(np.int32).max)
-            values = np.pad(following[part.rows], padding)
-            self.following = _enter(self.following, at.astype(np.int32), values.astype(np.int32))
+            at, values = np.full(part.size, NOWHERE, np.int32), np.zeros(part.size, np.int32)
+            count = len(index[part.rows])
+            at[:count], values[:count] = index[part.rows], following[part.rows]
+            self.following = _enter(self.following, at, values)
 
     def _append(self, world: World) -> None:
-        count = world.held.shape[0]
         rows = _Rows(world, target_distances(self.semantics.task, world), subgoals_missed(world))
-        self._rows = (
-            rows if self._rows is None else jax.tree.map(lambda old, new: np.concatenate([old, new]), self._rows, rows)
-        )
+        self._rows = rows if self._rows is None else self._rows.followed_by(rows, self.num_states)
         outcomes = self.semantics.outcomes(world)
-        for part in _parts(count):
+        for part in _parts(world.held.shape[0]):
             self._reserve(self.num_states + part.size)
-            piece = outcomes[:, part.rows]
-            piece = np.pad(piece, ((0, 0), (0, part.size - piece.shape[1]), (0, 0)))
+            count = outcomes[:, part.rows].shape[1]
+            piece = np.zeros((2, part.size, outcomes.shape[2]), np.int16)
+            piece[:, :count] = outcomes[:, part.rows]
             self.outcomes = _write(self.outcomes, piece, np.int32(self.num_states))
-            self.num_states += len(world.held[part.rows])
+            self.num_states += count
 
     def _reserve(self, states: int) -> None:
         capacity = self.outcomes.shape[1]
@@ -122,11 +120,21 @@ class TransitionTable:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class _Rows:
-    """What the host keeps of each state."""
+    """What the host keeps of each state; there may be room for more states behind the last."""
 
     world: World
     distance: Float32[np.ndarray, "S targets"]
     missed: Int32[np.ndarray, "S"]
+
+    def followed_by(self, other: _Rows, count: int) -> _Rows:
+        """With the other rows behind the first `count`: entered in place where there is room."""
+        leaves, structure = jax.tree.flatten(self)
+        end = count + len(other.missed)
+        if end > len(self.missed):
+            leaves = [np.resize(leaf, (GROWTH * end, *leaf.shape[1:])) for leaf in leaves]
+        for leaf, more in zip(leaves, jax.tree.leaves(other), strict=True):
+            leaf[count:end] = more
+        return jax.tree.unflatten(structure, leaves)
 
 
 class _Part(NamedTuple):

@@ -12,11 +12,24 @@ from types import ModuleType
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float32, Int8, Int32
+from jaxtyping import Bool, Float32, Int8, Int32, Shaped
 
 from bt_jax.task import Task
 
-__all__ = ["Array", "World", "concatenate", "frames", "namespace", "rotate", "snap", "take", "to_world", "world_keys"]
+__all__ = [
+    "Array",
+    "World",
+    "concatenate",
+    "distances",
+    "frames",
+    "namespace",
+    "rotate",
+    "row_names",
+    "snap",
+    "take",
+    "to_world",
+    "world_keys",
+]
 
 Array = jax.Array | np.ndarray
 
@@ -43,7 +56,8 @@ def namespace(array: Array) -> ModuleType:
 
 def take(world: World, index) -> World:
     """The states at `index` along the first dimension."""
-    return jax.tree.map(lambda leaf: leaf[index], world)
+    # Written out: walking a pytree takes longer than the rest for the few states of one tick.
+    return World(world.kit[index], world.poses[index], world.held[index], world.opened[index], world.reached[index])
 
 
 def concatenate(worlds: list[World]) -> World:
@@ -51,7 +65,13 @@ def concatenate(worlds: list[World]) -> World:
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *worlds)
 
 
-def rotate(quaternion: Float32[Array, "*S 4"], vector: Float32[Array, "*S 3"]) -> Float32[Array, "*S 3"]:
+def distances(a: Float32[Array, "*S 3"], b: Float32[Array, "*S 3"]) -> Float32[Array, "*S"]:
+    """Between points, in their unit."""
+    x, y, z = (a[..., i] - b[..., i] for i in range(3))  # NumPy takes long for sums of three
+    return namespace(a).sqrt(x * x + y * y + z * z)
+
+
+def rotate(quaternion: Float32[Array, "*S 4"], vector: Float32[Array, "*#S 3"]) -> Float32[Array, "*S 3"]:
     """Rotates vectors by unit quaternions (w, x, y, z)."""
     xp = namespace(quaternion)
     w, a, b, c = (quaternion[..., i] for i in range(4))
@@ -79,8 +99,7 @@ def to_world(
 ) -> Float32[Array, "*S n 3"]:
     """World positions of n points, each given as index of its frame [n] and position in it [n, 3]."""
     poses = frame_poses[..., frame, :]
-    xp = namespace(frame_poses)
-    points = xp.broadcast_to(xp.asarray(position, np.float32), (*poses.shape[:-1], 3))
+    points = namespace(frame_poses).asarray(position.reshape((1,) * (poses.ndim - 2) + position.shape), np.float32)
     return poses[..., :3] + rotate(poses[..., 3:], points)
 
 
@@ -109,3 +128,8 @@ def world_keys(world: World) -> Int32[np.ndarray, "S n"]:
         ],
         axis=1,
     )
+
+
+def row_names(rows: Shaped[np.ndarray, "S n"]) -> list[bytes]:
+    """Each row of numbers as something to look up in a dict."""
+    return np.ascontiguousarray(rows).view(f"V{rows.shape[1] * rows.itemsize}").ravel().tolist()

@@ -12,7 +12,7 @@ from bt_jax.behaviors import Behavior, Control
 from bt_jax.encoding.trees import encode_all
 from bt_jax.encoding.walk import prefix
 from bt_jax.mjx_env import kinematic
-from bt_jax.mjx_env.evaluate import TableEvaluator
+from bt_jax.mjx_env.evaluate import MANY, TableEvaluator
 from bt_jax.mjx_env.fitness import WORST_FITNESS, Ending
 from bt_jax.mjx_env.kinematic import Kinematic
 from bt_jax.mjx_env.layouts import sample_layouts
@@ -75,6 +75,16 @@ def test_the_order_in_which_trees_are_met_does_not_matter():
     for ours, theirs in zip(jax.tree.leaves(forward), jax.tree.leaves(shuffled), strict=True):
         np.testing.assert_array_equal(theirs[:, ::-1], ours[order])
     assert_same(evaluator(trees, starts), forward)
+
+
+def test_those_that_wait_go_on_by_themselves():
+    semantics = semantics_of("stack3")
+    trees, layouts = trees_for(semantics, 30, 2 * MANY), sample_layouts(semantics.task, 8, 1)
+    together, apart = (
+        TableEvaluator(semantics, Kinematic(semantics.task), batch=batch)(trees, layouts)
+        for batch in (2 * MANY, MANY // 2)
+    )
+    assert_same(together, apart)
 
 
 def test_physics_gives_the_same_whatever_was_asked_before():
