@@ -18,7 +18,7 @@ from bt_jax.behaviors import Tree, Vocabulary
 from bt_jax.encoding.walk import leaves
 from bt_jax.errors import UserError
 from bt_jax.lessons import baseline_from
-from bt_jax.lfd import Demonstration, DemonstrationFolder
+from bt_jax.lfd import Demonstration, DemonstrationFolder, Frames
 from bt_jax.lfd.clustering import NEEDED
 from bt_jax.mjx_env.layouts import sample_layouts
 from bt_jax.mjx_env.mujoco_backend import MujocoPhysics
@@ -30,7 +30,7 @@ from bt_jax.mjx_env.world import World
 from bt_jax.run_folder import RunFolder
 from bt_jax.startup import exit_code
 from bt_jax.task import Task, load_task
-from bt_jax.teleoperation import Teleoperation, frames_of
+from bt_jax.teleoperation import Teleoperation
 
 __all__ = ["Arguments", "Input", "main", "parse_script", "perform", "record"]
 
@@ -183,7 +183,7 @@ def run(arguments: Arguments) -> None:
     recorded = record(
         task, physics, script, count=arguments.count, seed=arguments.seed, noise=arguments.noise, after=tree
     )
-    folder.create(frames_of(task))
+    folder.create(Frames.of(task))
     for demonstration in recorded:
         named = folder.append(demonstration)
         console.print(f"{escape(str(folder.path / named.name))}: {len(named.actions)} actions")

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from bt_jax.behaviors import Behavior, Vocabulary
 from bt_jax.errors import UserError
-from bt_jax.lfd.demonstration import END_EFFECTOR_HEIGHT, Action, Demonstration, Frames, Pose
+from bt_jax.lfd.demonstration import END_EFFECTOR_HEIGHT, Action, Demonstration, Pose
 from bt_jax.mjx_env.physics import Physics
 from bt_jax.mjx_env.settling import Settler
 from bt_jax.mjx_env.skills import act, settled_world
@@ -19,14 +19,9 @@ from bt_jax.mjx_env.statuses import Semantics
 from bt_jax.mjx_env.world import World, frames, to_world
 from bt_jax.task import Task
 
-__all__ = ["Teleoperation", "frames_of"]
+__all__ = ["Teleoperation"]
 
 Vector = Sequence[float] | Float[np.ndarray, "3"]
-
-
-def frames_of(task: Task) -> Frames:
-    """The frames in which demonstrations of a task are recorded: the kit's, the boxes' and the robot's."""
-    return Frames((task.kit.name, *task.box_names, task.robot_frame), task.robot_frame, task.robot_frame)
 
 
 @dataclasses.dataclass(frozen=True)

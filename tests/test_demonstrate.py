@@ -9,10 +9,9 @@ from bt_jax.demonstrate import Input, parse_script, record
 from bt_jax.encoding.text import parse_tree
 from bt_jax.encoding.xml import from_xml
 from bt_jax.errors import UserError
-from bt_jax.lfd import DemonstrationFolder, Demonstrations, learn, plan_task
+from bt_jax.lfd import DemonstrationFolder, Demonstrations, Frames, learn, plan_task
 from bt_jax.mjx_env.kinematic import Kinematic
 from bt_jax.task import load_task
-from bt_jax.teleoperation import frames_of
 
 TASK = load_task("stack3")
 SCRIPT = "pick BlueBox; to (0, 0, 0.11) GreenBox; release"
@@ -39,7 +38,7 @@ def test_scripts_that_cannot_be_meant(text):
 def test_the_lesson_is_what_was_scripted():
     task = load_task("stack")
     recorded = record(TASK, Kinematic(TASK), parse_script(SCRIPT), noise=0.003, after=plan_task(task))
-    lesson = learn(Demonstrations(frames_of(TASK), tuple(recorded)), TASK)
+    lesson = learn(Demonstrations(Frames.of(TASK), tuple(recorded)), TASK)
     assert lesson.tree.name == "move"
     assert lesson.tree.object == "BlueBox"
     # Box, box and kit stand in each other's frames as they always do there: any of them says the same.

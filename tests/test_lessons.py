@@ -14,11 +14,10 @@ from bt_jax.encoding.walk import leaves
 from bt_jax.errors import UserError
 from bt_jax.gp.config import GPConfig
 from bt_jax.lessons import Changes, subgoal_name
-from bt_jax.lfd import DemonstrationFolder, plan_task
+from bt_jax.lfd import DemonstrationFolder, Frames, plan_task
 from bt_jax.mjx_env.kinematic import Kinematic
 from bt_jax.run_folder import RunConfig, RunFolder
 from bt_jax.task import load_task
-from bt_jax.teleoperation import frames_of
 from bt_jax.training import Settings, Training
 
 STACK, STACK3, RESTACK = (load_task(name) for name in ("stack", "stack3", "restack"))
@@ -31,7 +30,7 @@ UNSTACK = """pick GreenBox; to (-1.3, -1.3, 0.75) base_link; release
 
 def demonstrate(path, task, script, *, count, after=None):
     folder = DemonstrationFolder(path)
-    folder.create(frames_of(task))
+    folder.create(Frames.of(task))
     for demonstration in record(task, Kinematic(task), parse_script(script), count=count, after=after):
         folder.append(demonstration)
     return path

@@ -7,12 +7,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from bt_jax.errors import UserError
-from bt_jax.lfd.demonstration import END_EFFECTOR_HEIGHT
+from bt_jax.lfd.demonstration import END_EFFECTOR_HEIGHT, Frames
 from bt_jax.mjx_env.kinematic import Kinematic
 from bt_jax.mjx_env.layouts import sample_layouts
 from bt_jax.mjx_env.world import frames
 from bt_jax.task import load_task
-from bt_jax.teleoperation import Teleoperation, frames_of
+from bt_jax.teleoperation import Teleoperation
 
 TASK = load_task("stack3")
 RESTACK = load_task("restack")
@@ -45,7 +45,7 @@ def test_poses_in_all_frames_are_one_pose_in_the_world(seed):
     start = hand.world
     hand.pick("GreenBox")
     (action,) = hand.actions
-    assert set(action.poses) == set(frames_of(TASK).names)
+    assert set(action.poses) == set(Frames.of(TASK).names)
     tips = []
     for name, pose in zip(TASK.frames, frames(start, TASK)[0].astype(float), strict=True):
         turn = Rotation.from_quat(pose[3:], scalar_first=True)

@@ -17,9 +17,8 @@ from bt_jax.behaviors import Behavior, Tree
 from bt_jax.demonstrate import parse_script, record
 from bt_jax.gp.config import GPConfig
 from bt_jax.gp.evolution import Generation, State
-from bt_jax.lfd import Demonstrations, Lesson, learn, plan_task
+from bt_jax.lfd import Demonstrations, Frames, Lesson, learn, plan_task
 from bt_jax.task import Task, load_task
-from bt_jax.teleoperation import frames_of
 from bt_jax.training import Settings, Training, make_level
 
 __all__ = ["EXPERIMENTS", "Experiment", "Outcome", "Variant", "perform"]
@@ -168,7 +167,7 @@ def demonstrated(experiment: Experiment, settings: Settings) -> Lesson:
         noise=NOISE,
         after=plan_task(dataclasses.replace(task, targets=targets)) if targets else None,
     )
-    return learn(Demonstrations(frames_of(task), tuple(recorded)), task)
+    return learn(Demonstrations(Frames.of(task), tuple(recorded)), task)
 
 
 def _with_lesson(experiment: Experiment, config: GPConfig, settings: Settings, lesson: Lesson | None) -> Training:

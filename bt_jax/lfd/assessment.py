@@ -14,9 +14,9 @@ import numpy as np
 
 from bt_jax.behaviors import Behavior
 from bt_jax.lfd.clustering import Inference, Moment
-from bt_jax.lfd.demonstration import Demonstrations
+from bt_jax.lfd.demonstration import Demonstrations, Frames
 from bt_jax.lfd.learning import Lesson
-from bt_jax.lfd.synthetic import demonstrate, frames_of, random_truth, reordered
+from bt_jax.lfd.synthetic import demonstrate, random_truth, reordered
 from bt_jax.task import Target, Task
 
 __all__ = ["Assessment", "Example", "assess", "random_example"]
@@ -62,7 +62,7 @@ def random_example(task: Task, *, seed: Sequence[int], count: int, noise: float,
             demonstrate(task, one, rng=np.random.default_rng([*seed, count, d]), noise=noise, name=f"demo{d + 1}")
             for d, one in enumerate(shown)
         ]
-        return Demonstrations(frames_of(task), tuple(made))
+        return Demonstrations(Frames.of(task), tuple(made))
 
     return Example(task, shown, recorded(noise), recorded(0.0))
 

@@ -25,6 +25,7 @@ from jaxtyping import Float
 
 from bt_jax.errors import UserError
 from bt_jax.files import write_atomic
+from bt_jax.task import Task
 
 __all__ = ["END_EFFECTOR_HEIGHT", "Action", "Demonstration", "DemonstrationFolder", "Demonstrations", "Frames", "Pose"]
 
@@ -56,6 +57,11 @@ class Frames:
     names: tuple[str, ...]
     default: str
     robot: str
+
+    @staticmethod
+    def of(task: Task) -> Frames:
+        """Those of a task: the kit's, the boxes' and the robot's, which is the default."""
+        return Frames((task.kit.name, *task.box_names, task.robot_frame), task.robot_frame, task.robot_frame)
 
     @property
     def objects(self) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from bt_jax.errors import UserError
 from bt_jax.lfd.demonstration import END_EFFECTOR_HEIGHT, Action, Demonstration, Demonstrations, Frames, Kind, Pose
 from bt_jax.task import Box, Target, Task
 
-__all__ = ["demonstrate", "demonstration_set", "frames_of", "random_truth", "reordered", "with_boxes"]
+__all__ = ["demonstrate", "demonstration_set", "random_truth", "reordered", "with_boxes"]
 
 TRIES = 1000
 MORE_BOXES = (("RedBox", (0.8, 0.2, 0.15)), ("WhiteBox", (0.9, 0.9, 0.9)), ("BlackBox", (0.1, 0.1, 0.1)))
@@ -25,11 +25,6 @@ ASIDE = 0.3  # probability that a box is put aside before it gets its place
 EDGE = 0.015  # how far the centre of a box that is put aside is from the edge of the table, metres
 
 Positions = dict[str, Float[np.ndarray, "3"]]
-
-
-def frames_of(task: Task) -> Frames:
-    """The frames that a demonstration in a task's scene is recorded in; the robot's is the default."""
-    return Frames((task.kit.name, *task.box_names, task.robot_frame), task.robot_frame, task.robot_frame)
 
 
 def demonstrate(
@@ -46,7 +41,7 @@ def demonstrate(
     the same generator without noise shows the same layout. Raises UserError where there is no room for the boxes.
     """
     positions = _random_layout(task, rng)
-    frames = frames_of(task).names
+    frames = Frames.of(task).names
     actions = []
     for placement in placements:
         thing = placement.object
@@ -63,7 +58,7 @@ def demonstration_set(
 ) -> Demonstrations:
     """Several demonstrations of the same placements in the same order, each in another layout."""
     shown = [demonstrate(task, placements, rng=rng, noise=noise, name=f"demo{i + 1}") for i in range(count)]
-    return Demonstrations(frames_of(task), tuple(shown))
+    return Demonstrations(Frames.of(task), tuple(shown))
 
 
 def with_boxes(task: Task, count: int) -> Task:

@@ -13,9 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from bt_jax.errors import UserError
 from bt_jax.lfd import Action, Demonstration, DemonstrationFolder, Frames, Pose
-from bt_jax.lfd.synthetic import frames_of
 
-FRAMES = frames_of(STACK3)
+FRAMES = Frames.of(STACK3)
 numbers = st.floats(-5, 5).map(lambda x: round(x, 5) + 0.0)
 
 

@@ -4,7 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made import RESTACK, STACK3, STACKING
 
-from bt_jax.lfd.synthetic import demonstrate, frames_of, random_truth, reordered, with_boxes
+from bt_jax.lfd.demonstration import Frames
+from bt_jax.lfd.synthetic import demonstrate, random_truth, reordered, with_boxes
 from bt_jax.task import Target, load_task, task_from_dict
 
 seeds = st.integers(0, 10**6)
@@ -29,14 +30,14 @@ def test_a_place_is_what_was_meant_but_for_the_noise(seed, noise):
         error = np.linalg.norm(action.handled(placement.frame) - placement.position)
         assert error <= 6 * noise + 1e-12
     for action, placement in zip(shown.actions[::2], STACKING, strict=True):
-        assert action.nearest(frames_of(STACK3).objects) == placement.object
+        assert action.nearest(Frames.of(STACK3).objects) == placement.object
         np.testing.assert_allclose(action.handled(placement.object), 0, atol=1e-12)
 
 
 @given(seed=seeds)
 def test_without_noise_the_layout_is_the_same(seed):
     noisy, exact = (demonstrate(STACK3, STACKING, rng=generator(seed), noise=noise) for noise in (0.01, 0.0))
-    for frame in frames_of(STACK3).names:
+    for frame in Frames.of(STACK3).names:
         assert noisy.actions[0].poses[frame] == exact.actions[0].poses[frame]
 
 
