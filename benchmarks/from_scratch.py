@@ -11,14 +11,23 @@ import tyro
 from _report import report
 
 from bt_jax.encoding.text import one_line
-from bt_jax.gp.config import GPConfig
+from bt_jax.gp.config import GPConfig, Selection
 from bt_jax.gp.evolution import best_of
 from bt_jax.startup import CompileClock, configure_jax
 from bt_jax.task import load_task
 from bt_jax.training import Settings, Training
 
 # Niches are by size, hence few nodes; long chains of mutations cross the valleys between the steps of a solution.
-SEARCH = GPConfig(niches=True, max_nodes=12, max_mutations=6, chain_ratio=1.0, p_add=0.3, p_delete=0.3, p_change=0.4)
+SEARCH = GPConfig(
+    niches=True,
+    survivor_selection=Selection.ELITISM,
+    max_nodes=12,
+    max_mutations=6,
+    chain_ratio=1.0,
+    p_add=0.3,
+    p_delete=0.3,
+    p_change=0.4,
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,6 +93,9 @@ def _solve(config: GPConfig, arguments: Arguments, clock: CompileClock) -> tuple
             "unseen layouts solved of 100": unseen,
             "tree": one_line(tree),
         }
+        print(
+            f"population {config.population}, seed {seed}: {fitness:.1f}, {state.generation} generations, {seconds:.1f} s"
+        )
         found.append(row)
         if fitness >= arguments.solved:
             solved.append(row)

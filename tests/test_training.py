@@ -11,7 +11,7 @@ from bt_jax.behaviors import Behavior, Control
 from bt_jax.encoding.text import parse_tree
 from bt_jax.encoding.trees import encode
 from bt_jax.errors import UserError
-from bt_jax.gp.config import GPConfig
+from bt_jax.gp.config import GPConfig, Selection
 from bt_jax.mjx_env.fitness import WORST_FITNESS
 from bt_jax.mjx_env.kinematic import Kinematic
 from bt_jax.run_folder import Checkpoint, RunConfig, RunFolder
@@ -175,8 +175,18 @@ def test_settings_that_cannot_work(settings):
 
 @pytest.mark.slow
 def test_with_niches_evolution_alone_restacks():
-    search = {"max_mutations": 6, "chain_ratio": 1.0, "p_add": 0.3, "p_delete": 0.3, "p_change": 0.4}
-    config = GPConfig(population=2048, generations=200, max_nodes=12, niches=True, **search)
+    config = GPConfig(
+        population=2048,
+        generations=200,
+        max_nodes=12,
+        niches=True,
+        survivor_selection=Selection.ELITISM,
+        max_mutations=6,
+        chain_ratio=1.0,
+        p_add=0.3,
+        p_delete=0.3,
+        p_change=0.4,
+    )
     result = evolve(load_task("restack"), config, target=-95.0)
     assert result.fitness >= -95
     assert result.test.success_rate == 1
