@@ -129,12 +129,13 @@ def niche_strength(fitness: Fitness, niche: Int32[Array, " P"]) -> Fitness:
     """What selection sees in place of the fitness where individuals have niches: their place, P - 1 for the first.
 
     The best of every niche come first, then the second best of every niche, and so on; those of one turn are ordered by
-    fitness. In a niche, individuals of equal fitness, which most likely do the same, wait until all other fitness values
-    had their turn. So each niche gets as many places as the others, as far as it can fill them (after clearing with a
-    capacity, Petrowski 1996). -inf stays.
+    fitness. So each niche gets as many places as the others, as far as it can fill them (after clearing with a capacity,
+    Petrowski 1996). In a niche, individuals of equal fitness, which most likely do the same, wait until all other fitness
+    values had their turn; the last of them goes first, so that offspring replace their equals and a niche that gains
+    nothing drifts on. -inf stays.
     """
     places = jnp.arange(fitness.shape[0], dtype=jnp.int32)
-    copy = _turns(jnp.lexsort((fitness, niche)), niche, fitness)
+    copy = _turns(jnp.lexsort((-places, fitness, niche)), niche, fitness)
     turn = _turns(jnp.lexsort((-fitness, copy, niche)), niche)
     strength = jnp.zeros_like(fitness).at[jnp.lexsort((fitness, -turn))].set(places.astype(fitness.dtype))
     return jnp.where(fitness == -jnp.inf, -jnp.inf, strength)
