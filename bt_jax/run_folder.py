@@ -154,11 +154,13 @@ class RunFolder:
     def save_checkpoint(self, checkpoint: Checkpoint) -> None:
         """Replaces the checkpoint; a killed process leaves the previous one."""
         buffer, state = io.BytesIO(), checkpoint.state
+        niche = state.population.niche
         np.savez(
             buffer,
             tokens=np.asarray(state.population.trees.tokens),
             sizes=np.asarray(state.population.trees.sizes),
             fitness=np.asarray(state.population.fitness),
+            **({} if niche is None else {"niche": np.asarray(niche)}),
             baseline_fitness=np.asarray(state.baseline_fitness),
             seen=np.concatenate(state.seen),
             counts=np.array([len(hashes) for hashes in state.seen]),
@@ -178,8 +180,9 @@ class RunFolder:
         try:
             with np.load(source) as data:
                 trees = Trees(jnp.asarray(data["tokens"]), jnp.asarray(data["sizes"]))
+                niche = jnp.asarray(data["niche"]) if "niche" in data else None
                 state = State(
-                    population=Population(trees, jnp.asarray(data["fitness"])),
+                    population=Population(trees, jnp.asarray(data["fitness"]), niche),
                     generation=int(data["generation"]),
                     baseline_fitness=jnp.asarray(data["baseline_fitness"]),
                     seen=tuple(np.split(data["seen"], np.cumsum(data["counts"])[:-1])),

@@ -10,7 +10,7 @@ from typing import Literal
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Bool, Float32, Int32
 
 from bt_jax.behaviors import FIRST_LEAF, Behavior, Tree, gene_pool
 from bt_jax.encoding.text import one_line
@@ -21,7 +21,7 @@ from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.config import GPConfig
 from bt_jax.gp.evolution import Evolution, Generation, State, best_of
 from bt_jax.mjx_env import kinematic
-from bt_jax.mjx_env.evaluate import TableEvaluator
+from bt_jax.mjx_env.evaluate import Evaluation, TableEvaluator
 from bt_jax.mjx_env.film import solved_picture
 from bt_jax.mjx_env.kinematic import Kinematic
 from bt_jax.mjx_env.layouts import sample_layouts
@@ -149,18 +149,29 @@ class Training:
         self.evolution = Evolution(
             config,
             Alphabet.of(self.vocabulary),
-            self._fitness,
+            self._measure if config.niches else self._fitness,
             baseline=None if baseline is None else encode(baseline, self.vocabulary, config.max_nodes),
             episodes_per_tree=settings.layouts,
         )
 
     def _fitness(self, trees: Trees) -> Float32[np.ndarray, "R P"]:
+        return self._evaluation(trees).fitness.reshape(trees.tokens.shape[:2])
+
+    def _measure(self, trees: Trees) -> tuple[Float32[np.ndarray, "R P"], Int32[np.ndarray, "R P"]]:
+        """Fitness, and what was achieved: the targets within the tolerance at the end, in every layout, as bits, above
+        them the number of subgoals missed in the worst."""
+        result, shape = self._evaluation(trees), trees.tokens.shape[:2]
+        met = (result.distance < self.task.episode.tolerance).all(axis=1)
+        achieved = (result.missed.max(axis=1) << met.shape[1]) | met @ (1 << np.arange(met.shape[1]))
+        return result.fitness.reshape(shape), achieved.astype(np.int32).reshape(shape)
+
+    def _evaluation(self, trees: Trees) -> Evaluation:
         runs, population, _ = trees.tokens.shape
         count = self.settings.layouts
         own = np.arange(runs * count, dtype=np.int32).reshape(runs, 1, count)
         which = np.broadcast_to(own, (runs, population, count)).reshape(-1, count)
         flat = jax.tree.map(lambda leaf: leaf.reshape(-1, leaf.shape[-1]), jax.device_get(trees))
-        return self.evaluator(flat, self.layouts, which).fitness.reshape(runs, population)
+        return self.evaluator(flat, self.layouts, which)
 
     def carried(self, state: State, vocabulary: Sequence[Behavior]) -> State:
         """The populations of a training with that vocabulary, measured for this one's task: how evolution goes

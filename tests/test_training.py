@@ -2,14 +2,16 @@ import csv
 import dataclasses
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 from samples import assert_same
 
 from bt_jax.behaviors import Behavior, Control
 from bt_jax.encoding.text import parse_tree
+from bt_jax.encoding.trees import encode
 from bt_jax.errors import UserError
-from bt_jax.gp.config import GPConfig
+from bt_jax.gp.config import GPConfig, Selection
 from bt_jax.mjx_env.fitness import WORST_FITNESS
 from bt_jax.mjx_env.kinematic import Kinematic
 from bt_jax.run_folder import Checkpoint, RunConfig, RunFolder
@@ -18,6 +20,7 @@ from bt_jax.training import Settings, Training, evolve
 
 TASK = load_task("stack")
 CONFIG = GPConfig(population=8, generations=5, max_nodes=32)
+NICHES = dataclasses.replace(CONFIG, niches=True)
 QUICK = Settings(level="kinematic", test_layouts=10)
 SOLUTION = "Sequence(move(YellowBox, (0, 0, 0.055), KittingBox), move(GreenBox, (0, 0, 0.1), YellowBox))"
 
@@ -54,11 +57,11 @@ def _tokens(ours, theirs):
     return [(ours.population.trees.tokens, theirs.population.trees.tokens)]
 
 
-@pytest.mark.parametrize("generation", [0, 2])
-def test_a_saved_run_goes_on_as_if_it_had_not_stopped(single, tmp_path, generation):
-    training, states = single
+@pytest.mark.parametrize(("generation", "config"), [(0, CONFIG), (2, CONFIG), (2, NICHES)])
+def test_a_saved_run_goes_on_as_if_it_had_not_stopped(single, tmp_path, generation, config):
+    training, states = single if config == CONFIG else run(config)
     history = [row for state in states for row in training.evolution.describe(state)]
-    folder = RunFolder.create(tmp_path / "run", RunConfig(TASK, CONFIG, QUICK))
+    folder = RunFolder.create(tmp_path / "run", RunConfig(TASK, config, QUICK))
     leaves = training.vocabulary.leaves
     folder.save_checkpoint(Checkpoint(states[generation], leaves, 0, history[: generation + 1]))
     checkpoint = folder.load_checkpoint()
@@ -73,6 +76,21 @@ def test_a_saved_run_goes_on_as_if_it_had_not_stopped(single, tmp_path, generati
     resumed = (tmp_path / "run" / "history.csv").read_bytes()
     folder.save_history(history)
     assert resumed == (tmp_path / "run" / "history.csv").read_bytes()
+
+
+@pytest.mark.parametrize("layouts", [1, 3])
+def test_niches_tell_apart_which_targets_are_met(layouts):
+    task = load_task("restack")
+    training = Training(task, dataclasses.replace(NICHES, max_nodes=16), dataclasses.replace(QUICK, layouts=layouts))
+    kit, top = "move(YellowBox, (0, 0, 0.055), KittingBox)", "move(GreenBox, (0, 0, 0.1), YellowBox)"
+    away = "move(GreenBox, (0.133, 0, 0.055), KittingBox), move(BlueBox, (0.133, 0.133, 0.055), KittingBox)"
+    unstack = f"Fallback(reached(unstacked), Sequence({away}))"
+    texts = [kit, f"Sequence({unstack})", f"Sequence({unstack}, {kit})", f"Sequence({unstack}, {kit}, {top})"]
+    trees = [encode(parse_tree(text), training.vocabulary, 16) for text in texts]
+    together = jax.tree.map(lambda *leaves: np.stack(leaves)[None], *trees)
+    fitness, achieved = training._measure(together)
+    np.testing.assert_array_equal(fitness, training._fitness(together))
+    assert achieved.tolist() == [[0b1000, 0b0000, 0b0001, 0b0011]]
 
 
 def test_the_known_solution_passes_on_unseen_layouts(single):
@@ -153,6 +171,25 @@ def test_one_broken_layout_is_enough():
 def test_settings_that_cannot_work(settings):
     with pytest.raises(UserError, match="choose 1 or more"):
         settings.check()
+
+
+@pytest.mark.slow
+def test_with_niches_evolution_alone_restacks():
+    config = GPConfig(
+        population=2048,
+        generations=200,
+        max_nodes=12,
+        niches=True,
+        survivor_selection=Selection.ELITISM,
+        max_mutations=6,
+        chain_ratio=1.0,
+        p_add=0.3,
+        p_delete=0.3,
+        p_change=0.4,
+    )
+    result = evolve(load_task("restack"), config, target=-95.0)
+    assert result.fitness >= -95
+    assert result.test.success_rate == 1
 
 
 @pytest.mark.slow

@@ -75,6 +75,9 @@ class GPConfig:
     """best individuals that always survive (default: 1/10 of the population, 2 of 16)"""
     old_share: float = 1.0
     """share of the old population, the best, that competes with the offspring for survival (published runs: 0.1)"""
+    niches: bool = False
+    """share the places among parents and survivors evenly among niches: trees of one size that achieve the same targets and
+    subgoals (keep max_nodes small)"""
     init_nodes: int = 4
     """nodes of the first, random trees"""
     max_nodes: int = 64

@@ -31,7 +31,8 @@ from bt_jax.gp.selection import survivors
 __all__ = ["Evaluate", "Evolution", "Generation", "Population", "State", "best_of"]
 
 RunKeys = UInt32[Array, "R 2"]
-Evaluate = Callable[[Trees], Float32[np.ndarray, "R P"]]
+Fitness = Float32[np.ndarray, "R P"]
+Evaluate = Callable[[Trees], Fitness | tuple[Fitness, Int32[np.ndarray, "R P"]]]
 
 
 @jax.tree_util.register_dataclass
@@ -41,6 +42,7 @@ class Population:
 
     trees: Trees  # [R, P, N]
     fitness: Float32[Array, "*R P"]
+    niche: Int32[Array, "*R P"] | None = None  # individuals of one niche compete; None: all with all
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,7 +86,9 @@ class Evolution:
     """Evolves R populations with a fitness function.
 
     `evaluate` takes Trees [R, P, N] and returns their fitness [R, P] (higher is better); it is called once for the first
-    populations and once a generation for the offspring. `episodes_per_tree` only serves to count episodes.
+    populations and once a generation for the offspring. With `config.niches` it returns the fitness and a second array
+    int[R, P], 0 or more, equal for individuals that have achieved the same: with the number of nodes, their niche.
+    `episodes_per_tree` only serves to count episodes.
     """
 
     def __init__(
@@ -118,10 +122,17 @@ class Evolution:
         """The state of populations, with the baseline in its place."""
         if self.baseline is not None:
             trees = jax.tree.map(lambda all_, one: all_.at[:, place].set(one), trees, self.baseline)
-        fitness = self.evaluate(trees)
         nothing = (np.empty(0, np.uint64),) * self.config.runs
-        population = Population(trees, jnp.asarray(fitness))
-        return State(population, generation, jnp.asarray(fitness[:, place]), _now_seen(nothing, trees), earlier)
+        population = self._population(trees)
+        return State(population, generation, population.fitness[:, place], _now_seen(nothing, trees), earlier)
+
+    def _population(self, trees: Trees) -> Population:
+        """Trees with what `evaluate` says of them."""
+        if not self.config.niches:
+            return Population(trees, jnp.asarray(self.evaluate(trees)))
+        fitness, achieved = self.evaluate(trees)
+        niche = achieved * (self.config.max_nodes + 1) + np.asarray(trees.sizes)[..., 0]
+        return Population(trees, jnp.asarray(fitness), jnp.asarray(niche.astype(np.int32)))
 
     def step(self, state: State) -> State:
         """One generation: offspring, their fitness, survivors."""
@@ -130,7 +141,7 @@ class Evolution:
         trees = _offspring(
             self.keys, now, state.population, self.alphabet, self._static, self.baseline, state.baseline_fitness
         )
-        offspring = Population(trees, jnp.asarray(self.evaluate(trees)))
+        offspring = self._population(trees)
         population = _survivors(self.keys, now, state.population, offspring, self._static)
         return State(population, generation, state.baseline_fitness, _now_seen(state.seen, trees), state.earlier)
 
@@ -272,6 +283,7 @@ def _offspring(
             parents.fitness,
             alphabet,
             config,
+            niche=parents.niche,
             baseline=baseline,
             baseline_fitness=fitness,
         )[0]
@@ -284,7 +296,9 @@ def _survivors(
     keys: RunKeys, generation: Int32[Array, ""], old: Population, offspring: Population, config: GPConfig
 ) -> Population:
     def one(key: UInt32[Array, "2"], old: Population, offspring: Population) -> Population:
-        kept = survivors(_key(key, generation, _Use.SURVIVORS), old.fitness, offspring.fitness, config)
+        kept = survivors(
+            _key(key, generation, _Use.SURVIVORS), old.fitness, offspring.fitness, config, old.niche, offspring.niche
+        )
         return jax.tree.map(lambda a, b: jnp.concatenate([a, b])[kept], old, offspring)
 
     return _for_each_run(one, keys, old, offspring)

@@ -15,9 +15,11 @@ from bt_jax.gp.crossover import crossover
 from bt_jax.gp.mutation import chain_lengths
 from bt_jax.gp.novelty import make_novel
 from bt_jax.gp.randomness import shuffled
-from bt_jax.gp.selection import select
+from bt_jax.gp.selection import niche_strength, select
 
 __all__ = ["reproduce"]
+
+BASELINE_NICHE = -1  # of its own
 
 
 @partial(jax.jit, static_argnames=("alphabet", "config"))
@@ -28,6 +30,7 @@ def reproduce(
     alphabet: Alphabet,
     config: GPConfig,
     *,
+    niche: Int32[Array, " P"] | None = None,
     baseline: Trees | None = None,
     baseline_fitness: Float32[Array, ""] | None = None,
 ) -> tuple[Trees, Int32[Array, ""]]:
@@ -36,7 +39,8 @@ def reproduce(
     The first `num_mutation_parents * mutation_offspring` come from chains of mutations, the others from crossover. A
     `baseline` (one tree, arrays of length N) is added to the individuals that may become parents where they lack it
     (`baseline_keep`), with `baseline_fitness` (default: the worst); `baseline_boost` makes it the best when the parents of
-    crossover are chosen. Apply `jax.vmap` over key, population and fitness for independent runs.
+    crossover are chosen. Where individuals have a niche, parents are selected by `niche_strength` in place of fitness. Apply
+    `jax.vmap` over key, population, fitness and niche for independent runs.
     """
     mutation_key, chain_key, cross_key, pair_key, crossing_key, novel_key = jax.random.split(key, 6)
     known = population
@@ -46,6 +50,9 @@ def reproduce(
         lost = ~jnp.any(_is(baseline, population))
         known = jax.tree.map(lambda all_, one: jnp.concatenate([all_, one[None]]), population, baseline)
         fitness = jnp.append(fitness, jnp.where(lost, baseline_fitness, -jnp.inf))
+        niche = None if niche is None else jnp.append(niche, BASELINE_NICHE)
+    if niche is not None:
+        fitness = niche_strength(fitness, niche)
 
     parents = select(config.parent_selection, mutation_key, fitness, config.num_mutation_parents)
     parents = jnp.tile(parents, config.mutation_offspring)

@@ -16,6 +16,7 @@ __all__ = [
     "adjustable_rank",
     "elitism",
     "everyone",
+    "niche_strength",
     "rank",
     "select",
     "survivors",
@@ -93,14 +94,25 @@ def select(method: Selection, key: Array, fitness: Fitness, num: int) -> Indices
 
 @partial(jax.jit, static_argnames="config")
 def survivors(
-    key: Array, fitness: Fitness, offspring_fitness: Float32[Array, " M"], config: GPConfig
+    key: Array,
+    fitness: Fitness,
+    offspring_fitness: Float32[Array, " M"],
+    config: GPConfig,
+    niche: Int32[Array, " P"] | None = None,
+    offspring_niche: Int32[Array, " M"] | None = None,
 ) -> Int32[Array, " P"]:
     """The next population, as indices into the old one followed by the offspring; elites first.
 
     The best `config.old_share` of the old population and all offspring compete; the best of these are elites, the other
-    places are filled from the rest by `config.survivor_selection`.
+    places are filled from the rest by `config.survivor_selection`. Where niches are given, `niche_strength` takes the place
+    of the fitness.
     """
     count = fitness.shape[0]
+    if niche is not None:
+        strength = niche_strength(
+            jnp.concatenate([fitness, offspring_fitness]), jnp.concatenate([niche, offspring_niche])
+        )
+        fitness, offspring_fitness = strength[:count], strength[count:]
     old = jnp.arange(count, dtype=jnp.int32)
     if config.num_old_survivors < count:
         old = jax.lax.top_k(fitness, config.num_old_survivors)[1]
@@ -111,6 +123,31 @@ def survivors(
     rest = jnp.nonzero(~is_elite, size=pool.shape[0] - config.num_elites)[0].astype(jnp.int32)
     others = rest[select(config.survivor_selection, key, strength[rest], count - config.num_elites)]
     return pool[jnp.concatenate([elites, others])]
+
+
+def niche_strength(fitness: Fitness, niche: Int32[Array, " P"]) -> Fitness:
+    """What selection sees in place of the fitness where individuals have niches: their place, P - 1 for the first.
+
+    The best of every niche come first, then the second best of every niche, and so on; those of one turn are ordered by
+    fitness. So each niche gets as many places as the others, as far as it can fill them (after clearing with a capacity,
+    Petrowski 1996). In a niche, individuals of equal fitness, which most likely do the same, wait until all other fitness
+    values had their turn; the last of them goes first, so that offspring replace their equals and a niche that gains
+    nothing drifts on. -inf stays.
+    """
+    places = jnp.arange(fitness.shape[0], dtype=jnp.int32)
+    copy = _turns(jnp.lexsort((-places, fitness, niche)), niche, fitness)
+    turn = _turns(jnp.lexsort((-fitness, copy, niche)), niche)
+    strength = jnp.zeros_like(fitness).at[jnp.lexsort((fitness, -turn))].set(places.astype(fitness.dtype))
+    return jnp.where(fitness == -jnp.inf, -jnp.inf, strength)
+
+
+def _turns(order: Indices, *labels: Array) -> Indices:
+    """For each individual, how many of the same labels come before it in an order that keeps those together."""
+    places = jnp.arange(order.shape[0], dtype=jnp.int32)
+    begins = places == 0
+    for label in labels:
+        begins |= jnp.append(True, label[order][1:] != label[order][:-1])
+    return jnp.zeros_like(places).at[order].set(places - jax.lax.cummax(jnp.where(begins, places, 0)))
 
 
 def _ranks(fitness: Fitness) -> Fitness:

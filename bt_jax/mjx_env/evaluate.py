@@ -51,6 +51,7 @@ class Evaluation:
     ending: Int8[np.ndarray, "P K"]
     ticks: Int32[np.ndarray, "P K"]
     distance: Float32[np.ndarray, "P K targets"]  # metres, at the end
+    missed: Int32[np.ndarray, "P K"]  # subgoals never reached
     solved: Bool[np.ndarray, "P K"]  # ended in SUCCESS with every target within the tolerance
 
     @property
@@ -256,14 +257,14 @@ def evaluation(
 ) -> Evaluation:
     """Evaluation of E = P * K episodes from their final distances [m] and missed subgoals; `shape` is (P, K)."""
     ending, ticks = np.asarray(progress.ending).reshape(shape), np.asarray(progress.ticks).reshape(shape)
-    distance = distance.reshape(*shape, -1)
+    distance, missed = distance.reshape(*shape, -1), missed.reshape(shape)
     nodes = np.asarray(trees.sizes)[:, :1].astype(np.int32)
     values = fitness(
         task,
         distance=distance.sum(axis=-1),
-        missed=missed.reshape(shape),
+        missed=missed,
         nodes=np.broadcast_to(nodes, shape),
         ending=ending,
     )
     solved = (ending == Ending.SUCCESS) & (distance < task.episode.tolerance).all(axis=-1)
-    return Evaluation(values, ending, ticks, distance, solved)
+    return Evaluation(values, ending, ticks, distance, missed, solved)

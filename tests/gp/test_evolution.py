@@ -88,6 +88,54 @@ def test_runs_are_single_runs_of_the_next_seeds(single):
             assert dataclasses.replace(row, run=0) == own.describe(theirs)[0]
 
 
+def achieve(trees: Trees) -> tuple[np.ndarray, np.ndarray]:
+    return evaluate(trees), (np.asarray(trees.tokens) == GOOD).any(axis=-1).astype(np.int32)
+
+
+def niched(config):
+    evolution = Evolution(config, ALPHABET, achieve)
+    return evolution, list(evolution.run())
+
+
+def test_niches_keep_what_selection_by_fitness_would_lose():
+    _, found = niched(dataclasses.replace(CONFIG, population=32, niches=True))
+    _, plain = states(dataclasses.replace(CONFIG, population=32))
+    for state in found:
+        fitness, achieved = achieve(state.population.trees)
+        nodes = np.asarray(state.population.trees.sizes)[..., 0]
+        np.testing.assert_array_equal(state.population.fitness, fitness)
+        np.testing.assert_array_equal(state.population.niche, achieved * (CONFIG.max_nodes + 1) + nodes)
+    best = [float(state.population.fitness.max()) for state in found]
+    assert best == sorted(best)
+    kinds = [len(np.unique(np.asarray(achieve(states_[-1].population.trees)[1]))) for states_ in (plain, found)]
+    sizes = [len(np.unique(np.asarray(states_[-1].population.trees.sizes)[..., 0])) for states_ in (plain, found)]
+    assert kinds[1] == 2
+    assert sizes[1] > sizes[0]
+
+
+def test_with_niches_going_on_equals_never_stopping_and_runs_are_single_runs():
+    config = dataclasses.replace(CONFIG, niches=True, generations=4)
+    evolution, found = niched(dataclasses.replace(config, runs=2))
+    for ours, theirs in zip(evolution.run(found[2]), found[2:], strict=True):
+        assert_same((ours.population, ours.seen), (theirs.population, theirs.seen))
+    for run in range(2):
+        _, alone = niched(dataclasses.replace(config, seed=run))
+        for ours, theirs in zip(found, alone, strict=True):
+            part, whole = (jax.tree.map(lambda x, i=i: x[i], s.population) for i, s in ((run, ours), (0, theirs)))
+            assert_same(part, whole)
+
+
+def test_with_niches_the_baseline_stays_among_the_parents():
+    config = dataclasses.replace(CONFIG, niches=True)
+    _, found = niched(config)
+    baseline = best_of(found[-1])[0][0]
+    evolution = Evolution(config, ALPHABET, achieve, baseline=baseline)
+    for state in evolution.run():
+        trees = jax.tree.map(lambda leaf: leaf[0], state.population.trees)
+        assert is_valid(trees, ALPHABET, gene_under_fallback=False).all()
+        assert float(state.population.fitness.max()) >= evaluate(baseline)
+
+
 def test_rows_say_what_happened(single):
     _, found = single
     evolution = Evolution(CONFIG, ALPHABET, evaluate, episodes_per_tree=3)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bt_jax.gp.config import GPConfig, Selection
-from bt_jax.gp.selection import select, survivors, tournament
+from bt_jax.gp.selection import niche_strength, select, survivors, tournament
 
 fitnesses = st.lists(st.sampled_from([-3.0, -2.0, -1.0, 0.0, 5.0]), min_size=8, max_size=8)
 
@@ -64,3 +64,34 @@ def test_survivors_are_elites_and_winners_of_the_pool(values, seed):
     assert set(chosen.tolist()) <= set(pool)
     best = sorted((values[i] for i in pool), reverse=True)
     assert [values[i] for i in chosen[:2]] == best[:2]
+
+
+niches = st.lists(st.tuples(st.integers(-9, 0), st.integers(0, 3)), min_size=24, max_size=24)
+
+
+@given(niches)
+def test_strength_ranks_the_best_of_every_niche_before_the_second_best_of_any(individuals):
+    fitness, niche = (np.array(column) for column in zip(*individuals, strict=True))
+    strength = np.asarray(niche_strength(jnp.array(fitness, jnp.float32), jnp.array(niche, jnp.int32)))
+    assert sorted(strength) == list(range(24))
+    assert fitness[strength.argmax()] == fitness.max()
+    by_niche = [np.argsort(-strength)[niche[np.argsort(-strength)] == kind] for kind in np.unique(niche)]
+    for members in by_niche:
+        values = fitness[members]
+        distinct = len(set(values))
+        np.testing.assert_array_equal(values[:distinct], np.unique(fitness[members])[::-1])
+    for turn in range(24):
+        ours = [strength[members[turn]] for members in by_niche if len(members) > turn]
+        later = [strength[members[turn + 1]] for members in by_niche if len(members) > turn + 1]
+        assert not later or min(ours) > max(later)
+
+
+@given(niches)
+def test_every_niche_gets_the_same_number_of_survivors_or_keeps_all(individuals):
+    fitness, niche = (np.array(column) for column in zip(*individuals, strict=True))
+    config = GPConfig(population=8, survivor_selection=Selection.ELITISM, niches=True)
+    values, kinds = jnp.array(fitness, jnp.float32), jnp.array(niche, jnp.int32)
+    chosen = np.asarray(survivors(jax.random.key(0), values[:8], values[8:], config, kinds[:8], kinds[8:]))
+    kept, had = (np.bincount(part, minlength=4) for part in (niche[chosen], niche))
+    assert len(set(chosen.tolist())) == 8
+    assert all(kept[kind] == had[kind] or kept[kind] >= kept.max() - 1 for kind in range(4))
