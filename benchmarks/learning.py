@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 from pathlib import Path
 from time import perf_counter
@@ -11,6 +10,7 @@ import numpy as np
 import tyro
 from _report import report
 
+from bt_jax.experiments.published import published_curves
 from bt_jax.gp.config import GPConfig
 from bt_jax.startup import configure_jax
 from bt_jax.task import load_task
@@ -34,8 +34,6 @@ class Arguments:
 
     solved: float = -35.0
     """fitness at which experiment 1a counts as solved"""
-    published: Path = Path(__file__).parents[2] / "shared" / "reference" / "learning_curves.csv"
-    """the published curves; left out where there is no such file"""
     figure: Path = Path(__file__).parents[1] / "docs" / "learning.png"
     """picture to draw"""
     out: Path | None = None
@@ -53,10 +51,11 @@ def main(arguments: Arguments) -> None:
             best.append(np.asarray(state.population.fitness).max(axis=1))
         seconds = perf_counter() - began
         best = np.array(best).T
-        published = read_published(arguments.published, experiment)
+        curve = published_curves()[int(experiment), "gp_only"]
+        published = dict(zip(curve.generations, curve.mean, strict=True))
         curves[name] = (best, published)
         success = [int(training.test(tree).solved.sum()) for tree in training.best_trees(state)[:20]]
-        last = min(best.shape[1] - 1, CHANGED_AT.get(experiment, 1 << 30) - 1, *([max(published)] if published else []))
+        last = min(best.shape[1] - 1, CHANGED_AT.get(experiment, 1 << 30) - 1, max(published))
         rows.append(
             {
                 "task": name,
@@ -66,7 +65,7 @@ def main(arguments: Arguments) -> None:
                 "std": float(best[:, -1].std()),
                 "worst": float(best[:, -1].min()),
                 "best run": float(best[:, -1].max()),
-                "published mean": published[last][0] if published else float("nan"),
+                "published mean": published[last],
                 "at -35 or better": int((best[:, -1] >= arguments.solved).sum()),
                 "episodes, mean": float(np.mean(state.episodes)),
                 "episodes, most": int(max(state.episodes)),
@@ -86,18 +85,6 @@ def main(arguments: Arguments) -> None:
     )
 
 
-def read_published(path: Path, experiment: str) -> dict[int, tuple[float, float]]:
-    """Mean and standard deviation of the best fitness by generation, GP only."""
-    if not path.is_file():
-        return {}
-    with path.open(encoding="utf-8") as file:
-        return {
-            int(row["generation"]): (float(row["best_fitness_mean"]), float(row["best_fitness_std"]))
-            for row in csv.DictReader(file)
-            if row["experiment"] == experiment and row["variant"] == "gp_only"
-        }
-
-
 def draw(curves: dict, path: Path) -> None:
     """One panel a task: ours with its range over the runs, and the published mean."""
     from matplotlib.figure import Figure
@@ -109,7 +96,7 @@ def draw(curves: dict, path: Path) -> None:
         axes.plot(generations, best.mean(axis=0), color="#0072b2", lw=2, label=f"bt_jax, {len(best)} runs")
         known = [g for g in published if g < best.shape[1] and g < CHANGED_AT.get(EXPERIMENTS[name][1], 1 << 30)]
         if known:
-            axes.plot(known, [published[g][0] for g in known], color="#d55e00", ls="--", label="published, 10 runs")
+            axes.plot(known, [published[g] for g in known], color="#d55e00", ls="--", label="published, 10 runs")
         axes.set(title=name, xlabel="generation", ylim=(min(-800.0, 1.1 * best[:, :2].mean()), 0))
         axes.grid(alpha=0.3)
         axes.spines[["top", "right"]].set_visible(False)

@@ -203,6 +203,10 @@ class Vocabulary:
         kinds = [leaf.kind for leaf in self.leaves]
         if kinds != sorted(kinds) or len(set(self.leaves)) < len(self.leaves):
             raise ValueError("leaves must be distinct and sorted by kind; use Vocabulary.of")
+        subtasks = [leaf.args[0] for leaf in self.leaves if leaf.name == "subtask"]
+        for name in subtasks:
+            if subtasks.count(name) > 1:
+                raise UserError(f"two different subtasks are called '{name}'; rename one of them")
 
     @staticmethod
     def of(leaves: Iterable[Behavior]) -> Vocabulary:

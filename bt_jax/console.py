@@ -13,6 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.text import Text
 
 from bt_jax.encoding.drawing import draw_text
+from bt_jax.encoding.walk import prefix
 from bt_jax.gp.evolution import Generation, State
 from bt_jax.training import Result, Training
 
@@ -102,6 +103,10 @@ class TrainingDisplay:
             f"results      {escape(str(self.folder))}",
             soft_wrap=True,
         )
+        if len(prefix(result.tree)) > 1 + len(self.training.task.targets):
+            self.console.print(
+                f"simplify     python -m bt_jax.run {escape(str(self.folder))} --simplify", soft_wrap=True
+            )
         if session.broken:
             self.console.print(
                 f"warning: physics gave no number {session.broken} times; the trees that met it got the worst fitness"

@@ -57,8 +57,8 @@ class Arguments:
     """name of a task or YAML file (default: that of --after, or stack3)"""
     count: int = NEEDED
     """how many demonstrations, each in another layout"""
-    seed: int = 0
-    """number of the first layout"""
+    seed: int | None = None
+    """number of the first layout (default: the number of demonstrations in the folder, so that each has another)"""
     noise: float = 0.0
     """standard deviation with which the person misses each place, along each axis, metres"""
     after: Path | None = None
@@ -70,7 +70,7 @@ class Arguments:
             raise UserError(f"--count is {self.count}; choose 1 or more")
         if not 0 <= self.noise <= 0.1:
             raise UserError(f"--noise is {self.noise}; choose metres from 0 to 0.1")
-        if self.seed < 0:
+        if self.seed is not None and self.seed < 0:
             raise UserError(f"--seed is {self.seed}; choose 0 or more")
 
 
@@ -142,11 +142,10 @@ def record(
     noise: float = 0.0,
     after: Tree | None = None,
 ) -> list[Demonstration]:
-    """Demonstrations of one script in `count` layouts; the tree `after` is executed first in each."""
-    rng = np.random.default_rng([seed, count])
+    """Demonstrations of one script in `count` layouts, numbered from `seed`; the tree `after` is executed first in each."""
     found = []
-    for k in range(count):
-        start = sample_layouts(task, [DEMONSTRATED, seed + k], 1)
+    for number in range(seed, seed + count):
+        start, rng = sample_layouts(task, [DEMONSTRATED, number], 1), np.random.default_rng([DEMONSTRATED, number])
         session = Teleoperation(task, physics, start if after is None else reached_by(after, task, physics, start))
         found.append(perform(session, script, noise=noise, rng=rng))
     return found
@@ -171,18 +170,18 @@ def run(arguments: Arguments) -> None:
     """Records as the arguments say and prints what came of it."""
     arguments.check()
     console = Console(highlight=False, soft_wrap=True)
-    path = Path(arguments.script)
-    script = parse_script(path.read_text(encoding="utf-8") if _is_file(path) else arguments.script)
+    script = parse_script(_script_text(arguments.script))
     tree, task = None, load_task(arguments.task or "stack3")
     if arguments.after is not None:
         tree = baseline_from(arguments.after)
-        if arguments.task is None and arguments.after.is_dir():
+        if arguments.task is None and (arguments.after / "config.json").is_file():
             task = RunFolder(arguments.after).config().task
     folder = DemonstrationFolder(arguments.folder)
     physics = MujocoPhysics(task, why="the C engine")
-    recorded = record(
-        task, physics, script, count=arguments.count, seed=arguments.seed, noise=arguments.noise, after=tree
-    )
+    seed = arguments.seed
+    if seed is None:
+        seed = len(folder.names()) if folder.path.is_dir() else 0
+    recorded = record(task, physics, script, count=arguments.count, seed=seed, noise=arguments.noise, after=tree)
     folder.create(Frames.of(task))
     for demonstration in recorded:
         named = folder.append(demonstration)
@@ -192,14 +191,21 @@ def run(arguments: Arguments) -> None:
         console.print(
             f"{total} of {NEEDED} demonstrations: with fewer, every place is taken to be in {task.robot_frame}"
         )
-    console.print(f"learn from them with python -m bt_jax.learn {escape(str(folder.path))}")
+    named = "" if task.name == "stack3" else f" --task {arguments.task or task.name}"
+    console.print(f"learn from them with python -m bt_jax.learn {escape(str(folder.path))}{named}")
 
 
-def _is_file(path: Path) -> bool:
+def _script_text(given: str) -> str:
+    """The script itself, or what stands in a file of that name."""
+    path = Path(given)
     try:
-        return path.is_file()
-    except OSError:
-        return False
+        if not re.fullmatch(r"\S+\.\w+", given):
+            return given
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(
+            f"the script {path} cannot be read ({error}); check its name, or write the steps themselves"
+        ) from None
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ from bt_jax.encoding.text import format_tree
 from bt_jax.encoding.trees import MAX_NODES, encode_all
 from bt_jax.encoding.walk import leaves
 from bt_jax.encoding.xml import to_xml
+from bt_jax.errors import UserError
 from bt_jax.files import unused, write_atomic
 from bt_jax.lessons import lesson_from
 from bt_jax.lfd import Lesson
@@ -59,6 +60,13 @@ class Arguments:
     level: Level = "physics"
     """physics or kinematic"""
 
+    def check(self) -> None:
+        """Raises UserError for arguments that cannot work."""
+        if self.layouts < 1:
+            raise UserError(f"--layouts is {self.layouts}; choose 1 or more")
+        if self.out is not None and self.out.exists() and (not self.out.is_dir() or any(self.out.iterdir())):
+            raise UserError(f"{self.out} is not empty; choose another --out")
+
 
 def main() -> None:
     """Entry point of the command line."""
@@ -69,8 +77,8 @@ def main() -> None:
 def run(arguments: Arguments) -> None:
     """Learns as the arguments say, prints it and writes the results."""
     console = Console(highlight=False, soft_wrap=True)
+    arguments.check()
     settings = Settings(level=arguments.level, test_layouts=arguments.layouts)
-    settings.check()
     task = load_task(arguments.task)
     lesson = lesson_from(arguments.folder, task)
     show(console, lesson)
@@ -80,7 +88,7 @@ def run(arguments: Arguments) -> None:
         Path("runs") / f"learn-{arguments.folder.resolve().name}-{datetime.now():%Y%m%d-%H%M%S}"
     )
     write(out, lesson, tried)
-    console.print(_verdict(lesson, tried, arguments.folder))
+    console.print(_verdict(lesson, tried, arguments))
     console.print(f"results    {escape(str(out))}")
 
 
@@ -91,7 +99,7 @@ def show(console: Console, lesson: Lesson) -> None:
     names = ", ".join(one.name for one in lesson.demonstrations)
     console.print(f"[bold]{len(lesson.demonstrations)} demonstrations[/]: {escape(names)}")
     if sentence := missing_sentence(lesson):
-        console.print(f"[yellow]{sentence}[/]")
+        console.print(f"[yellow]{escape(sentence)}[/]")
     console.print("actions, and what they are relative to")
     for row in action_rows(lesson):
         console.print(f"  [bold]{escape(row['what'])}[/]   {row['seen']}\n    {escape(row['why'])}")
@@ -166,14 +174,15 @@ def as_data(lesson: Lesson, tried: Evaluation) -> dict[str, Any]:
     }
 
 
-def _verdict(lesson: Lesson, tried: Evaluation, folder: Path) -> str:
+def _verdict(lesson: Lesson, tried: Evaluation, arguments: Arguments) -> str:
+    named = f"--task {arguments.task}" if arguments.task.endswith((".yaml", ".yml")) else arguments.task
     solved, count = int(tried.solved.sum()), tried.solved.size
     said = f"tried      reaches what was demonstrated in [bold]{solved} of {count}[/] random layouts"
     if solved < count:
         said += (
             ".\n           Demonstrations that begin where a tree has ended show only the last step:\n"
             "           let evolution find the rest with "
-            f"python -m bt_jax.train {lesson.task.name} --add-target-from {folder}"
+            f"python -m bt_jax.train {named} --add-target-from {escape(str(arguments.folder))}"
         )
     return said
 

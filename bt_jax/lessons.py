@@ -26,9 +26,6 @@ class Changes:
     subgoal_from: Path | None = None
     baseline_index: int | None = None
 
-    def __bool__(self) -> bool:
-        return self != Changes()
-
     def applied(self, config: RunConfig) -> RunConfig:
         """The configuration with these changes.
 
@@ -41,7 +38,11 @@ class Changes:
             leaves += [leaf for leaf in tree_leaves(config.baseline) if leaf not in leaves]
         if self.target_from is not None:
             lesson = lesson_from(self.target_from, task)
-            task = task.with_targets(lesson.targets, source=str(self.target_from))
+            try:
+                targets = lesson.targets
+            except UserError as error:
+                raise UserError(f"{self.target_from}: {error}") from None
+            task = task.with_targets(targets, source=str(self.target_from))
             leaves += lesson.genes
             baseline = baseline or lesson.tree
         if self.subgoal_from is not None:

@@ -18,7 +18,6 @@ from rich.text import Text
 
 from bt_jax.behaviors import Behavior, Tree, Vocabulary, expand
 from bt_jax.encoding.drawing import draw_text, to_dot
-from bt_jax.encoding.reading import read_tree
 from bt_jax.encoding.svg import to_svg
 from bt_jax.encoding.text import format_tree
 from bt_jax.encoding.tick import Status
@@ -27,6 +26,7 @@ from bt_jax.encoding.walk import leaves, prefix
 from bt_jax.encoding.xml import to_xml
 from bt_jax.errors import UserError
 from bt_jax.files import write_atomic
+from bt_jax.lessons import baseline_from
 from bt_jax.mjx_env.evaluate import Evaluation, TableEvaluator
 from bt_jax.mjx_env.film import check_film, film
 from bt_jax.mjx_env.fitness import Ending
@@ -62,7 +62,7 @@ class Arguments:
     """Execute a saved Behavior Tree in simulation and show, tick by tick, which nodes are active."""
 
     source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_FOLDER|TREE")]
-    """folder that bt_jax.train has written, or a tree as .txt or .xml"""
+    """folder that bt_jax.train or bt_jax.learn has written, or a tree as .txt or .xml"""
     task: str | None = None
     """name of a task or YAML file (default: that of the run folder, or stack)"""
     level: Level | None = None
@@ -140,13 +140,13 @@ def run(arguments: Arguments, console: Console | None = None) -> None:
 
 def _open(arguments: Arguments) -> tuple[Task, Level, Tree]:
     """What to run and how: arguments come before what a run folder says."""
-    if arguments.source.is_dir():
+    if (arguments.source / "config.json").is_file():
         folder = RunFolder(arguments.source)
         config, tree = folder.config(), folder.tree()
         task = config.task if arguments.task is None else load_task(arguments.task)
         return task, arguments.level or config.settings.level, tree
     task = load_task(arguments.task or "stack")
-    return task, arguments.level or "physics", read_tree(arguments.source)
+    return task, arguments.level or "physics", baseline_from(arguments.source)
 
 
 def _simplified(console: Console, task: Task, level: Level, tree: Tree, arguments: Arguments) -> Tree:

@@ -4,7 +4,9 @@ config.json        task, settings and version     history.csv         one row a 
 best_tree.txt      the learnt tree                best_tree.xml       the same for BehaviorTree.CPP and Groot2
 best_tree.svg      its drawing                    learning_curve.png  best and mean fitness over the generations
 result.json        best of each run, times          solved.png          the solved scene, where there is a renderer
-checkpoint.npz     populations, to resume         config-0.json ...   of phases before, where the task was changed
+checkpoint.npz     populations, to resume
+
+Where the task was changed on the way, config-0.json, checkpoint-0.npz and best_tree-0.txt are of the first phase, and so on.
 """
 
 from __future__ import annotations
@@ -105,15 +107,23 @@ class RunFolder:
         write_atomic(self.path / "config.json", config.to_json())
 
     def begin_phase(self, config: RunConfig) -> None:
-        """Replaces the configuration by that of the next phase, and keeps the one before under another name."""
-        before = (self.path / "config.json").read_bytes()
-        write_atomic(self.path / f"config-{config.phase - 1}.json", before)
+        """Replaces the configuration by that of the next phase, and keeps what the phase before had come to under other
+        names, so that it can be gone back to."""
+        for name in ("checkpoint.npz", "best_tree.txt", "config.json"):
+            kept = self.path / name
+            if kept.is_file():
+                write_atomic(kept.with_stem(f"{kept.stem}-{config.phase - 1}"), kept.read_bytes())
         write_atomic(self.path / "config.json", config.to_json())
 
     def phases(self) -> list[int]:
         """The generations at which phases after the first began."""
-        files = [*self.path.glob("config-*.json"), self.path / "config.json"]
-        return sorted({int(json.loads(file.read_text(encoding="utf-8"))["since"]) for file in files} - {0})
+        config, found = self.config(), []
+        for phase in range(1, config.phase):
+            try:
+                found.append(int(json.loads((self.path / f"config-{phase}.json").read_text(encoding="utf-8"))["since"]))
+            except (OSError, ValueError, KeyError, TypeError):
+                continue  # only a line in the figure is lost
+        return [*found, config.since] if config.phase else found
 
     def config(self) -> RunConfig:
         """Reads the configuration. Raises UserError where this is no run folder, or one of another version."""

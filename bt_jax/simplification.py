@@ -29,10 +29,14 @@ class Simplification:
 
 
 def smaller_trees(tree: Tree) -> list[Tree]:
-    """All valid trees that come of one removal, the smallest first: a node with its subtree goes, or a control node makes
-    way for one of its children. A control node left with one child dissolves, as does one under its own kind."""
+    """All trees that come of one removal and break no rule that the tree keeps, the smallest first.
+
+    A node with its subtree goes, or a control node makes way for one of its children. A control node left with one child
+    dissolves, as does one under its own kind.
+    """
     found = dict.fromkeys(_tidy(other) for other in _removals(tree))
-    valid = [other for other in found if other is not None and not violations(other)]
+    loose = bool(violations(tree, gene_under_fallback=False))
+    valid = [other for other in found if other is not None and not violations(other, gene_under_fallback=loose)]
     return sorted(valid, key=lambda other: len(prefix(other)))
 
 

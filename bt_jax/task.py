@@ -179,7 +179,11 @@ class Task:
         return task
 
     def with_subgoal(self, subgoal: Subgoal, *, source: str) -> Task:
-        """This task with one more subgoal; `source` is named in errors."""
+        """This task with one more subgoal, unless it has that already; `source` is named in errors."""
+        if subgoal in self.subgoals:
+            return self
+        if subgoal.name in [other.name for other in self.subgoals]:
+            raise UserError(f"{source}: task {self.name} has another subgoal '{subgoal.name}'; rename the new one")
         task = dataclasses.replace(self, subgoals=(*self.subgoals, subgoal))
         _check(task, source)
         return task
@@ -364,8 +368,10 @@ def _check(task: Task, source: str) -> None:
     if not task.targets:
         fail("targets", "there is nothing to do", "add at least one target")
     for i, subgoal in enumerate(task.subgoals):
-        if not subgoal.name.isidentifier() or subgoal.name in [other.name for other in task.subgoals[:i]]:
-            fail(f"subgoals[{i}].name", f"'{subgoal.name}' is no name or stands twice", "use letters, digits and _")
+        if not subgoal.name.isidentifier():
+            fail(f"subgoals[{i}].name", f"'{subgoal.name}' is not a name", "use letters, digits and underscores")
+        if subgoal.name in [other.name for other in task.subgoals[:i]]:
+            fail(f"subgoals[{i}].name", f"'{subgoal.name}' stands twice", "rename one of them")
         if not subgoal.conditions:
             fail(f"subgoals[{i}].conditions", "there are none", "add a condition, for instance clear(YellowBox)")
     _check_sizes(task, fail)

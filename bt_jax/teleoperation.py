@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float32
 from scipy.spatial.transform import Rotation
 
 from bt_jax.behaviors import Behavior, Vocabulary
@@ -86,7 +86,7 @@ class Teleoperation:
                 raise UserError(f"{name} cannot be picked, {why}; pick another object first")
         grasp = world.poses[0, index, :3].astype(float)
         action = Action("pick", self._end_effector(world, grasp))
-        after = self._done(semantics, world, pick)
+        after, _ = self._done(semantics, world, pick)
         self._push(_Moment(after, after.poses[0, index, :3].astype(float), (*self.actions, action)))
 
     def move(self, by: Vector) -> None:
@@ -116,9 +116,10 @@ class Teleoperation:
         position = self._carried()
         place = self._in_frame(position, self.task.robot_frame)
         action = Behavior("place", (self.held, tuple(float(x) for x in place), self.task.robot_frame))
-        recorded = Action("place", self._end_effector(self.world, position))
-        after = self._done(Semantics(self.task, Vocabulary.of([action])), self._now.world, action)
-        self._push(_Moment(after, None, (*self.actions, recorded)))
+        held = int(self._now.world.held[0])
+        after, released = self._done(Semantics(self.task, Vocabulary.of([action])), self._now.world, action)
+        let_go = self._end_effector(self._now.world, released[held, :3].astype(float), moved=held)
+        self._push(_Moment(after, None, (*self.actions, Action("place", let_go))))
 
     def undo(self) -> bool:
         """Takes the last input back; False where there is none."""
@@ -144,21 +145,26 @@ class Teleoperation:
             raise UserError("the gripper holds nothing; pick an object first")
         return self._now.position
 
-    def _done(self, semantics: Semantics, world: World, action: Behavior) -> World:
-        """The state at rest after an action."""
+    def _done(self, semantics: Semantics, world: World, action: Behavior) -> tuple[World, Float32[np.ndarray, "B 7"]]:
+        """The state at rest after an action, and where the boxes were when the gripper had moved."""
         command = np.array([semantics.commands.index(action)], np.int32)
         released = act(semantics, world, command)
         poses, ok = self._settler.settle(released)
         if not ok[0]:
             raise UserError("physics gave no number for this; undo and place it elsewhere")
-        return settled_world(self.task, released, poses)
+        return settled_world(self.task, released, poses), released.poses[0]
 
     def _in_frame(self, point: Float[np.ndarray, "3"], frame: str) -> Float[np.ndarray, "3"]:
         pose = frames(self._now.world, self.task)[0, self.task.frames.index(frame)].astype(float)
         return _into(pose, point)
 
-    def _end_effector(self, world: World, centre: Float[np.ndarray, "3"]) -> dict[str, Pose]:
-        """Pose of the end effector, upright over an object's centre (world), in every frame."""
+    def _end_effector(self, world: World, centre: Float[np.ndarray, "3"], moved: int | None = None) -> dict[str, Pose]:
+        """Pose of the end effector, upright over an object's centre (world), in every frame; the frame of the box `moved`
+        is at that centre."""
+        if moved is not None:
+            poses = world.poses.copy()
+            poses[0, moved, :3] = centre
+            world = dataclasses.replace(world, poses=poses)
         tip = centre + np.array([0, 0, END_EFFECTOR_HEIGHT])
         found = {}
         for name, pose in zip(self.task.frames, frames(world, self.task)[0].astype(float), strict=True):

@@ -54,7 +54,8 @@ class Arguments:
     """folder of demonstrations of a step on the way: one gene, and a reward for what it reaches"""
     resume: Path | None = None
     """run folder to go on with, bit for bit; only --generations, --target-fitness and --time-limit may differ. With
-    --baseline, --plan, --add-target-from or --add-subgoal-from a new phase begins there"""
+    --baseline, --plan, --add-target-from or --add-subgoal-from a new phase begins there, of as many generations as the
+    one before unless --generations says otherwise"""
     target_fitness: float | None = None
     """stop once the best fitness of every run has reached this"""
     time_limit: float | None = None
@@ -168,7 +169,8 @@ def _resumed(arguments: Arguments, folder: RunFolder) -> RunConfig:
             f"{folder.path} was begun with version {config.version} and this is {package_version()}; go on "
             "with that version, or train again"
         )
-    changed = dataclasses.replace(_changes(arguments), baseline_index=None) != Changes()
+    changes = _changes(arguments)
+    changed = dataclasses.replace(changes, baseline_index=None) != Changes()
     free = {"generations": config.gp.generations, "baseline_index": config.gp.baseline_index if changed else None}
     same = dataclasses.replace(arguments.gp, **free) == dataclasses.replace(config.gp, **free)
     if not same or arguments.settings != config.settings or arguments.name or arguments.task:
@@ -183,12 +185,12 @@ def _resumed(arguments: Arguments, folder: RunFolder) -> RunConfig:
     if saved is None:
         raise UserError(f"{folder.path} has no generation yet to go on from; train again with these options")
     now, generations = saved.state.generation, arguments.gp.generations
+    if generations <= now and generations != config.gp.generations:
+        raise UserError(f"the run is at generation {now} and --generations is {generations}; give more than {now}")
     if generations <= now:
         generations = now + max(1, now - config.since)
     gp = dataclasses.replace(arguments.gp, generations=generations)
-    return _changes(arguments).applied(
-        dataclasses.replace(config, gp=gp, baseline=config.baseline, phase=config.phase + 1, since=now)
-    )
+    return changes.applied(dataclasses.replace(config, gp=gp, phase=config.phase + 1, since=now))
 
 
 def _evolve(

@@ -22,7 +22,7 @@ from rich.table import Table
 from bt_jax.errors import UserError
 from bt_jax.experiments import report
 from bt_jax.experiments.protocol import EXPERIMENTS, Outcome, Variant, perform
-from bt_jax.experiments.published import find_curves, read_curves
+from bt_jax.experiments.published import published_curves
 from bt_jax.files import unused, write_atomic
 from bt_jax.startup import configure_jax, exit_code
 
@@ -41,8 +41,6 @@ class Arguments:
     """seed of the first run"""
     test_layouts: int = 100
     """unseen layouts in which each learnt tree is tested"""
-    published: Path | None = None
-    """CSV with the published curves (default: ../shared/reference/learning_curves.csv where it is)"""
     out: Path | None = None
     """folder for figures and report (default: runs/experiments-DATE-TIME)"""
 
@@ -51,6 +49,8 @@ class Arguments:
         for name in ("runs", "test_layouts"):
             if getattr(self, name) < 1:
                 raise UserError(f"{name} is {getattr(self, name)}; choose 1 or more")
+        if self.out is not None and self.out.exists() and (not self.out.is_dir() or any(self.out.iterdir())):
+            raise UserError(f"{self.out} is not empty; choose another --out")
 
 
 def main() -> None:
@@ -63,8 +63,7 @@ def run(arguments: Arguments) -> None:
     """Runs the experiments, prints the table and writes the report; what is finished stays if a later part is stopped."""
     arguments.check()
     console = Console(highlight=False, soft_wrap=True)
-    path = arguments.published or find_curves()
-    curves = {} if path is None else read_curves(path)
+    curves = published_curves()
     configure_jax("cpu")
     chosen = [one for one in EXPERIMENTS if arguments.which in ("all", str(one.number))]
     out = arguments.out or unused(Path("runs") / f"experiments-{datetime.now():%Y%m%d-%H%M%S}")
@@ -103,11 +102,11 @@ def run(arguments: Arguments) -> None:
 
 
 def _print(console: Console, rows: list[dict[str, str]]) -> None:
-    drawn = Table()
-    for column in rows[0]:
+    drawn = Table(title=f"experiment {rows[0]['experiment']}", title_justify="left", show_header=True)
+    for column in ("", *(row["variant"] for row in rows)):
         drawn.add_column(column)
-    for row in rows:
-        drawn.add_row(*row.values())
+    for column in list(rows[0])[2:]:
+        drawn.add_row(column, *(row[column] for row in rows))
     console.print(drawn)
 
 

@@ -18,6 +18,7 @@ from bt_jax.demonstrate import parse_script, record
 from bt_jax.gp.config import GPConfig
 from bt_jax.gp.evolution import Generation, State
 from bt_jax.lfd import Demonstrations, Frames, Lesson, learn, plan_task
+from bt_jax.startup import CompileClock
 from bt_jax.task import Task, load_task
 from bt_jax.training import Settings, Training, make_level
 
@@ -33,8 +34,8 @@ class Experiment:
     the demonstration or without.
 
     `script` is what is demonstrated `demonstrations` times, once the first `reached` targets of `task` have been reached.
-    It is taken for a target ("target") or for a step on the way ("subgoal"). `wanted` is the fitness by which a run counts
-    as solved.
+    Its places become genes and its tree the baseline ("genes"), or all of it one gene for a step on the way, with a reward
+    for what it reaches ("subgoal"). `wanted` is the fitness by which a run counts as solved.
     """
 
     number: int
@@ -43,11 +44,12 @@ class Experiment:
     config: GPConfig
     script: str
     demonstrations: int
-    meant: Literal["target", "subgoal"]
+    meant: Literal["genes", "subgoal"]
     wanted: float
     before: str | None = None
     change_at: int = 0
     reached: int = 0
+    baseline_index: int | None = None
 
 
 EXPERIMENTS = (
@@ -61,7 +63,7 @@ EXPERIMENTS = (
         script="pick BlueBox; to (0, 0, 0.105) GreenBox; release",
         demonstrations=3,
         reached=2,
-        meant="target",
+        meant="genes",
         wanted=-65.0,
     ),
     Experiment(
@@ -74,7 +76,7 @@ EXPERIMENTS = (
         script="pick GreenBox; to (-0.065, 0, 0.155) KittingBox; release",
         demonstrations=3,
         reached=2,
-        meant="target",
+        meant="genes",
         wanted=-55.0,
     ),
     Experiment(
@@ -87,6 +89,7 @@ EXPERIMENTS = (
         demonstrations=1,
         meant="subgoal",
         wanted=-70.0,
+        baseline_index=0,
     ),
 )
 
@@ -103,6 +106,7 @@ class Outcome:
     solved_unseen: list[float]  # share of unseen layouts that the best tree of each run solves
     history: list[Generation]
     seconds: float
+    compile_seconds: float  # of these
     lesson: Lesson | None
 
 
@@ -116,7 +120,7 @@ def perform(
     progress: Callable[[int], None] = lambda generation: None,
 ) -> Outcome:
     """Runs one variant of an experiment `runs` times; `progress` is told each generation."""
-    began = time.monotonic()
+    began, clock = time.monotonic(), CompileClock()
     settings = Settings(test_layouts=test_layouts)
     config = dataclasses.replace(experiment.config, runs=runs, seed=seed)
     lesson = demonstrated(experiment, settings) if variant == "with_demonstration" else None
@@ -150,6 +154,7 @@ def perform(
         solved_unseen=[training.test(tree).success_rate for tree in trees],
         history=history,
         seconds=time.monotonic() - began,
+        compile_seconds=clock.seconds,
         lesson=lesson,
     )
 
@@ -174,9 +179,10 @@ def _with_lesson(experiment: Experiment, config: GPConfig, settings: Settings, l
     task: Task = load_task(experiment.task)
     if lesson is None:
         return Training(task, config, settings)
-    if experiment.meant == "target":
+    config = dataclasses.replace(config, baseline_index=experiment.baseline_index)
+    if experiment.meant == "genes":
         return Training(task, config, settings, baseline=lesson.tree, extra_leaves=lesson.genes)
     name = "demonstrated"
     task = task.with_subgoal(lesson.subgoal(name), source="the demonstration")
     gene: Behavior = lesson.subtask_gene(name)
-    return Training(task, dataclasses.replace(config, baseline_index=0), settings, baseline=gene, extra_leaves=(gene,))
+    return Training(task, config, settings, baseline=gene, extra_leaves=(gene,))

@@ -1,4 +1,4 @@
-"""The published learning curves, where they are at hand."""
+"""The published learning curves: what the authors of the paper logged in 10 runs of each variant."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import csv
 import dataclasses
 from pathlib import Path
 
-from bt_jax.errors import UserError
+__all__ = ["Curve", "published_curves"]
 
-__all__ = ["Curve", "find_curves", "read_curves"]
+SOURCE = Path(__file__).with_name("published_curves.csv")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -19,26 +19,18 @@ class Curve:
     mean: tuple[float, ...]
     std: tuple[float, ...]
 
-    def at(self, generation: int) -> float | None:
-        """The mean in a generation, None where it was not published."""
-        return dict(zip(self.generations, self.mean, strict=True)).get(generation)
+    @property
+    def last(self) -> float:
+        """The mean in the last generation that was published."""
+        return self.mean[-1]
 
 
-def find_curves() -> Path | None:
-    """The file with the published curves beside this checkout, None where there is none."""
-    path = Path(__file__).parents[3] / "shared" / "reference" / "learning_curves.csv"
-    return path if path.is_file() else None
-
-
-def read_curves(path: Path) -> dict[tuple[int, str], Curve]:
-    """Curves by experiment and variant. Raises UserError where the file is not of that kind."""
+def published_curves() -> dict[tuple[int, str], Curve]:
+    """The curves by experiment and variant."""
     points: dict[tuple[int, str], list[tuple[int, float, float]]] = {}
-    try:
-        with path.open(encoding="utf-8") as file:
-            for row in csv.DictReader(file):
-                key = int(row["experiment"]), row["variant"]
-                values = int(row["generation"]), float(row["best_fitness_mean"]), float(row["best_fitness_std"])
-                points.setdefault(key, []).append(values)
-    except (OSError, KeyError, ValueError, TypeError) as error:
-        raise UserError(f"{path} does not hold learning curves ({error}); leave out --published") from error
+    with SOURCE.open(encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            key = int(row["experiment"]), row["variant"]
+            values = int(row["generation"]), float(row["best_fitness_mean"]), float(row["best_fitness_std"])
+            points.setdefault(key, []).append(values)
     return {key: Curve(*zip(*sorted(rows), strict=True)) for key, rows in points.items()}

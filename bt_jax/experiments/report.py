@@ -35,16 +35,9 @@ def figure(outcomes: Sequence[Outcome], curves: Curves) -> bytes:
         )
         label = f"{NAMES[outcome.variant]}, {len(outcome.best)} runs"
         axes.plot(generations, outcome.best.mean(axis=0), color=color, lw=2, label=label)
-        if (curve := curves.get((experiment.number, outcome.variant))) is not None:
-            known = [i for i, g in enumerate(curve.generations) if g < outcome.best.shape[1]]
-            axes.plot(
-                [curve.generations[i] for i in known],
-                [curve.mean[i] for i in known],
-                color=color,
-                ls="--",
-                lw=1.4,
-                label=f"published, {NAMES[outcome.variant]}",
-            )
+        curve = curves[experiment.number, outcome.variant]
+        label = f"published, {NAMES[outcome.variant]}"
+        axes.plot(curve.generations, curve.mean, color=color, ls="--", lw=1.4, label=label)
     if experiment.change_at:
         axes.axvline(experiment.change_at, color="#999999", lw=1)
     axes.set_yscale("symlog", linthresh=100)
@@ -67,8 +60,7 @@ def table(outcomes: Sequence[Outcome], curves: Curves) -> list[dict[str, str]]:
     rows = []
     for outcome in outcomes:
         last, experiment = outcome.best[:, -1], outcome.experiment
-        published = curves.get((experiment.number, outcome.variant))
-        mean = None if published is None else published.at(outcome.best.shape[1] - 1)
+        published = curves[experiment.number, outcome.variant]
         rows.append(
             {
                 "experiment": str(experiment.number),
@@ -77,11 +69,11 @@ def table(outcomes: Sequence[Outcome], curves: Curves) -> list[dict[str, str]]:
                 "best fitness, mean ± std": f"{last.mean():.1f} ± {last.std():.1f}",
                 "worst run": f"{last.min():.1f}",
                 "best run": f"{last.max():.1f}",
-                "published mean": "" if mean is None else f"{mean:.0f}",
+                "published mean": f"{published.last:.0f}",
                 f"at {experiment.wanted:g} or better": f"{(last >= experiment.wanted).sum()} of {len(last)}",
                 "episodes a run": f"{np.mean(outcome.episodes):,.0f}",
                 "unseen layouts solved": f"{100 * np.mean(outcome.solved_unseen):.0f} %",
-                "seconds": f"{outcome.seconds:.1f}",
+                "seconds (of it compiling)": f"{outcome.seconds:.1f} ({outcome.compile_seconds:.1f})",
             }
         )
     return rows
@@ -121,7 +113,7 @@ def _trees(outcome: Outcome) -> str:
     best, worst = int(last.argmax()), int(last.argmin())
     shown = {"best": best} if last[worst] == last[best] else {"best": best, "worst": worst}
     return "\n".join(
-        f"{NAMES[outcome.variant].capitalize()}, {name} run (fitness {last[run]:.1f}; first generation with leaves of the "
+        f"{NAMES[outcome.variant]}, {name} run (fitness {last[run]:.1f}; first generation with leaves of the "
         f"baseline: {_entered(outcome, run)}):\n\n```\n{draw_text(outcome.trees[run])}```\n"
         for name, run in shown.items()
     )

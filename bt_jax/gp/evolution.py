@@ -15,7 +15,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float32, Int32, Key, UInt32, UInt64
+from jaxtyping import Array, Float32, Int, Int32, Key, UInt32, UInt64
 
 from bt_jax.behaviors import FIRST_LEAF
 from bt_jax.compilation import kept_jit
@@ -111,20 +111,31 @@ class Evolution:
     def start(self) -> State:
         """The first, random populations; the baseline, if any, takes the place of individual 0."""
         trees = _first(self.keys, self.alphabet, self._static)
-        return self._measured(trees, 0, generation=0, earlier=(0,) * self.config.runs)
+        first = np.zeros(self.config.runs, int)
+        return self._measured(self._with_baseline(trees, first), first, generation=0, earlier=(0,) * self.config.runs)
 
     def adopt(self, trees: Trees, *, generation: int, earlier: Sequence[int]) -> State:
         """Goes on with populations [R, P, N] that were bred for another fitness: they are measured anew, and the baseline,
-        if any, takes the place of the last individual. `earlier` is how many trees each run has measured so far."""
-        return self._measured(trees, -1, generation=generation, earlier=tuple(earlier))
+        if any, takes the place of the worst. `earlier` is how many trees each run has measured so far."""
+        worst = np.asarray(self._population(trees).fitness).argmin(axis=1)
+        trees = self._with_baseline(trees, worst)
+        return self._measured(trees, worst, generation=generation, earlier=tuple(earlier))
 
-    def _measured(self, trees: Trees, place: int, *, generation: int, earlier: tuple[int, ...]) -> State:
-        """The state of populations, with the baseline in its place."""
-        if self.baseline is not None:
-            trees = jax.tree.map(lambda all_, one: all_.at[:, place].set(one), trees, self.baseline)
+    def _with_baseline(self, trees: Trees, places: Int[np.ndarray, "R"]) -> Trees:
+        """The populations with the baseline, if any, in one place of each."""
+        if self.baseline is None:
+            return trees
+        rows = np.arange(len(places))
+        return jax.tree.map(lambda all_, one: all_.at[rows, places].set(one), trees, self.baseline)
+
+    def _measured(
+        self, trees: Trees, places: Int[np.ndarray, "R"], *, generation: int, earlier: tuple[int, ...]
+    ) -> State:
+        """The state of populations; the individuals at `places` give the fitness of the baseline."""
         nothing = (np.empty(0, np.uint64),) * self.config.runs
         population = self._population(trees)
-        return State(population, generation, population.fitness[:, place], _now_seen(nothing, trees), earlier)
+        baseline_fitness = population.fitness[np.arange(len(places)), places]
+        return State(population, generation, baseline_fitness, _now_seen(nothing, trees), earlier)
 
     def _population(self, trees: Trees) -> Population:
         """Trees with what `evaluate` says of them."""
@@ -192,8 +203,8 @@ class Evolution:
             return 0, -1
         known = self.baseline.tokens[self.baseline.tokens >= FIRST_LEAF]
         places = np.flatnonzero(np.isin(tree.tokens, known))
-        if not places.size:
-            return 0, -1
+        if not places.size or tree.sizes[0] == 1:
+            return len(places), -1
         child, count = 1, 0
         while child + tree.sizes[child] <= places[0]:
             child, count = child + int(tree.sizes[child]), count + 1

@@ -199,6 +199,7 @@ class DemonstrationFolder:
         self._existing(name).rename(self.path / new)
 
     def _existing(self, name: str) -> Path:
+        self.frames()
         if name not in self.names():
             raise UserError(f"{self.path} has no demonstration '{name}'; it has {', '.join(self.names()) or 'none'}")
         return self.path / name

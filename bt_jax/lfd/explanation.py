@@ -28,10 +28,9 @@ def missing_sentence(lesson: Lesson) -> str:
     """How many demonstrations are there and needed, said plainly; empty where they suffice."""
     if not lesson.missing:
         return ""
-    robot = lesson.demonstrations.frames.default
     return (
         f"{len(lesson.demonstrations)} of {NEEDED} demonstrations needed: from {NEEDED} on, what the places are relative to "
-        f"can be told; until then they are fixed places in {robot}"
+        f"can be told; until then they are fixed places in {lesson.demonstrations.frames.default}"
     )
 
 

@@ -41,13 +41,13 @@ def cluster_figure(lesson: Lesson) -> bytes:
 
 def _panel(axes: Axes, lesson: Lesson, inference: Inference, frame: str) -> None:
     if frame == inference.object and inference.kind == "place":
-        axes.axis("off")
+        axes.set(xticks=[], yticks=[], title=f"{frame}\n(itself)", frame_on=False)
         return
     candidate = next((one for one in inference.candidates if one.frame == frame), None)
     own, others = _points(lesson, inference, frame)
     chosen = frame == inference.frame
     centre = own.mean(axis=0) if candidate is None else np.array(candidate.mean)
-    axes.scatter(*others[:, :2].T, color=BESIDES, marker="x", s=28, label="other actions on it")
+    axes.scatter(*others[:, :2].T, color=BESIDES, marker="x", s=28)
     axes.scatter(*own[:, :2].T, color=CHOSEN if chosen else OTHER, s=34, edgecolors="white", linewidths=0.6)
     axes.scatter(*centre[:2], color="black", marker="+", s=60, lw=1)
     reach = max(LEAST, 1.3 * float(np.abs(own[:, :2] - centre[:2]).max()))

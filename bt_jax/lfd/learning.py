@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
-from bt_jax.behaviors import Behavior, Control, Tree
-from bt_jax.encoding.walk import prefix
+from bt_jax.behaviors import Behavior, Control, Kind, Tree
+from bt_jax.encoding.walk import children, leaves
 from bt_jax.errors import UserError
 from bt_jax.lfd.clustering import NEEDED, Inference, infer
 from bt_jax.lfd.constraints import Order, check_acyclic, orders, preconditions
@@ -58,12 +58,16 @@ class Lesson:
     def genes(self) -> tuple[Behavior, ...]:
         """A `move` gene for each demonstrated place, and whatever other leaves the tree has."""
         moves = [Behavior("move", place.args) for place in self.placements]
-        leaves = [node for node in prefix(self.tree) if isinstance(node, Behavior)]
-        return tuple(dict.fromkeys([*moves, *leaves]))
+        return tuple(dict.fromkeys([*moves, *leaves(self.tree)]))
 
     @property
     def targets(self) -> tuple[Target, ...]:
-        """The demonstrated places as targets. Raises UserError where one object has several."""
+        """The demonstrated places as targets. Raises UserError where the demonstrations have several goals."""
+        if len(self.subtasks) > 1:
+            raise UserError(
+                f"the demonstrations end in {len(self.subtasks)} different ways, so they say no target; learn from those "
+                "that agree"
+            )
         objects = [place.object for place in self.placements]
         for name in objects:
             if objects.count(name) > 1:
@@ -102,8 +106,14 @@ def learn(demonstrations: Demonstrations, task: Task) -> Lesson:
         extra = preconditions(constraints, inferences, shown)
         learnt.append(LearntSubtask(subtask, constraints, extra, plan(subtask.goal, extra=extra)))
     trees = tuple(one.tree for one in learnt)
-    tree = trees[0] if len(trees) == 1 else Control.fallback(*trees)
+    tree = trees[0] if len(trees) == 1 else _either(trees)
     return Lesson(task, demonstrations, inferences, tuple(map(tuple, steps)), tuple(learnt), tree)
+
+
+def _either(trees: Sequence[Tree]) -> Tree:
+    """One of the trees: the first that can be carried out. A Fallback among them dissolves into it."""
+    parts = [part for tree in trees for part in (children(tree) if tree.kind == Kind.FALLBACK else [tree])]
+    return Control.fallback(*parts)
 
 
 def _check_frames(demonstrations: Demonstrations, task: Task) -> None:
