@@ -84,6 +84,9 @@ class RobotLink(Protocol):
     def halt(self, arm: str) -> None:
         """Brings an arm smoothly to rest on its path."""
 
+    def interrupt(self) -> None:
+        """Brings all arms to rest on their paths, for good; may be called from a signal handler."""
+
     def grip(self, arm: str, opening: float, force: float = 10.0) -> None:
         """Moves a gripper's fingers to a distance [m] from each other, with a force up to 20 N."""
 
@@ -254,7 +257,7 @@ class YumiLink:
     def stopped(self) -> str | None:
         if not self._process.is_alive() and not self._closing.is_set():
             return "the link process has ended"
-        return self._blocks.reason.value.decode(errors="replace") or None
+        return self._blocks.reason.value.decode(errors="replace") if self._blocks.stopped.value else None
 
     def follow(self, arm: str, trajectory: Trajectory) -> int:
         other = next((name for name in self.arms if name != arm), arm)
@@ -268,6 +271,8 @@ class YumiLink:
                 clearance=self._clearance,
             )
             self._motions += 1
+            if not self.config.motion:
+                return self._motions
             problem = self._ask("follow", arm, allowed.times, allowed.joints, self._motions)
             if problem is not None:
                 raise Rejected(problem)
@@ -279,9 +284,14 @@ class YumiLink:
     def halt(self, arm: str) -> None:
         self._ask("halt", arm)
 
+    def interrupt(self) -> None:
+        self._blocks.interrupted.value = True
+
     def grip(self, arm: str, opening: float, force: float = 10.0) -> None:
         if self.stopped() is not None:
             raise Rejected(f"{arm}: stopped ({self.stopped()})")
+        if not self.config.motion:
+            return
         if not self._enabled:
             raise Rejected(f"{arm}: the robot was not started")
         if not (np.isfinite(opening) and np.isfinite(force)):

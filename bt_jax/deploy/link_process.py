@@ -33,7 +33,9 @@ class Blocks:
         self.arms = {arm: Snapshot(ARM_FIELDS) for arm in arms}
         self.counters = Snapshot(len(COUNTERS))
         self.alive = CONTEXT.RawValue("d", 0.0)  # the executor's last sign of life, `time.monotonic()`
-        self.reason = CONTEXT.Array("c", 512)
+        self.interrupted = CONTEXT.RawValue("b", 0)  # everything must come to rest
+        self.reason = CONTEXT.RawArray("c", 512)
+        self.stopped = CONTEXT.RawValue("b", 0)  # `reason` is complete
         self.history = CONTEXT.RawArray("d", HISTORY * RECORD)
         self.written = CONTEXT.RawValue("L", 0)  # records so far
 
@@ -119,6 +121,7 @@ class _Loop:
             if self.supervisor.reason != self.told:
                 self.told = self.supervisor.reason
                 self.blocks.reason.value = self.told.encode()[:511]
+                self.blocks.stopped.value = True
             if parted is not None and now - parted > PARTING:
                 return
 
@@ -155,6 +158,8 @@ class _Loop:
             arm.commanded = feedback.joints.copy()
         if arm.follower is not None and not self.enabled:
             arm.follower = None
+        if self.blocks.interrupted.value and arm.follower is not None:
+            arm.follower.halt()
         target = arm.commanded if arm.follower is None else arm.follower.advance(CYCLE)
         if self.enabled:
             arm.commanded = self.supervisor.admit(name, target, commanded=arm.commanded, measured=feedback.joints)
@@ -202,6 +207,8 @@ class _Loop:
         trajectory = Trajectory(times, joints)
         if self.supervisor.reason is not None:
             self.reply(f"{name}: stopped ({self.supervisor.reason})")
+        elif self.blocks.interrupted.value:
+            self.reply(f"{name}: interrupted")
         elif not self.enabled or arm.commanded is None:
             self.reply(f"{name}: the robot was not started")
         elif np.max(np.abs(joints[0] - arm.commanded)) > self.start.rules.start:
