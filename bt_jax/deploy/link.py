@@ -11,7 +11,7 @@ import dataclasses
 import threading
 import time
 from collections.abc import Mapping
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -62,6 +62,7 @@ class Counters:
     rejected: int  # paths that broke a rule
 
 
+@runtime_checkable
 class RobotLink(Protocol):
     """What skills and executor need of a robot. All waiting goes through `wait`, so that time may be simulated."""
 

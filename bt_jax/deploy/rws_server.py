@@ -9,7 +9,7 @@ import secrets
 import threading
 import urllib.parse
 import urllib.request
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 __all__ = ["PASSWORD", "USER", "Controlled", "serve_rws"]
 
@@ -18,6 +18,7 @@ REALM = "validusers@robapi.abb"
 SYMBOLS = "/rw/rapid/symbol/data/"
 
 
+@runtime_checkable
 class Controlled(Protocol):
     """What the requests act on; called from the server's threads."""
 

@@ -60,7 +60,8 @@ class Statuses:
             self.undecided.append(condition)
         match condition.name:
             case "at":
-                return known and self._distance(condition) < self.task.episode.tolerance
+                in_hand = self.seen.holding == condition.object
+                return known and not in_hand and self._distance(condition) < self.task.episode.tolerance
             case "holding":
                 wanted = condition.object
                 return self.seen.holding is None if wanted == NOTHING else self.seen.holding == wanted

@@ -18,8 +18,9 @@ def _arm(name: str, y: float) -> str:
     body = ""
     for i, axis in enumerate(axes):
         position = f"0 {y} 0.2" if i == 0 else "0 0 0.08"
+        title = f' name="{name}_link"' if i == 6 else ""
         body += (
-            f'<body pos="{position}" gravcomp="1"><joint name="{name}_{i + 1}" axis="{axis}" range="-2.2 2.2" '
+            f'<body{title} pos="{position}" gravcomp="1"><joint name="{name}_{i + 1}" axis="{axis}" range="-2.2 2.2" '
             f'armature="0.05" damping="1"/><geom type="capsule" fromto="0 0 0 0 0 0.08" size="0.02" mass="0.3"/>'
         )
     for finger, sign in (("a", 1), ("b", -1)):
@@ -35,7 +36,8 @@ def _actuators(name: str) -> str:
     return arms + "".join(f'<position name="{name}_{f}" joint="{name}_{f}" kp="2000" kv="20"/>' for f in "ab")
 
 
-XML = f"""<mujoco><compiler angle="radian"/><option timestep="0.002"/><default><geom contype="0" conaffinity="0"/></default><worldbody>
+XML = f"""<mujoco><compiler angle="radian"/><option timestep="0.002"/>
+<default><geom contype="0" conaffinity="0"/></default><worldbody>
 <geom type="plane" size="2 2 1" contype="1" conaffinity="1"/>
 <body name="box" pos="0.5 0 0.05"><freejoint/><geom type="box" size=".02 .02 .02" contype="1" conaffinity="1"/></body>
 {_arm("left", 0.3)}{_arm("right", -0.3)}</worldbody>

@@ -36,9 +36,9 @@ def test_axis_seven_travels_as_the_external_joint_in_degrees():
 
 @pytest.mark.parametrize("data", [b"", b"\xff\xff\xff", b"hello, robot", egm_pb2.EgmRobot().SerializeToString()])
 def test_what_is_no_message_is_refused(data):
-    with pytest.raises(ValueError, match="EGM|joints"):
+    with pytest.raises(ValueError, match=r"EGM|joints"):
         Feedback.decode(data)
-    with pytest.raises(ValueError, match="EGM|joints"):
+    with pytest.raises(ValueError, match=r"EGM|joints"):
         Setpoint.decode(data)
 
 
