@@ -31,7 +31,8 @@ CATCH_UP = 12  # cycles that are made up for after a delay; the rest is lost
 @dataclasses.dataclass(frozen=True)
 class Cell:
     """A MuJoCo model with two arms. Actuators are position servos: `actuators` of the joints in chain order [rad],
-    `finger_actuators` of each finger [m]. Arms are named "left" and "right" (one of them suffices)."""
+    `finger_actuators` of each finger [m]. `flanges` are sites whose poses the controller tells, in the world of the model,
+    which is the robot's base frame."""
 
     xml: str
     assets: Mapping[str, bytes]
@@ -40,6 +41,7 @@ class Cell:
     actuators: Mapping[str, tuple[str, ...]]
     finger_joints: Mapping[str, tuple[str, ...]]
     finger_actuators: Mapping[str, tuple[str, ...]]
+    flanges: Mapping[str, str]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,6 +66,7 @@ class Arm:
         self.range = model.jnt_range[joints]
         self.actuators = np.array([model.actuator(a).id for a in cell.actuators[name]])
         self.finger_actuators = np.array([model.actuator(a).id for a in cell.finger_actuators[name]])
+        self.flange = model.site(cell.flanges[name]).id
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind(("127.0.0.1", 0))
         self.socket.setblocking(False)
@@ -147,8 +150,14 @@ class Robot:
                 on,
                 arm.mci,
                 arm.mci == Mci.RUNNING,
+                self._flange(arm),
             )
             arm.network.send(message.encode(), self.time)
+
+    def _flange(self, arm: Arm) -> np.ndarray:
+        quaternion = np.zeros(4)
+        mujoco.mju_mat2Quat(quaternion, self.data.site_xmat[arm.flange])
+        return np.concatenate([self.data.site_xpos[arm.flange], np.roll(quaternion, -1)])
 
     def listen(self, arm: Arm, patience: float) -> None:
         """Takes what was answered; for at most `patience` seconds waits for the answer to the last message."""

@@ -40,6 +40,7 @@ class Feedback:
     motors_on: bool
     mci: Mci
     rapid_running: bool
+    flange: np.ndarray | None = None  # [7] position [m] and quaternion (x, y, z, w) in the base frame, where it is told
 
     @property
     def running(self) -> bool:
@@ -54,6 +55,11 @@ class Feedback:
         for part, joints in ((message.feedBack, self.joints), (message.planned, self.planned)):
             _write_joints(part, joints)
             part.time.sec, part.time.usec = seconds, int(1e6 * (self.time - seconds))
+        if self.flange is not None:
+            pose = message.feedBack.cartesian
+            pose.pos.x, pose.pos.y, pose.pos.z = (1000 * self.flange[:3]).tolist()
+            turn = pose.orient
+            turn.u1, turn.u2, turn.u3, turn.u0 = self.flange[3:].tolist()
         message.motorState.state = 1 if self.motors_on else 2
         message.mciState.state = int(self.mci)
         message.rapidExecState.state = 2 if self.rapid_running else 1
@@ -74,6 +80,7 @@ class Feedback:
             message.motorState.state == 1,
             Mci(message.mciState.state),
             message.rapidExecState.state == 2,
+            _read_pose(message.feedBack) if message.feedBack.HasField("cartesian") else None,
         )
 
 
@@ -117,6 +124,14 @@ def _write_joints(part, joints: np.ndarray) -> None:
     degrees = np.degrees(joints).tolist()
     part.externalJoints.joints.append(degrees.pop(EXTERNAL))
     part.joints.joints.extend(degrees)
+
+
+def _read_pose(part) -> np.ndarray | None:
+    position, turn = part.cartesian.pos, part.cartesian.orient
+    quaternion = np.array([turn.u1, turn.u2, turn.u3, turn.u0])
+    if not 0.99 < np.linalg.norm(quaternion) < 1.01:  # Euler angles were asked for, or nothing
+        return None
+    return np.concatenate([np.array([position.x, position.y, position.z]) / 1000, quaternion])
 
 
 def _read_joints(part) -> np.ndarray:

@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.deploy.controller import Controller, ControllerGone
 from bt_jax.deploy.egm import CYCLE
@@ -45,6 +46,7 @@ class ArmState:
     motion: int  # number of the path that was accepted last
     remaining: float  # seconds to the end of the path
     running: bool  # the controller would move it
+    flange: RigidTransform | None  # pose in the base frame as the controller tells it
     opening: float  # of the gripper, m between the fingers
     grip_target: float  # m, as asked for last
 
@@ -231,7 +233,7 @@ class YumiLink:
 
     def arm(self, arm: str) -> ArmState:
         values = self._blocks.arms[arm].read()
-        moving, motion, remaining, running, known = values[22:]
+        moving, motion, remaining, running, known = values[29:]
         if not known:
             raise UserError(
                 f"no feedback came from the {arm} arm yet; check that EGM is set up to send to this machine"
@@ -245,6 +247,7 @@ class YumiLink:
             int(motion),
             float(remaining),
             bool(running),
+            _pose(values[22:29]),
             self._opening[arm],
             self._target[arm],
         )
@@ -356,3 +359,10 @@ class YumiLink:
             except (UserError, ValueError) as problem:
                 if self._enabled and not self._closing.is_set() and time.monotonic() - answered > SILENT:
                     self.stop(str(problem))
+
+
+def _pose(values: np.ndarray) -> RigidTransform | None:
+    """From position and quaternion (x, y, z, w); None where they are not numbers."""
+    if not np.all(np.isfinite(values)):
+        return None
+    return RigidTransform.from_components(values[:3], Rotation.from_quat(values[3:]))

@@ -22,7 +22,7 @@ IDLE = 0.002  # seconds between two looks at the watchdog while no message comes
 PARTING = 0.5  # seconds for which the arms are still held when the program above is gone
 HISTORY = 8192  # cycles of one arm that are kept for the log
 RECORD = 17  # numbers of a record: arm, time, setpoint [7], measured [7], sequence
-ARM_FIELDS = 27  # time, joints [7], velocity [7], commanded [7], moving, motion, remaining, running, known
+ARM_FIELDS = 34  # time, joints, velocity, commanded [7 each], flange [7], moving, motion, remaining, running, known
 COUNTERS = ("cycles", "missed", "late", "lost", "reordered", "clipped")
 
 
@@ -180,7 +180,8 @@ class _Loop:
         feedback, follower = arm.feedback, arm.follower
         remaining = 0.0 if follower is None else follower.remaining
         motion = [follower is not None, arm.motion, remaining, feedback.running, 1.0]
-        state = [feedback.time, *feedback.joints, *arm.velocity, *arm.commanded, *motion]
+        flange = [np.nan] * 7 if feedback.flange is None else feedback.flange
+        state = [feedback.time, *feedback.joints, *arm.velocity, *arm.commanded, *flange, *motion]
         self.blocks.arms[name].write(np.array(state, float))
         supervisor = self.supervisor
         counters = (self.cycles, self.missed, self.late, supervisor.lost, supervisor.reordered, supervisor.clipped)

@@ -28,7 +28,7 @@ def _arm(name: str, y: float) -> str:
             f'<body pos="0 {0.006 * sign} 0.1" gravcomp="1"><joint name="{name}_{finger}" type="slide" axis="0 {sign} 0" '
             f'range="0 0.025" damping="5"/><geom type="box" size="0.008 0.005 0.02" mass="0.03"/></body>'
         )
-    return body + "</body>" * 7
+    return body + f'<site name="{name}_flange" pos="0 0 0.08"/>' + "</body>" * 7
 
 
 def _actuators(name: str) -> str:
@@ -53,6 +53,7 @@ def cell() -> Cell:
         actuators={arm: tuple(f"{arm}_{i}" for i in range(1, 8)) for arm in ARMS},
         finger_joints={arm: (f"{arm}_a", f"{arm}_b") for arm in ARMS},
         finger_actuators={arm: (f"{arm}_a", f"{arm}_b") for arm in ARMS},
+        flanges={arm: f"{arm}_flange" for arm in ARMS},
     )
 
 

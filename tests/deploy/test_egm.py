@@ -26,6 +26,17 @@ def test_setpoint_round_trip(joints, sequence):
     assert (got.sequence, got.time) == (sequence, 1.25)
 
 
+def test_the_flange_travels_in_millimetres_with_the_scalar_first():
+    flange = np.array([0.1, 0.2, 0.3, 0.5, 0.1, 0.1, 0.8544])
+    flange[3:] /= np.linalg.norm(flange[3:])
+    sent = Feedback(1, 0.0, np.zeros(7), np.zeros(7), True, Mci.RUNNING, True, flange)
+    message = egm_pb2.EgmRobot()
+    message.ParseFromString(sent.encode())
+    assert message.feedBack.cartesian.pos.y == pytest.approx(200)
+    assert message.feedBack.cartesian.orient.u0 == flange[6]
+    assert Feedback.decode(sent.encode()).flange == pytest.approx(flange)
+
+
 def test_axis_seven_travels_as_the_external_joint_in_degrees():
     message = egm_pb2.EgmSensor()
     message.ParseFromString(Setpoint(7, 0.0, np.radians([10, 20, 70, 30, 40, 50, 60])).encode())
