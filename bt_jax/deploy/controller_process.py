@@ -225,13 +225,13 @@ class Robot:
 
 def serve(spec: Spec, state: Snapshot, stats: Snapshot, pipe: Connection) -> None:
     """Runs until the program above closes the pipe or says so."""
+    take_priority()  # before the server's threads start: they inherit it, and never hold the interpreter while they wait
     try:
         robot = Robot(spec)
         server = serve_rws(robot, spec.rws_port)
     except (ValueError, KeyError, OSError) as error:
         pipe.send(("failed", str(error)))
         return
-    take_priority()
     pipe.send(("ready", server.server_address[1]))
     loop = _Loop(spec, robot, state, stats, pipe)
     if spec.realtime:
