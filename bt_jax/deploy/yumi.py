@@ -26,13 +26,15 @@ __all__ = [
     "TCP",
     "UPPER",
     "Shape",
-    "add_to_mjcf",
     "actuator_names",
+    "add_to_mjcf",
     "finger_names",
     "forward",
     "joint_names",
+    "link_name",
     "link_poses",
     "points",
+    "tip_matrix",
     "urdf",
 ]
 
@@ -64,6 +66,7 @@ STROKE = 0.025  # of a finger, along its -x
 OPENING = 2 * STROKE
 TCP: Vec3 = (0, 0, 0.13)  # between the finger tips, in tool0
 MASSES = (1.5, 1.3, 1.0, 0.9, 0.6, 0.4, 0.1)  # kg, our estimate; the servos carry them
+OWN_APART, BODY_APART = 5, 4  # links that are less far apart in the chain cannot meet (or always overlap)
 HAND_MASS, FINGER_MASS = 0.2, 0.02
 ARMATURE = (0.3, 0.3, 0.2, 0.2, 0.08, 0.08, 0.05)  # kg m2, of the geared motors: our estimate
 STIFFNESS = (6000.0, 6000.0, 4000.0, 4000.0, 1600.0, 1600.0, 1000.0)  # Nm/rad
@@ -138,14 +141,15 @@ def finger_names(arm: str) -> tuple[str, str]:
     return f"{arm}_finger_a", f"{arm}_finger_b"
 
 
-def _link_name(arm: str, link: int | str) -> str:
+def link_name(arm: str, link: int | str) -> str:
+    """Of the body or URDF link that a `Shape` belongs to."""
     return BODY if link == 0 else f"{arm}_link_{AXES[link - 1]}" if isinstance(link, int) else f"{arm}_{link}"
 
 
 def _links(arm: str) -> list[tuple[str, str, Placement]]:
     """Name, parent and placement of the moving links of an arm in chain order."""
-    parents = [BODY, *(_link_name(arm, i) for i in range(1, 7))]
-    return list(zip([_link_name(arm, i) for i in range(1, 8)], parents, (BASE[arm], *LINKS), strict=True))
+    parents = [BODY, *(link_name(arm, i) for i in range(1, 7))]
+    return list(zip([link_name(arm, i) for i in range(1, 8)], parents, (BASE[arm], *LINKS), strict=True))
 
 
 def urdf(arms: tuple[str, ...] = ARMS, *, fingers: bool = True) -> str:
@@ -156,7 +160,7 @@ def urdf(arms: tuple[str, ...] = ARMS, *, fingers: bool = True) -> str:
         for i, (name, parent, placement) in enumerate(_links(arm)):
             bounds = {"lower": LOWER[i], "upper": UPPER[i], "velocity": SPEED[i], "effort": 100}
             _urdf_joint(root, joint_names(arm)[i], "revolute", parent, name, placement, "0 0 1", bounds)
-        _urdf_joint(root, f"{arm}_mount", "fixed", _link_name(arm, 7), f"{arm}_hand", HAND)
+        _urdf_joint(root, f"{arm}_mount", "fixed", link_name(arm, 7), f"{arm}_hand", HAND)
         _urdf_joint(root, f"{arm}_tip", "fixed", f"{arm}_hand", f"{arm}_tcp", (TCP, (0, 0, 0)))
         for name, placement in zip(finger_names(arm), FINGERS if fingers else (), strict=fingers):
             bounds = {"lower": 0, "upper": STROKE, "velocity": STROKE, "effort": 20}
@@ -177,7 +181,7 @@ def _urdf_joint(root, name, kind, parent, child, placement, axis=None, bounds=No
 
 def add_to_mjcf(root: ET.Element, position: Vec3) -> None:
     """Adds the robot, its servos and its grippers to an MJCF tree; `position` is that of its base in the world. The arms
-    touch each other and everything else, but a link no other link of its own arm nor, next to it, the body."""
+    touch each other and everything else; links of one arm that are near each other in the chain do not."""
     world, actuators, contact = root.find("worldbody"), _section(root, "actuator"), _section(root, "contact")
     body = ET.SubElement(world, "body", name=BODY, pos=_text(position))
     _mjcf_shapes(body, [shape for shape in SHAPES if shape.link == 0], None)
@@ -201,9 +205,11 @@ def add_to_mjcf(root: ET.Element, position: Vec3) -> None:
         names += [f"{arm}_hand", *finger_names(arm)]
         first, second = finger_names(arm)
         ET.SubElement(_section(root, "equality"), "joint", joint1=first, joint2=second, solref="0.004 1")
-        pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]] + [(BODY, name) for name in names[:3]]
-        for a, b in pairs:
-            ET.SubElement(contact, "exclude", body1=a, body2=b)
+        chain = [(BODY, 0), *((name, min(i, 9)) for i, name in enumerate(names, start=1))]
+        for k, (a, i) in enumerate(chain):
+            for b, j in chain[k + 1 :]:
+                if j - i < (OWN_APART if i else BODY_APART):
+                    ET.SubElement(contact, "exclude", body1=a, body2=b)
 
 
 def _section(root: ET.Element, name: str) -> ET.Element:
@@ -253,9 +259,12 @@ def _matrix(placement: Placement) -> np.ndarray:
 
 @functools.lru_cache(maxsize=2)
 def _fixed(arm: str) -> tuple[np.ndarray, ...]:
-    tip = np.eye(4)
-    tip[:3, 3] = TCP
-    return (*(_matrix(placement) for placement in (BASE[arm], *LINKS)), _matrix(HAND) @ tip)
+    return (*(_matrix(placement) for placement in (BASE[arm], *LINKS)), _matrix(HAND) @ tip_matrix())
+
+
+def tip_matrix() -> np.ndarray:
+    """f64[4, 4]: the TCP in tool0."""
+    return _matrix((TCP, (0, 0, 0)))
 
 
 def link_poses(arm: str, joints: np.ndarray) -> np.ndarray:
