@@ -16,14 +16,15 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from bt_jax.deploy.markers import MODULES, QUIET, Marker, marker_image
+from bt_jax.deploy.markers import MODULES, Marker, marker_image
 
-__all__ = ["Alignment", "align", "correlations"]
+__all__ = ["Alignment", "View", "align", "correlations"]
 
-PER_MODULE = 4  # points along a module's edge
-MARGIN = 0.5  # of the quiet zone that is looked at, modules
+PER_MODULE = 3  # points along a module's edge
+MARGIN = 0.5  # of the bright margin that is looked at, modules: as much on both sides of the border, for the blur's sake
 BLUR = (0.3, 0.12)  # of the pattern, modules: first to be caught, then to be exact
 ITERATIONS = (4, 6)
+PRECISION = 2e-5  # rad and m
 ROBUST = 0.25  # residual, as a share of the contrast, from which points count less (Huber)
 
 
@@ -37,78 +38,91 @@ class Alignment:
     sigma: float
 
 
-def align(
-    image: np.ndarray, pose: RigidTransform, markers: Sequence[Marker], matrix: np.ndarray, distortion: np.ndarray
-) -> Alignment:
-    """The pose near `pose` at which `markers`, all of one body, look most like `image` f32[h, w]."""
-    slopes = (cv2.Scharr(image, cv2.CV_32F, 1, 0, scale=1 / 32), cv2.Scharr(image, cv2.CV_32F, 0, 1, scale=1 / 32))
+class View:
+    """An image f32[h, w] of a camera without distortion, with its `matrix` f[3, 3] and derivatives."""
+
+    def __init__(self, image: np.ndarray, matrix: np.ndarray) -> None:
+        self.image, self.matrix = image, matrix
+        across = cv2.Scharr(image, cv2.CV_32F, 1, 0, scale=1 / 32)
+        down = cv2.Scharr(image, cv2.CV_32F, 0, 1, scale=1 / 32)
+        self._fields = cv2.merge([image, across, down])
+
+    def project(self, pose: RigidTransform, points: np.ndarray) -> np.ndarray:
+        """Pixels f64[n, 2] of points f64[n, 3] that are given in a body's frame, with the body at `pose` in the camera's."""
+        placed = points @ pose.rotation.as_matrix().T + pose.translation
+        return placed[:, :2] / placed[:, 2:] * np.diag(self.matrix)[:2] + self.matrix[:2, 2]
+
+    def brightness(self, pixels: np.ndarray) -> np.ndarray:
+        """f64[m, n]: bilinear, at pixels f64[m, n, 2]."""
+        return _sampled(self.image, pixels)
+
+    def linearized(self, placed: np.ndarray, arms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Brightness f64[n] at points f64[n, 3] in the camera's frame, and its derivatives f64[n, 6] by a turn of the
+        `arms` f64[n, 3] and by a shift."""
+        x, y, z = placed.T
+        (fx, fy), (cx, cy) = np.diag(self.matrix)[:2], self.matrix[:2, 2]
+        seen, across, down = _sampled(self._fields, np.stack([fx * x / z + cx, fy * y / z + cy], axis=1)[None])[0].T
+        by_x, by_y = across * fx / z, down * fy / z
+        by_point = np.stack([by_x, by_y, -(by_x * x + by_y * y) / z], axis=1)
+        return seen, np.hstack([np.cross(arms, by_point), by_point])
+
+
+def align(view: View, pose: RigidTransform, markers: Sequence[Marker]) -> Alignment:
+    """The pose near `pose` at which `markers`, all of one body, look most like the image."""
     points = np.concatenate([_points(marker) for marker in markers])
+    rotation, position = pose.rotation.as_matrix(), pose.translation
     for blur, iterations in zip(BLUR, ITERATIONS, strict=True):
         patterns = np.stack([_pattern(marker.id, blur) for marker in markers])
         for _ in range(iterations):
-            residuals, jacobian = _linearized(image, slopes, pose, points, patterns, matrix, distortion)
+            arms = points @ rotation.T
+            residuals, jacobian = _normalized(*view.linearized(arms + position, arms), patterns)
             weights = np.minimum(1, ROBUST / np.maximum(np.abs(residuals), 1e-9))
-            hessian = jacobian.T @ (weights[:, None] * jacobian)
-            step = np.linalg.lstsq(hessian, -jacobian.T @ (weights * residuals), rcond=None)[0]
-            pose = _moved(pose, step)
-            if np.abs(step).max() < 1e-5:
+            weighted = weights[:, None] * jacobian
+            hessian = jacobian.T @ weighted
+            step = np.linalg.lstsq(hessian, -weighted.T @ residuals, rcond=None)[0]
+            rotation, position = cv2.Rodrigues(step[:3])[0] @ rotation, position + step[3:]
+            if np.abs(step).max() < PRECISION:
                 break
     residual = float(np.sqrt(np.mean(weights * residuals**2)))
     covariance = residual**2 * np.linalg.pinv(hessian)
+    pose = RigidTransform.from_components(position, Rotation.from_matrix(rotation))
     return Alignment(pose, residual, float(np.sqrt(np.trace(covariance[3:, 3:]))))
 
 
-def correlations(
-    image: np.ndarray, pose: RigidTransform, markers: Sequence[Marker], matrix: np.ndarray, distortion: np.ndarray
-) -> np.ndarray:
-    """f64[m] in -1..1: how the image f32[h, w] correlates with each marker's pattern where the pose has it; -1 where the
-    marker is out of the image."""
+def correlations(view: View, pose: RigidTransform, markers: Sequence[Marker]) -> np.ndarray:
+    """f64[m] in -1..1: how the image correlates with each marker's pattern where the pose has it; -1 where the marker is out
+    of the image."""
     points = np.concatenate([_points(marker) for marker in markers])
-    pixels, _ = cv2.projectPoints(points, pose.rotation.as_rotvec(), pose.translation, matrix, distortion)
-    pixels = pixels.reshape(len(markers), -1, 2)
-    seen = _sampled(image, pixels)
+    pixels = view.project(pose, points).reshape(len(markers), -1, 2)
+    seen = view.brightness(pixels)
     patterns = np.stack([_pattern(marker.id, BLUR[-1]) for marker in markers])
     seen, patterns = (x - x.mean(axis=1, keepdims=True) for x in (seen, patterns))
     scale = np.linalg.norm(seen, axis=1) * np.linalg.norm(patterns, axis=1)
-    height, width = image.shape
+    height, width = view.image.shape
     inside = np.all((pixels >= 0) & (pixels <= (width - 1, height - 1)), axis=(1, 2))
     return np.where(inside & (scale > 1e-6), np.sum(seen * patterns, axis=1) / np.maximum(scale, 1e-6), -1.0)
 
 
-def _linearized(image, slopes, pose, points, patterns, matrix, distortion) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals f64[n], as shares of each marker's contrast, and their derivatives f64[n, 6] by a rotation vector applied on
-    the left and by the position; what gain and offset explain is taken out of both."""
-    rotated = pose.rotation.apply(points)
-    pixels, derivatives = cv2.projectPoints(
-        np.ascontiguousarray(rotated), np.zeros(3), pose.translation, matrix, distortion
-    )
-    pixels, derivatives = pixels.reshape(-1, 2), derivatives[:, :6].reshape(-1, 2, 6)
-    seen, across, down = (_sampled(field, pixels[None])[0] for field in (image, *slopes))
-    jacobian = across[:, None] * derivatives[:, 0] + down[:, None] * derivatives[:, 1]
-    count = patterns.shape[1]
-    residuals = np.empty(len(points))
-    for i, pattern in enumerate(patterns):
-        part = slice(i * count, (i + 1) * count)
-        basis = np.stack([pattern, np.ones(count)], axis=1)
-        inverse = np.linalg.pinv(basis)
-        gain, _ = both = inverse @ seen[part]
-        contrast = max(float(gain), 1.0)
-        residuals[part] = (seen[part] - basis @ both) / contrast
-        jacobian[part] = (jacobian[part] - basis @ (inverse @ jacobian[part])) / contrast
-    return residuals, jacobian
-
-
-def _moved(pose: RigidTransform, step: np.ndarray) -> RigidTransform:
-    return RigidTransform.from_components(pose.translation + step[3:], Rotation.from_rotvec(step[:3]) * pose.rotation)
+def _normalized(seen: np.ndarray, jacobian: np.ndarray, patterns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals f64[m * n], as shares of each marker's contrast, and their derivatives f64[m * n, 6]; what gain and offset
+    explain is taken out of both."""
+    values = np.concatenate([seen[:, None], jacobian], axis=1).reshape(*patterns.shape, 7)
+    values = values - values.mean(axis=1, keepdims=True)
+    centred = patterns - patterns.mean(axis=1, keepdims=True)
+    gains = np.einsum("mn,mnk->mk", centred, values) / np.sum(centred**2, axis=1, keepdims=True)
+    values -= centred[:, :, None] * gains[:, None]
+    values /= np.maximum(gains[:, :1], 1.0)[:, None]
+    values = values.reshape(-1, 7)
+    return values[:, 0], values[:, 1:]
 
 
 def _sampled(field: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """f64[m, n]: bilinear values of a field f32[h, w] at pixels f64[m, n, 2]."""
+    """f64[m, n(, c)]: bilinear values of a field f32[h, w(, c)] at pixels f64[m, n, 2]."""
     maps = pixels.astype(np.float32)
     return cv2.remap(field, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(float)
 
 
-@functools.lru_cache(maxsize=256)
+@functools.cache
 def _grid() -> np.ndarray:
     """f64[n, 2]: where a marker is looked at, modules from its centre, x to the right and y up, rows from the top."""
     half = MODULES / 2 + MARGIN
@@ -120,13 +134,13 @@ def _grid() -> np.ndarray:
 def _points(marker: Marker) -> np.ndarray:
     """f64[n, 3]: those places in the body's frame, m."""
     flat = _grid() * marker.size / MODULES
-    return marker.pose.apply(np.column_stack([flat, np.zeros(len(flat))]))
+    return flat @ marker.pose.rotation.as_matrix()[:, :2].T + marker.pose.translation
 
 
 @functools.lru_cache(maxsize=256)
 def _pattern(number: int, blur: float) -> np.ndarray:
     """f64[n] in 0..1: brightness of the print there, blurred by a Gaussian of `blur` modules."""
     fine = 4 * PER_MODULE
-    image = cv2.GaussianBlur(marker_image(number, fine).astype(np.float32) / 255, (0, 0), blur * fine)
-    column, row = (_grid() * (1, -1) + MODULES / 2 + QUIET).T * fine - 0.5
+    image = cv2.GaussianBlur(marker_image(number, 1, fine).astype(np.float32) / 255, (0, 0), blur * fine)
+    column, row = (_grid() * (1, -1) + MODULES / 2 + 1).T * fine - 0.5
     return _sampled(image, np.stack([column, row], axis=1)[None])[0]

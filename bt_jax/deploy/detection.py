@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from bt_jax.deploy.alignment import align, correlations
+from bt_jax.deploy.alignment import View, align, correlations
 from bt_jax.deploy.markers import Marker, marker_dictionary, square
 
-__all__ = ["Detection", "Detector", "Gates", "project"]
+__all__ = ["Detection", "Detector", "Gates"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Gates:
     correlation: float = 0.85
     facing: float = 0.2
     sigma: float = 0.003
-    ratio: float = 1.3
+    ratio: float = 2.0
     distinct: float = 0.1
 
 
@@ -59,13 +59,19 @@ class Detector:
         parameters = cv2.aruco.DetectorParameters()
         parameters.errorCorrectionRate = 0.0  # a marker read wrongly is worse than one not read
         parameters.minMarkerPerimeterRate = 0.05
+        parameters.adaptiveThreshWinSizeStep = 4
+        parameters.polygonalApproxAccuracyRate = 0.06  # of the perimeter: small markers have ragged edges
+        parameters.perspectiveRemovePixelPerCell = 8
+        parameters.perspectiveRemoveIgnoredMarginPerCell = 0.25
         self._aruco = cv2.aruco.ArucoDetector(marker_dictionary(), parameters)
 
     def __call__(self, image: np.ndarray, matrix: np.ndarray, distortion: np.ndarray) -> list[Detection]:
         """Bodies in an image u8[h, w, 3] (RGB) or u8[h, w]; `matrix` f[3, 3] and `distortion` f[n] as OpenCV has them.
         A body is absent where none of its markers is seen or its pose fails a gate."""
         gray = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-        view = _View(gray.astype(np.float32), matrix, distortion)
+        if np.any(distortion):
+            gray = cv2.undistort(gray, matrix, distortion)
+        view = View(gray.astype(np.float32), matrix)
         bodies: dict[str, dict[int, np.ndarray]] = {}
         for number, corners in self._corners(gray).items():
             bodies.setdefault(self._markers[number].body, {})[number] = corners
@@ -82,10 +88,11 @@ class Detector:
             if number in self._markers and numbers.count(number) == 1
         }
 
-    def _locate(self, body: str, seen: dict[int, np.ndarray], view: _View) -> Detection | None:
+    def _locate(self, body: str, seen: dict[int, np.ndarray], view: View) -> Detection | None:
         starts = [self._gathered(start, seen, view) for start in self._starts(seen, view)]
         starts = sorted((start for start in starts if start), key=lambda start: (-len(start.markers), start.error))
         rivals = _distinct(starts, self.gates.distinct)[:2]
+        rivals = [rival for rival in rivals if len(rival.markers) == len(rivals[0].markers)]
         fits = [fit for start in rivals if (fit := self._refined(body, start.pose, seen, view))]
         fits = _distinct(sorted(fits, key=lambda fit: (-len(fit.markers), fit.residual)), self.gates.distinct)
         if not fits or fits[0].sigma > self.gates.sigma:
@@ -99,16 +106,16 @@ class Detector:
         alternative = ambiguous[0].pose if ambiguous else None
         return Detection(body, best.pose, alternative, best.error, best.sigma, best.markers)
 
-    def _starts(self, seen: dict[int, np.ndarray], view: _View) -> Iterator[RigidTransform]:
+    def _starts(self, seen: dict[int, np.ndarray], view: View) -> Iterator[RigidTransform]:
         for number, corners in seen.items():
             marker = self._markers[number]
             found, rotations, positions, _ = cv2.solvePnPGeneric(
-                square(marker.size), corners, view.matrix, view.distortion, flags=cv2.SOLVEPNP_IPPE_SQUARE
+                square(marker.size), corners, view.matrix, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
             )
             for rotation, position in zip(rotations[:found], positions[:found], strict=True):
                 yield _pose(rotation, position) * marker.pose.inv()
 
-    def _gathered(self, start: RigidTransform, seen: dict[int, np.ndarray], view: _View) -> _Fit | None:
+    def _gathered(self, start: RigidTransform, seen: dict[int, np.ndarray], view: View) -> _Fit | None:
         """The pose refined on the corners of all markers that agree with it."""
         agreeing = [number for number in seen if self._misfit(start, number, seen, view) < 4 * self.gates.marker]
         if not agreeing:
@@ -120,7 +127,7 @@ class Detector:
                 points,
                 pixels,
                 view.matrix,
-                view.distortion,
+                None,
                 start.rotation.as_rotvec(),
                 np.array(start.translation),
             )
@@ -128,26 +135,26 @@ class Detector:
         agreeing = [number for number in seen if self._misfit(pose, number, seen, view) < self.gates.marker]
         return self._fit(pose, agreeing, seen, view) if agreeing else None
 
-    def _refined(self, body: str, pose: RigidTransform, seen: dict[int, np.ndarray], view: _View) -> _Fit | None:
+    def _refined(self, body: str, pose: RigidTransform, seen: dict[int, np.ndarray], view: View) -> _Fit | None:
         """The pose refined on the image with every face that should be and is visible."""
         facing = [marker for marker in self._markers.values() if marker.body == body and self._faces(pose, marker)]
         visible = self._correlating(pose, facing, view, self.gates.correlation - 0.25)
         if not visible:
             return None
-        pose = align(view.image, pose, visible, view.matrix, view.distortion).pose
+        pose = align(view, pose, visible).pose
         visible = self._correlating(pose, facing, view, self.gates.correlation)
         agreeing = [m.id for m in visible if m.id in seen and self._misfit(pose, m.id, seen, view) < self.gates.marker]
         if not agreeing:
             return None
-        alignment = align(view.image, pose, visible, view.matrix, view.distortion)
+        alignment = align(view, pose, visible)
         fit = self._fit(alignment.pose, agreeing, seen, view)
         numbers = tuple(marker.id for marker in visible)
         return dataclasses.replace(fit, residual=alignment.residual, sigma=alignment.sigma, markers=numbers)
 
-    def _correlating(self, pose: RigidTransform, markers: list[Marker], view: _View, least: float) -> list[Marker]:
+    def _correlating(self, pose: RigidTransform, markers: list[Marker], view: View, least: float) -> list[Marker]:
         if not markers:
             return []
-        values = correlations(view.image, pose, markers, view.matrix, view.distortion)
+        values = correlations(view, pose, markers)
         return [marker for marker, value in zip(markers, values, strict=True) if value > least]
 
     def _faces(self, pose: RigidTransform, marker: Marker) -> bool:
@@ -156,24 +163,17 @@ class Detector:
         outward, position = face.rotation.as_matrix()[:, 2], face.translation
         return bool(position[2] > 0 and -outward @ position > self.gates.facing * np.linalg.norm(position))
 
-    def _misfit(self, pose: RigidTransform, number: int, seen: dict[int, np.ndarray], view: _View) -> float:
+    def _misfit(self, pose: RigidTransform, number: int, seen: dict[int, np.ndarray], view: View) -> float:
         marker = self._markers[number]
         if not self._faces(pose, marker):
             return float("inf")
-        return _rms(project(pose, marker.corners, view.matrix, view.distortion) - seen[number])
+        return _rms(view.project(pose, marker.corners) - seen[number])
 
-    def _fit(self, pose: RigidTransform, numbers: list[int], seen: dict[int, np.ndarray], view: _View) -> _Fit:
+    def _fit(self, pose: RigidTransform, numbers: list[int], seen: dict[int, np.ndarray], view: View) -> _Fit:
         points = np.concatenate([self._markers[number].corners for number in numbers])
         pixels = np.concatenate([seen[number] for number in numbers])
-        error = _rms(project(pose, points, view.matrix, view.distortion) - pixels)
+        error = _rms(view.project(pose, points) - pixels)
         return _Fit(pose, error, tuple(numbers))
-
-
-@dataclasses.dataclass(frozen=True)
-class _View:
-    image: np.ndarray  # f32[h, w]
-    matrix: np.ndarray
-    distortion: np.ndarray
 
 
 @dataclasses.dataclass(frozen=True)
@@ -183,12 +183,6 @@ class _Fit:
     markers: tuple[int, ...]
     residual: float = 0.0
     sigma: float = 0.0
-
-
-def project(pose: RigidTransform, points: np.ndarray, matrix: np.ndarray, distortion: np.ndarray) -> np.ndarray:
-    """Pixels f64[n, 2] of points f64[n, 3] that are given in a body's frame, with the body at `pose` in the camera's."""
-    pixels, _ = cv2.projectPoints(points, pose.rotation.as_rotvec(), pose.translation, matrix, distortion)
-    return pixels.reshape(-1, 2)
 
 
 def _distinct(fits: list[_Fit], angle: float) -> list[_Fit]:

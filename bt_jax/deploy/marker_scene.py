@@ -13,8 +13,9 @@ from bt_jax.task import Task
 __all__ = ["MarkerScene", "marker_scene", "tint"]
 
 MODULE = 32  # pixels of a texture
-PAPER = 0.0002  # thickness of a sticker on the kit, m
+PAPER = 0.00005  # thickness of a sticker on the kit, m
 BRIGHT = 0.75  # least luminance of the paper: the detector needs the contrast
+WHITE = (0.75, 0.75, 0.75)  # paper that the scene's light does not overexpose, which would move the edges
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,7 +32,7 @@ def marker_scene(task: Task) -> MarkerScene:
     """What a scene needs so that its camera sees the markers of a task."""
     colors = {box.name: tint(box.color) for box in task.boxes}
     markers = task_markers(task)
-    files = {_file(marker): _texture(marker, colors.get(marker.body, (1.0, 1.0, 1.0))) for marker in markers}
+    files = {_file(marker): _texture(marker, colors.get(marker.body, WHITE)) for marker in markers}
     assets = []
     for box in task.boxes:
         faces = " ".join(f'file{marker.face}="{_file(marker)}"' for marker in markers if marker.body == box.name)
@@ -58,7 +59,7 @@ def _file(marker: Marker) -> str:
 
 
 def _texture(marker: Marker, color: tuple[float, float, float]) -> bytes:
-    gray = marker_image(marker.id, MODULE)[:, :, None] / 255 * np.array(color[::-1])
+    gray = marker_image(marker.id, marker.quiet, MODULE)[:, :, None] / 255 * np.array(color[::-1])
     return cv2.imencode(".png", np.rint(255 * gray).astype(np.uint8))[1].tobytes()
 
 

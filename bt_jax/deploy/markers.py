@@ -15,11 +15,11 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from bt_jax.errors import UserError
 from bt_jax.task import Task
 
-__all__ = ["DICTIONARY", "FACES", "Marker", "marker_dictionary", "marker_image", "square", "task_markers"]
+__all__ = ["DICTIONARY", "FACES", "MODULES", "Marker", "marker_dictionary", "marker_image", "square", "task_markers"]
 
 DICTIONARY = "DICT_4X4_50"  # the largest modules for a given size: what counts with small markers
 MODULES = 6  # across a marker: 4 bits and the black border
-QUIET = 1  # modules of bright margin around it
+QUIET = {"box": 1, "kit": 2}  # modules of bright margin around it; more on the kit, whose plate is dark
 
 # Name of the face in a MuJoCo cube texture -> axes of the marker (right, up) in the box's frame.
 FACES = {
@@ -35,13 +35,15 @@ FACES = {
 @dataclasses.dataclass(frozen=True)
 class Marker:
     """A square marker on a body. `size` is the edge of its black square [m]; `pose` is the marker's frame in the body's:
-    origin at its centre, x to the right and y up as printed, z out of the surface."""
+    origin at its centre, x to the right and y up as printed, z out of the surface. `quiet` is the bright margin around it, in
+    modules (sixths of `size`)."""
 
     id: int
     body: str
     face: str
     size: float
     pose: RigidTransform
+    quiet: int
 
     @property
     def corners(self) -> np.ndarray:
@@ -51,7 +53,7 @@ class Marker:
     @property
     def sticker(self) -> float:
         """Edge of the square that is bright around the marker, m."""
-        return self.size * (MODULES + 2 * QUIET) / MODULES
+        return self.size * (MODULES + 2 * self.quiet) / MODULES
 
 
 @functools.lru_cache(maxsize=16)
@@ -81,36 +83,37 @@ def marker_dictionary() -> cv2.aruco.Dictionary:
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARY))
 
 
-def marker_image(number: int, module: int) -> np.ndarray:
-    """u8[n, n], n = (6 + 2) * module: a marker with its quiet margin, 0 black and 255 bright; `module` in pixels."""
+def marker_image(number: int, quiet: int, module: int) -> np.ndarray:
+    """u8[n, n], n = (6 + 2 * quiet) * module: a marker with its bright margin, 0 black and 255 bright; `module` in pixels."""
     black = cv2.aruco.generateImageMarker(marker_dictionary(), number, MODULES * module)
-    return np.pad(black, QUIET * module, constant_values=255)
+    return np.pad(black, quiet * module, constant_values=255)
 
 
 def _on_box(number: int, box: str, edge: float, face: str) -> Marker:
     right, up = np.array(FACES[face], float)
     axes = np.stack([right, up, np.cross(right, up)], axis=1)
     pose = RigidTransform.from_components(axes[:, 2] * edge / 2, Rotation.from_matrix(axes))
-    return Marker(number, box, face, edge * MODULES / (MODULES + 2 * QUIET), pose)
+    quiet = QUIET["box"]
+    return Marker(number, box, face, edge * MODULES / (MODULES + 2 * quiet), pose, quiet)
 
 
 def _on_kit(task: Task, first: int) -> list[Marker]:
-    """Flat in the corners between the walls. Stickers take what the middle place of the kit leaves free, and are no larger
-    than a box's face."""
+    """Flat in the corners between the walls, as large as the middle place of the kit leaves free."""
     kit = task.kit
     edge = max(box.size for box in task.boxes)
-    sticker = min(kit.inner - edge / 2, edge)
+    sticker = 0.9 * (kit.inner - edge / 2)
     if sticker <= 0:
         raise UserError("the kit leaves no room for markers beside a box in its middle; make kit.size larger")
-    offset = kit.inner - sticker / 2
+    offset, quiet = kit.inner - sticker / 2, QUIET["kit"]
     corners = {"left_front": (-1, -1), "right_front": (1, -1), "left_back": (-1, 1), "right_back": (1, 1)}
     return [
         Marker(
             first + i,
             kit.name,
             face,
-            sticker * MODULES / (MODULES + 2 * QUIET),
+            sticker * MODULES / (MODULES + 2 * quiet),
             RigidTransform.from_translation([x * offset, y * offset, kit.thickness / 2]),
+            quiet,
         )
         for i, (face, (x, y)) in enumerate(corners.items())
     ]
