@@ -62,11 +62,16 @@ class CellClearance:
         self.place({})
 
     def place(
-        self, poses: Mapping[str, RigidTransform], *, carried: Carried | None = None, touching: Iterable[str] = ()
+        self,
+        poses: Mapping[str, RigidTransform],
+        *,
+        carried: Carried | None = None,
+        gripped: str | None = None,
+        supports: Iterable[str] = (),
     ) -> None:
-        """Where kit and boxes are; what is not named is nowhere. A carried box is where its gripper is. What is in
-        `touching` may be touched by hands and carried boxes."""
-        touching, inactive = set(touching), set()
+        """Where kit and boxes are; what is not named is nowhere. A carried box is where its gripper is. Hands may touch
+        the box `gripped`, and the carried box may touch what is in `supports`."""
+        supports, inactive = set(supports), set()
         for name, parts in self._parts.items():
             there = name in poses and (carried is None or carried.box != name)
             for index, offset in parts:
@@ -80,7 +85,7 @@ class CellClearance:
             else:
                 inactive.add(index)
         for k, (i, j) in enumerate(self._pairs):
-            active = i not in inactive and j not in inactive and not self._may_touch(i, j, touching)
+            active = i not in inactive and j not in inactive and not self._may_touch(i, j, gripped, supports)
             if active != self._active[k]:
                 self._active[k] = active
                 change = self._geometry_data.activateCollisionPair if active else self._geometry_data.deactivateCollisionPair
@@ -181,10 +186,11 @@ class CellClearance:
             return CARRIED_MARGIN
         return WORLD_MARGIN if min(indices) < 0 else ARM_MARGIN
 
-    def _may_touch(self, i: int, j: int, touching: set[str]) -> bool:
-        return any(
-            self._kind[a][0] in touching and self._kind[b][1] >= 8 for a, b in ((i, j), (j, i)) if self._kind[a][1] < 0
-        )
+    def _may_touch(self, i: int, j: int, gripped: str | None, supports: set[str]) -> bool:
+        for (name, index), (_, other) in ((self._kind[i], self._kind[j]), (self._kind[j], self._kind[i])):
+            if index < 0 and ((other in (8, 9) and name == gripped) or (other == 10 and name in supports)):
+                return True
+        return False
 
 
 @dataclasses.dataclass(frozen=True)

@@ -29,6 +29,7 @@ __all__ = [
     "actuator_names",
     "add_to_mjcf",
     "finger_names",
+    "flange",
     "forward",
     "joint_names",
     "link_name",
@@ -196,6 +197,7 @@ def add_to_mjcf(root: ET.Element, position: Vec3) -> None:
             _servo(actuators, actuator_names(arm)[i], joint_names(arm)[i], stiffness, 0.02 * stiffness)
         hand = _mjcf_body(parent, f"{arm}_hand", HAND)
         _mjcf_shapes(hand, [shape for shape in SHAPES if shape.link == "hand"], HAND_MASS)
+        ET.SubElement(hand, "site", name=f"{arm}_tool0", rgba="0 0 0 0")
         ET.SubElement(hand, "site", name=f"{arm}_tcp", pos=_text(TCP), rgba="0 0 0 0")
         for name, placement, link in zip(finger_names(arm), FINGERS, ("finger_a", "finger_b"), strict=True):
             finger = _mjcf_body(hand, name, placement)
@@ -283,6 +285,11 @@ def link_poses(arm: str, joints: np.ndarray) -> np.ndarray:
 def forward(arm: str, joints: np.ndarray) -> RigidTransform:
     """The TCP in the robot's base frame, for joints [7]."""
     return RigidTransform.from_matrix(link_poses(arm, np.asarray(joints, float))[7])
+
+
+def flange(arm: str, joints: np.ndarray) -> RigidTransform:
+    """tool0 in the robot's base frame, for joints [7]."""
+    return forward(arm, joints) * RigidTransform.from_matrix(tip_matrix()).inv()
 
 
 def points(arm: str, joints: np.ndarray) -> dict[str, np.ndarray]:
