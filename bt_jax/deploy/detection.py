@@ -113,6 +113,8 @@ class Detector:
                 square(marker.size), corners, view.matrix, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
             )
             for rotation, position in zip(rotations[:found], positions[:found], strict=True):
+                if not (np.all(np.isfinite(rotation)) and np.all(np.isfinite(position))):
+                    continue  # OpenCV finds no numbers for some flat views
                 yield _pose(rotation, position) * marker.pose.inv()
 
     def _gathered(self, start: RigidTransform, seen: dict[int, np.ndarray], view: View) -> _Fit | None:
