@@ -308,7 +308,7 @@ class _Loop:
         if self.realtime:
             raise ValueError("it runs in real time")
         began = time.monotonic()
-        while self.robot.time < until - CYCLE / 2:
+        while self.robot.time < until - 1e-6:
             self.cycle()
         self.busy += time.monotonic() - began
 
