@@ -106,9 +106,7 @@ def compare(task: Task, model, data, perception: Perception) -> list[dict]:
     records = []
     for body in (*task.box_names, task.kit.name):
         truth = body_pose(data, body)
-        visible = any(
-            unhidden(model, data, truth, marker) for marker in task_markers(task) if marker.body == body
-        )
+        visible = any(unhidden(model, data, truth, marker) for marker in task_markers(task) if marker.body == body)
         record = {"body": body, "visible": visible, "found": body in believed, "markers": 0}
         if body in believed:
             error = truth.inv() * believed[body]

@@ -14,26 +14,29 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.deploy.markers import MODULES, Marker, marker_image
 
 __all__ = ["Alignment", "View", "align", "correlations"]
 
 PER_MODULE = 3  # points along a module's edge
-MARGIN = 0.5  # of the bright margin that is looked at, modules: as much on both sides of the border, for the blur's sake
+MARGIN = (
+    0.5  # of the bright margin that is looked at, modules: as much on both sides of the border, for the blur's sake
+)
 BLUR = (0.3, 0.12)  # of the pattern, modules: first to be caught, then to be exact
 ITERATIONS = (4, 6)
+DAMPING = 1e-9  # keeps a body without any edge in the image from being singular
 PRECISION = 2e-5  # rad and m
 ROBUST = 0.25  # residual, as a share of the contrast, from which points count less (Huber)
 
 
 @dataclasses.dataclass(frozen=True)
 class Alignment:
-    """`pose`: the body's frame in the camera's [m]; `residual`: root mean square, share of the contrast; `sigma`: standard
+    """`rotation` f64[3, 3] and `position` f64[3] [m]: the body's frame in the camera's; `residual`: root mean square, share of the contrast; `sigma`: standard
     deviation of the position that follows from it [m]."""
 
-    pose: RigidTransform
+    rotation: np.ndarray
+    position: np.ndarray
     residual: float
     sigma: float
 
@@ -45,12 +48,12 @@ class View:
         self.image, self.matrix = image, matrix
         across = cv2.Scharr(image, cv2.CV_32F, 1, 0, scale=1 / 32)
         down = cv2.Scharr(image, cv2.CV_32F, 0, 1, scale=1 / 32)
+        self._focal, self._centre = np.diag(matrix)[:2].copy(), matrix[:2, 2].copy()
         self._fields = cv2.merge([image, across, down])
 
-    def project(self, pose: RigidTransform, points: np.ndarray) -> np.ndarray:
-        """Pixels f64[n, 2] of points f64[n, 3] that are given in a body's frame, with the body at `pose` in the camera's."""
-        placed = points @ pose.rotation.as_matrix().T + pose.translation
-        return placed[:, :2] / placed[:, 2:] * np.diag(self.matrix)[:2] + self.matrix[:2, 2]
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """Pixels f64[n, 2] of points f64[n, 3] in the camera's frame."""
+        return points[:, :2] / points[:, 2:] * self._focal + self._centre
 
     def brightness(self, pixels: np.ndarray) -> np.ndarray:
         """f64[m, n]: bilinear, at pixels f64[m, n, 2]."""
@@ -60,17 +63,17 @@ class View:
         """Brightness f64[n] at points f64[n, 3] in the camera's frame, and its derivatives f64[n, 6] by a turn of the
         `arms` f64[n, 3] and by a shift."""
         x, y, z = placed.T
-        (fx, fy), (cx, cy) = np.diag(self.matrix)[:2], self.matrix[:2, 2]
-        seen, across, down = _sampled(self._fields, np.stack([fx * x / z + cx, fy * y / z + cy], axis=1)[None])[0].T
-        by_x, by_y = across * fx / z, down * fy / z
-        by_point = np.stack([by_x, by_y, -(by_x * x + by_y * y) / z], axis=1)
-        return seen, np.hstack([np.cross(arms, by_point), by_point])
+        seen, across, down = _sampled(self._fields, self.project(placed)[None])[0].T
+        by_x, by_y = across * self._focal[0] / z, down * self._focal[1] / z
+        by_z = -(by_x * x + by_y * y) / z
+        a, b, c = arms.T
+        turns = (b * by_z - c * by_y, c * by_x - a * by_z, a * by_y - b * by_x)
+        return seen, np.stack([*turns, by_x, by_y, by_z], axis=1)
 
 
-def align(view: View, pose: RigidTransform, markers: Sequence[Marker]) -> Alignment:
-    """The pose near `pose` at which `markers`, all of one body, look most like the image."""
+def align(view: View, rotation: np.ndarray, position: np.ndarray, markers: Sequence[Marker]) -> Alignment:
+    """The pose near a given one at which `markers`, all of one body, look most like the image."""
     points = np.concatenate([_points(marker) for marker in markers])
-    rotation, position = pose.rotation.as_matrix(), pose.translation
     for blur, iterations in zip(BLUR, ITERATIONS, strict=True):
         patterns = np.stack([_pattern(marker.id, blur) for marker in markers])
         for _ in range(iterations):
@@ -79,21 +82,20 @@ def align(view: View, pose: RigidTransform, markers: Sequence[Marker]) -> Alignm
             weights = np.minimum(1, ROBUST / np.maximum(np.abs(residuals), 1e-9))
             weighted = weights[:, None] * jacobian
             hessian = jacobian.T @ weighted
-            step = np.linalg.lstsq(hessian, -weighted.T @ residuals, rcond=None)[0]
+            step = -np.linalg.solve(hessian + DAMPING * np.eye(6) * np.trace(hessian), weighted.T @ residuals)
             rotation, position = cv2.Rodrigues(step[:3])[0] @ rotation, position + step[3:]
             if np.abs(step).max() < PRECISION:
                 break
     residual = float(np.sqrt(np.mean(weights * residuals**2)))
     covariance = residual**2 * np.linalg.pinv(hessian)
-    pose = RigidTransform.from_components(position, Rotation.from_matrix(rotation))
-    return Alignment(pose, residual, float(np.sqrt(np.trace(covariance[3:, 3:]))))
+    return Alignment(rotation, position, residual, float(np.sqrt(np.trace(covariance[3:, 3:]))))
 
 
-def correlations(view: View, pose: RigidTransform, markers: Sequence[Marker]) -> np.ndarray:
+def correlations(view: View, rotation: np.ndarray, position: np.ndarray, markers: Sequence[Marker]) -> np.ndarray:
     """f64[m] in -1..1: how the image correlates with each marker's pattern where the pose has it; -1 where the marker is out
     of the image."""
     points = np.concatenate([_points(marker) for marker in markers])
-    pixels = view.project(pose, points).reshape(len(markers), -1, 2)
+    pixels = view.project(points @ rotation.T + position).reshape(len(markers), -1, 2)
     seen = view.brightness(pixels)
     patterns = np.stack([_pattern(marker.id, BLUR[-1]) for marker in markers])
     seen, patterns = (x - x.mean(axis=1, keepdims=True) for x in (seen, patterns))
@@ -133,8 +135,7 @@ def _grid() -> np.ndarray:
 
 def _points(marker: Marker) -> np.ndarray:
     """f64[n, 3]: those places in the body's frame, m."""
-    flat = _grid() * marker.size / MODULES
-    return flat @ marker.pose.rotation.as_matrix()[:, :2].T + marker.pose.translation
+    return marker.place(_grid() * marker.size / MODULES)
 
 
 @functools.lru_cache(maxsize=256)

@@ -93,7 +93,9 @@ def _lens(arguments: CalibrateArguments, console: Console) -> int:
 def _place(arguments: CalibrateArguments, console: Console) -> int:
     lens = load_intrinsics(arguments.file)
     if arguments.points is None:
-        raise UserError("the places of the markers are missing; give --points FILE with a line 'ID: [x, y, z]' for each")
+        raise UserError(
+            "the places of the markers are missing; give --points FILE with a line 'ID: [x, y, z]' for each"
+        )
     known = _known_points(arguments.points)
     seen: dict[int, list[np.ndarray]] = {}
     for _, image in zip(range(IMAGES), _images(arguments), strict=False):
@@ -150,7 +152,12 @@ def _images(arguments: CalibrateArguments) -> Iterator[np.ndarray]:
 def _alike(view: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray], size: tuple[int, int]) -> bool:
     """Do two views show the board from nearly the same side? They differ once a common corner moved by 5 % of the width."""
     (points, pixels), (others, there) = view, other
-    common = [(p, q) for x, p in zip(points, pixels, strict=True) for y, q in zip(others, there, strict=True) if (x == y).all()]
+    common = [
+        (p, q)
+        for x, p in zip(points, pixels, strict=True)
+        for y, q in zip(others, there, strict=True)
+        if (x == y).all()
+    ]
     return bool(common) and max(float(np.linalg.norm(p - q)) for p, q in common) < 0.05 * size[1]
 
 

@@ -119,7 +119,9 @@ def locate_camera(points: np.ndarray, pixels: np.ndarray, lens: Intrinsics) -> t
     distance f64[n] [m] of each point from its ray. Raises UserError where there are too few or they lie on a line."""
     points, pixels = np.ascontiguousarray(points, float), np.ascontiguousarray(pixels, float)
     if len(points) < LEAST_POINTS:
-        raise UserError(f"{len(points)} known points are seen and {LEAST_POINTS} are needed; put more markers in the view")
+        raise UserError(
+            f"{len(points)} known points are seen and {LEAST_POINTS} are needed; put more markers in the view"
+        )
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if spread[1] < 0.1 * spread[0]:
         raise UserError("the known points lie nearly on a line; spread them over the table")

@@ -68,7 +68,9 @@ class UvcCamera:
         """Raises UserError where the camera cannot be opened or has no such size."""
         self._capture = cv2.VideoCapture(source)
         if not self._capture.isOpened():
-            raise UserError(f"camera {source} cannot be opened; check its cable and its number, and that no program uses it")
+            raise UserError(
+                f"camera {source} cannot be opened; check its cable and its number, and that no program uses it"
+            )
         self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, width)
         self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, height)
         self._matrix, self._distortion, self._clock = matrix, distortion, clock
@@ -76,7 +78,9 @@ class UvcCamera:
         if not found or first.shape[:2] != (height, width):
             self._capture.release()
             size = "no image" if not found else f"{first.shape[1]} x {first.shape[0]}"
-            raise UserError(f"camera {source} gives {size} instead of {width} x {height}; calibrate it at the size it has")
+            raise UserError(
+                f"camera {source} gives {size} instead of {width} x {height}; calibrate it at the size it has"
+            )
         self._newest = (first, clock())
         self._lost = self._closing = False
         self._thread = threading.Thread(target=self._grab, name="camera", daemon=True)

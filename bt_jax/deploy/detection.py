@@ -9,6 +9,7 @@ poses possible: then the other one is reported too, and whoever knows more may c
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator, Sequence
 
 import cv2
@@ -19,6 +20,8 @@ from bt_jax.deploy.alignment import View, align, correlations
 from bt_jax.deploy.markers import Marker, marker_dictionary, square
 
 __all__ = ["Detection", "Detector", "Gates"]
+
+DOUBT = 3.0  # how much worse the corners may fit a second pose for the image to be asked
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,6 +59,9 @@ class Detector:
     def __init__(self, markers: Sequence[Marker], gates: Gates | None = None) -> None:
         self.gates = gates or Gates()
         self._markers = {marker.id: marker for marker in markers}
+        self._bodies: dict[str, list[Marker]] = {}
+        for marker in markers:
+            self._bodies.setdefault(marker.body, []).append(marker)
         parameters = cv2.aruco.DetectorParameters()
         parameters.errorCorrectionRate = 0.0  # a marker read wrongly is worse than one not read
         parameters.minMarkerPerimeterRate = 0.05
@@ -89,117 +95,129 @@ class Detector:
         }
 
     def _locate(self, body: str, seen: dict[int, np.ndarray], view: View) -> Detection | None:
-        starts = [self._gathered(start, seen, view) for start in self._starts(seen, view)]
-        starts = sorted((start for start in starts if start), key=lambda start: (-len(start.markers), start.error))
-        rivals = _distinct(starts, self.gates.distinct)[:2]
-        rivals = [rival for rival in rivals if len(rival.markers) == len(rivals[0].markers)]
-        fits = [fit for start in rivals if (fit := self._refined(body, start.pose, seen, view))]
-        fits = _distinct(sorted(fits, key=lambda fit: (-len(fit.markers), fit.residual)), self.gates.distinct)
+        rivals = self._by_corners(seen, view)
+        fits = [fit for rival in rivals if (fit := self._by_image(body, rival, seen, view))]
+        fits.sort(key=lambda fit: (-len(fit.markers), fit.residual))
         if not fits or fits[0].sigma > self.gates.sigma:
             return None
-        best, *others = fits
-        ambiguous = [
-            fit
-            for fit in others
-            if len(fit.markers) == len(best.markers) and fit.residual < self.gates.ratio * best.residual
-        ]
-        alternative = ambiguous[0].pose if ambiguous else None
+        best, alternative = fits[0], None
+        for fit in fits[1:]:
+            as_good = len(fit.markers) == len(best.markers) and fit.residual < self.gates.ratio * best.residual
+            if as_good and _angle(fit, best) > self.gates.distinct:
+                alternative = fit.pose
         return Detection(body, best.pose, alternative, best.error, best.sigma, best.markers)
 
-    def _starts(self, seen: dict[int, np.ndarray], view: View) -> Iterator[RigidTransform]:
+    def _by_corners(self, seen: dict[int, np.ndarray], view: View) -> list[_Fit]:
+        """The pose that most markers agree with, and another one where the corners leave a doubt."""
+        fits: list[_Fit] = []
+        for start in self._starts(seen, view):
+            agreeing = self._agreeing(start, seen, view, 4 * self.gates.marker)
+            known = [fit for fit in fits if _angle(fit, start) < self.gates.distinct]
+            if not agreeing or any(set(agreeing) <= set(fit.markers) for fit in known):
+                continue
+            if len(agreeing) > 1:
+                points = np.concatenate([self._markers[number].corners for number in agreeing])
+                pixels = np.concatenate([seen[number] for number in agreeing])
+                turn = cv2.Rodrigues(start.rotation)[0]
+                turn, position = cv2.solvePnPRefineLM(
+                    points, pixels, view.matrix, None, turn, start.position[:, None].copy()
+                )
+                start = _Fit(cv2.Rodrigues(turn)[0], np.ravel(position))
+                agreeing = self._agreeing(start, seen, view, self.gates.marker)
+            if agreeing:
+                error = self._error(start, agreeing, seen, view)
+                fits.append(dataclasses.replace(start, error=error, markers=tuple(agreeing)))
+        fits.sort(key=lambda fit: (-len(fit.markers), fit.error))
+        one = bool(fits) and len(fits[0].markers) == 1  # then both answers of its plane
+        limit = math.inf if one or not fits else DOUBT * fits[0].error + self.gates.marker / 2
+        others = [
+            fit
+            for fit in fits[1:]
+            if len(fit.markers) == len(fits[0].markers)
+            and fit.error < limit
+            and _angle(fit, fits[0]) > self.gates.distinct
+        ]
+        return fits[:1] + others[:1]
+
+    def _starts(self, seen: dict[int, np.ndarray], view: View) -> Iterator[_Fit]:
         for number, corners in seen.items():
             marker = self._markers[number]
             found, rotations, positions, _ = cv2.solvePnPGeneric(
                 square(marker.size), corners, view.matrix, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
             )
-            for rotation, position in zip(rotations[:found], positions[:found], strict=True):
-                if not (np.all(np.isfinite(rotation)) and np.all(np.isfinite(position))):
-                    continue  # OpenCV finds no numbers for some flat views
-                yield _pose(rotation, position) * marker.pose.inv()
+            for turn, position in zip(rotations[:found], positions[:found], strict=True):
+                if not (np.isfinite(turn).all() and np.isfinite(position).all()):  # a quad that no square gives
+                    continue
+                rotation = cv2.Rodrigues(turn)[0] @ marker.axes.T
+                yield _Fit(rotation, np.ravel(position) - rotation @ marker.pose.translation)
 
-    def _gathered(self, start: RigidTransform, seen: dict[int, np.ndarray], view: View) -> _Fit | None:
-        """The pose refined on the corners of all markers that agree with it."""
-        agreeing = [number for number in seen if self._misfit(start, number, seen, view) < 4 * self.gates.marker]
-        if not agreeing:
-            return None
-        points = np.concatenate([self._markers[number].corners for number in agreeing])
-        pixels = np.concatenate([seen[number] for number in agreeing])
-        pose = _pose(
-            *cv2.solvePnPRefineLM(
-                points,
-                pixels,
-                view.matrix,
-                None,
-                start.rotation.as_rotvec(),
-                np.array(start.translation),
-            )
-        )
-        agreeing = [number for number in seen if self._misfit(pose, number, seen, view) < self.gates.marker]
-        return self._fit(pose, agreeing, seen, view) if agreeing else None
-
-    def _refined(self, body: str, pose: RigidTransform, seen: dict[int, np.ndarray], view: View) -> _Fit | None:
+    def _by_image(self, body: str, start: _Fit, seen: dict[int, np.ndarray], view: View) -> _Fit | None:
         """The pose refined on the image with every face that should be and is visible."""
-        facing = [marker for marker in self._markers.values() if marker.body == body and self._faces(pose, marker)]
-        visible = self._correlating(pose, facing, view, self.gates.correlation - 0.25)
+        facing = [marker for marker in self._bodies[body] if self._faces(start, marker)]
+        visible = self._correlating(start, facing, view, self.gates.correlation - 0.25)
         if not visible:
             return None
-        pose = align(view, pose, visible).pose
-        visible = self._correlating(pose, facing, view, self.gates.correlation)
-        agreeing = [m.id for m in visible if m.id in seen and self._misfit(pose, m.id, seen, view) < self.gates.marker]
+        alignment = align(view, start.rotation, start.position, visible)
+        fit = _Fit(alignment.rotation, alignment.position)
+        kept = self._correlating(fit, facing, view, self.gates.correlation)
+        agreeing = self._agreeing(fit, {m.id: seen[m.id] for m in kept if m.id in seen}, view, self.gates.marker)
         if not agreeing:
             return None
-        alignment = align(view, pose, visible)
-        fit = self._fit(alignment.pose, agreeing, seen, view)
-        numbers = tuple(marker.id for marker in visible)
-        return dataclasses.replace(fit, residual=alignment.residual, sigma=alignment.sigma, markers=numbers)
+        if kept != visible:
+            alignment = align(view, fit.rotation, fit.position, kept)
+            fit = _Fit(alignment.rotation, alignment.position)
+        return dataclasses.replace(
+            fit,
+            error=self._error(fit, agreeing, seen, view),
+            markers=tuple(marker.id for marker in kept),
+            residual=alignment.residual,
+            sigma=alignment.sigma,
+        )
 
-    def _correlating(self, pose: RigidTransform, markers: list[Marker], view: View, least: float) -> list[Marker]:
+    def _correlating(self, fit: _Fit, markers: list[Marker], view: View, least: float) -> list[Marker]:
         if not markers:
             return []
-        values = correlations(view, pose, markers)
+        values = correlations(view, fit.rotation, fit.position, markers)
         return [marker for marker, value in zip(markers, values, strict=True) if value > least]
 
-    def _faces(self, pose: RigidTransform, marker: Marker) -> bool:
+    def _faces(self, fit: _Fit, marker: Marker) -> bool:
         """Does the camera look at the marker's front, and not too flatly?"""
-        face = pose * marker.pose
-        outward, position = face.rotation.as_matrix()[:, 2], face.translation
-        return bool(position[2] > 0 and -outward @ position > self.gates.facing * np.linalg.norm(position))
+        position = fit.rotation @ marker.pose.translation + fit.position
+        outward = fit.rotation @ marker.axes[:, 2]
+        return bool(position[2] > 0 and -outward @ position > self.gates.facing * math.sqrt(position @ position))
 
-    def _misfit(self, pose: RigidTransform, number: int, seen: dict[int, np.ndarray], view: View) -> float:
-        marker = self._markers[number]
-        if not self._faces(pose, marker):
-            return float("inf")
-        return _rms(view.project(pose, marker.corners) - seen[number])
+    def _agreeing(self, fit: _Fit, seen: dict[int, np.ndarray], view: View, limit: float) -> list[int]:
+        """Markers that appear within `limit` pixels of where the pose has them."""
+        return [
+            number
+            for number in seen
+            if self._faces(fit, self._markers[number]) and self._error(fit, [number], seen, view) < limit
+        ]
 
-    def _fit(self, pose: RigidTransform, numbers: list[int], seen: dict[int, np.ndarray], view: View) -> _Fit:
+    def _error(self, fit: _Fit, numbers: Sequence[int], seen: dict[int, np.ndarray], view: View) -> float:
+        """Root mean square distance of the corners as detected from where the pose has them, px."""
         points = np.concatenate([self._markers[number].corners for number in numbers])
         pixels = np.concatenate([seen[number] for number in numbers])
-        error = _rms(view.project(pose, points) - pixels)
-        return _Fit(pose, error, tuple(numbers))
+        offsets = view.project(points @ fit.rotation.T + fit.position) - pixels
+        return math.sqrt(float(np.mean(offsets**2)) * 2)
 
 
 @dataclasses.dataclass(frozen=True)
 class _Fit:
-    pose: RigidTransform
-    error: float
-    markers: tuple[int, ...]
-    residual: float = 0.0
-    sigma: float = 0.0
+    """A pose under way, f64[3, 3] and f64[3], and what speaks for it."""
+
+    rotation: np.ndarray
+    position: np.ndarray
+    error: float = math.inf
+    markers: tuple[int, ...] = ()
+    residual: float = math.inf
+    sigma: float = math.inf
+
+    @property
+    def pose(self) -> RigidTransform:
+        return RigidTransform.from_components(self.position, Rotation.from_matrix(self.rotation))
 
 
-def _distinct(fits: list[_Fit], angle: float) -> list[_Fit]:
-    """Without those that a better one is the same answer as."""
-    kept: list[_Fit] = []
-    for fit in fits:
-        if all((fit.pose.rotation.inv() * other.pose.rotation).magnitude() > angle for other in kept):
-            kept.append(fit)
-    return kept
-
-
-def _pose(rotation: np.ndarray, position: np.ndarray) -> RigidTransform:
-    return RigidTransform.from_components(np.ravel(position), Rotation.from_rotvec(np.ravel(rotation)))
-
-
-def _rms(residuals: np.ndarray) -> float:
-    """Root mean square distance, px."""
-    return float(np.sqrt(np.mean(np.sum(residuals**2, axis=-1))))
+def _angle(a: _Fit, b: _Fit) -> float:
+    """Between two rotations, rad."""
+    return math.acos(max(-1.0, min(1.0, (float(np.sum(a.rotation * b.rotation)) - 1) / 2)))

@@ -77,16 +77,16 @@ def sheet_pages(task: Task, paper: str = "a4") -> Iterator[Figure]:
     yield _board_page(width, height)
 
 
-def _pages(
-    markers: Sequence[Marker], width: float, height: float
-) -> Iterator[list[tuple[Marker, float, float]]]:
+def _pages(markers: Sequence[Marker], width: float, height: float) -> Iterator[list[tuple[Marker, float, float]]]:
     """Stickers with their left and top edges, mm from the page's upper left corner."""
     page: list[tuple[Marker, float, float]] = []
     left, top, row, body = BORDER, BORDER + LABEL, 0.0, ""
     for marker in markers:
         edge = 1000 * marker.sticker
         if edge > width - 2 * BORDER:
-            raise UserError(f"the markers of {marker.body} are {edge:.0f} mm wide and the paper is not; use smaller boxes")
+            raise UserError(
+                f"the markers of {marker.body} are {edge:.0f} mm wide and the paper is not; use smaller boxes"
+            )
         if left + edge > width - BORDER or (body and marker.body != body):
             left, top, row = BORDER, top + row + GAP + LABEL, 0.0
         if page and top + edge + LABEL > height - FOOT:
@@ -123,7 +123,12 @@ def _sticker(paint, marker: Marker, left: float, top: float, color: tuple[float,
                 Rectangle(corner, (last - first) * module, module, facecolor="black", edgecolor="black", linewidth=0.05)
             )
     paint.text(left, top - edge - 3.2, f"{marker.id} {marker.body} {SIDES.get(marker.face, marker.face)}", fontsize=6)
-    paint.annotate("", (left + edge / 2, top + 2.2), (left + edge / 2, top + 0.2), arrowprops={"width": 0.2, "headwidth": 2, "headlength": 2, "color": "0.5"})
+    paint.annotate(
+        "",
+        (left + edge / 2, top + 2.2),
+        (left + edge / 2, top + 0.2),
+        arrowprops={"width": 0.2, "headwidth": 2, "headlength": 2, "color": "0.5"},
+    )
 
 
 def _runs(dark) -> Iterator[tuple[int, int]]:
@@ -137,11 +142,15 @@ def _runs(dark) -> Iterator[tuple[int, int]]:
 
 
 def _board_page(width: float, height: float) -> Figure:
-    page, paint = _blank(width, height, f"calibration board, squares of {1000 * SQUARE:g} mm: glue it to something flat")
+    page, paint = _blank(
+        width, height, f"calibration board, squares of {1000 * SQUARE:g} mm: glue it to something flat"
+    )
     across, down = (1000 * SQUARE * count for count in BOARD)
     per_square = 96
     image = charuco_board().generateImage((BOARD[0] * per_square, BOARD[1] * per_square), marginSize=0, borderBits=1)
     left, bottom = (width - across) / 2, (height - down + 10) / 2
-    paint.imshow(image, cmap="gray", extent=(left, left + across, bottom, bottom + down), interpolation="none", aspect="auto")
+    paint.imshow(
+        image, cmap="gray", extent=(left, left + across, bottom, bottom + down), interpolation="none", aspect="auto"
+    )
     paint.set(xlim=(0, width), ylim=(0, height))
     return page

@@ -45,10 +45,19 @@ class Marker:
     pose: RigidTransform
     quiet: int
 
-    @property
+    @functools.cached_property
+    def axes(self) -> np.ndarray:
+        """f64[3, 3]: right, up and out of the surface, as columns, in the body's frame."""
+        return self.pose.rotation.as_matrix()
+
+    @functools.cached_property
     def corners(self) -> np.ndarray:
         """f64[4, 3] in the body's frame [m], clockwise from the top left as OpenCV gives them."""
-        return np.ascontiguousarray(self.pose.apply(square(self.size)))
+        return self.place(square(self.size)[:, :2])
+
+    def place(self, flat: np.ndarray) -> np.ndarray:
+        """f64[n, 3]: points f64[n, 2] of the marker's plane [m] in the body's frame."""
+        return flat @ self.axes[:, :2].T + self.pose.translation
 
     @property
     def sticker(self) -> float:

@@ -17,7 +17,7 @@ from bt_jax.task import Task
 __all__ = ["Perception"]
 
 UPRIGHT = math.radians(8)  # from which tilt on nothing stands on a level surface
-SAME = 0.25  # rad: an ambiguous pose this near to what is known is that one
+SAME = 0.25  # rad: a doubtful pose this near to what is known is that one
 
 
 class Perception:
@@ -58,13 +58,14 @@ class Perception:
             candidates = [self.camera_pose * detection.pose]
             if detection.alternative is not None:
                 candidates.append(self.camera_pose * detection.alternative)
+            if len(candidates) > 1 or len(detection.markers) == 1:
                 candidates = _plausible(candidates, known.get(detection.body))
             if len(candidates) == 1:
                 yield detection.body, candidates[0]
 
 
 def _plausible(candidates: list[RigidTransform], known: RigidTransform | None) -> list[RigidTransform]:
-    """Those of two possible poses that are near the known one or, where none is known, stand upright."""
+    """Those of a doubtful measurement's poses that are near the known one or, where none is known, stand upright."""
     if known is not None:
         return [pose for pose in candidates if (pose.rotation.inv() * known.rotation).magnitude() < SAME]
     return [pose for pose in candidates if np.abs(pose.rotation.as_matrix()[2]).max() > math.cos(UPRIGHT)]

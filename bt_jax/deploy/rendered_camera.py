@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.deploy.camera import CameraError, Frame
+from bt_jax.mjx_env.render import View
 from bt_jax.task import Task
 
 __all__ = ["Placement", "RenderedCamera", "cell_camera"]
@@ -56,7 +57,9 @@ def cell_camera(task: Task) -> Placement:
     side = np.zeros(3)
     side[1 - row] = 1.0 if (low + high)[1 - row] / 2 >= task.robot_position[1 - row] else -1.0
     target = np.array([*((low + high) / 2)[:2], max(table.top for table in task.tables)])
-    eye = target + DISTANCE * (high - low)[row] * (math.cos(ELEVATION) * side + math.sin(ELEVATION) * np.array([0, 0, 1]))
+    eye = target + DISTANCE * (high - low)[row] * (
+        math.cos(ELEVATION) * side + math.sin(ELEVATION) * np.array([0, 0, 1])
+    )
     forward = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(forward, [0, 0, 1]) / np.linalg.norm(np.cross(forward, [0, 0, 1]))
     rotation = np.stack([right, np.cross(forward, right), forward], axis=1)
@@ -80,9 +83,9 @@ class RenderedCamera:
         width: int = WIDTH,
         height: int = HEIGHT,
     ) -> None:
-        self._model, self._state, self._name = model, state, name
+        self._model, self._state = model, state
         self._data = mujoco.MjData(model)
-        self._renderer = mujoco.Renderer(model, height, width)
+        self._view = View(model, name, width=width, height=height, shadows=False)  # they cost most of the time
         fovy = float(model.cam_fovy[model.camera(name).id])
         self._matrix = Placement(RigidTransform.identity(), fovy, width, height).matrix
         self._frozen: Frame | None = None
@@ -97,8 +100,7 @@ class RenderedCamera:
         time, self._data.qpos[:] = self._state()
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
-        self._renderer.update_scene(self._data, self._name)
-        return Frame(self._renderer.render(), float(time), self._matrix, np.zeros(5))
+        return Frame(self._view(self._data), float(time), self._matrix, np.zeros(5))
 
     def freeze(self) -> None:
         """From now on the image stays what it is."""
@@ -110,4 +112,4 @@ class RenderedCamera:
 
     def close(self) -> None:
         """Gives the OpenGL context back."""
-        self._renderer.close()
+        self._view.close()
