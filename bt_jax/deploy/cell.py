@@ -19,6 +19,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from bt_jax.deploy import yumi
+from bt_jax.deploy.background import BackgroundPerception
 from bt_jax.deploy.calibration import CameraPose, Intrinsics, load_camera
 from bt_jax.deploy.camera import open_camera
 from bt_jax.deploy.clearance import SafetyClearance
@@ -116,7 +117,7 @@ def confirm(console: Console) -> None:
 class _Parts:
     program: Program
     link: YumiLink
-    perception: Perception | None
+    perception: BackgroundPerception | None
     skills: YumiSkills
     cell: Cell
 
@@ -140,9 +141,12 @@ def _opened(arguments: CheckArguments, *, motion: bool, override: float) -> Iter
     with contextlib.ExitStack() as stack:
         perception = None
         if arguments.camera is not None and intrinsics is not None and placed is not None:
-            camera = open_camera(arguments.camera, intrinsics)
-            stack.callback(camera.close)
-            perception = Perception(program.task, camera, placed.pose)
+
+            def see() -> Perception:
+                return Perception(program.task, open_camera(arguments.camera, intrinsics), placed.pose)
+
+            background = BackgroundPerception(see, close=lambda made: made.camera.close())
+            perception = stack.enter_context(background)
         link = stack.enter_context(YumiLink(config, rules_of(program.task, override=override)))
         skills = YumiSkills(program.task, link)
         cell = Cell(

@@ -168,6 +168,7 @@ class _Loop:
         if self.supervisor.reason is not None or (arm.follower is not None and arm.follower.done):
             arm.follower = None
         self.publish(name, arm)
+        self.record(name, arm)
         if self.start.motion and np.all(np.isfinite(arm.commanded)):
             arm.answers += 1
             message = Setpoint(arm.answers, feedback.time, arm.commanded).encode()
@@ -186,6 +187,10 @@ class _Loop:
         supervisor = self.supervisor
         counters = (self.cycles, self.missed, self.late, supervisor.lost, supervisor.reordered, supervisor.clipped)
         self.blocks.counters.write(np.array(counters, float))
+
+    def record(self, name: str, arm: _Arm) -> None:
+        """Keeps this cycle for the log."""
+        feedback = arm.feedback
         row = self.blocks.written.value % HISTORY
         index = list(self.arms).index(name)
         self.history[row] = [index, feedback.time, *arm.commanded, *feedback.joints, feedback.sequence]

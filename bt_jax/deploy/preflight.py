@@ -34,7 +34,7 @@ FLANGE = (
 TURN = np.radians(1.0)
 HAND_EYE = 0.005  # metres of residual of the camera-to-base calibration
 REPROJECTION = 1.0  # pixels of the camera's own calibration
-IMAGE = 0.2  # seconds that the newest image may be old
+IMAGE = 0.5  # seconds that the newest image may be old
 
 
 @dataclasses.dataclass(frozen=True)
@@ -242,7 +242,7 @@ def _images(cell: Cell) -> str:
         times.add(cell.perception.image)
         link.wait(link.now() + 0.05)
     age = link.now() - max(times)
-    if age > IMAGE or len(times) < 5:
+    if age > IMAGE or len(times) < 4:
         raise UserError(f"{len(times)} images in {LISTEN:g} s, the last {age:.2f} s old; check the camera's cable")
     return f"{len(times)} images in {LISTEN:g} s"
 
