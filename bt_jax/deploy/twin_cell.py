@@ -17,9 +17,9 @@ from bt_jax.mjx_env.placement import draw_kit_table, draw_places
 from bt_jax.mjx_env.scene import build_mjcf
 from bt_jax.task import Task
 
-__all__ = ["CAMERA", "Scene", "box_poses", "build_scene", "solved", "target_distances"]
+__all__ = ["CAMERA", "FILM", "Scene", "box_poses", "build_scene", "solved", "target_distances"]
 
-CAMERA = "cell"
+CAMERA, FILM = "cell", "film"
 STEP = 0.002  # seconds of physics
 SHELL = '<material name="shell" rgba=".88 .88 .86 1" specular=".3" shininess=".4"/>'
 
@@ -86,8 +86,21 @@ def _mjcf(task: Task, kit: np.ndarray) -> tuple[dict[str, bytes], str]:
     for box in task.boxes:
         root.find(f".//geom[@name='{box.name}']").set("material", f"{box.name}_markers")
     root.find("worldbody").append(ET.fromstring(cell_camera(task).mjcf(CAMERA)))
+    root.find("worldbody").append(ET.fromstring(_film_camera(task)))
     yumi.add_to_mjcf(root, task.robot_position)
     return markers.files, ET.tostring(root, encoding="unicode")
+
+
+def _film_camera(task: Task) -> str:
+    """A camera that sees robot and tables from the front left."""
+    base = np.array(task.robot_position)
+    tables = np.mean([[*table.position[:2], table.top] for table in task.tables], axis=0)
+    target = 0.35 * base + 0.65 * tables + [0, 0, 0.16]
+    eye = target + (tables - base) * 2.9 + [0, -0.62, 0.5]
+    forward = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(forward, [0, 0, 1]) / np.linalg.norm(np.cross(forward, [0, 0, 1]))
+    axes = " ".join(map(repr, map(float, (*right, *np.cross(right, forward)))))
+    return f'<camera name="{FILM}" pos="{" ".join(map(repr, map(float, eye)))}" xyaxes="{axes}" fovy="44"/>'
 
 
 def box_poses(scene: Scene, qpos: np.ndarray) -> dict[str, RigidTransform]:
