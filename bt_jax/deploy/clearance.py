@@ -22,7 +22,7 @@ CHAIN = {"hand": 8, "finger_a": 9, "finger_b": 9}
 FAR = RigidTransform.from_translation([0, 0, -50.0])  # of what is not there
 ARM_MARGIN = 0.01  # m between arms, and between an arm and the body
 WORLD_MARGIN = 0.004  # m between an arm and tables, kit and boxes
-CARRIED_MARGIN = 0.003  # m between a carried box and anything else
+CARRIED_MARGIN = 0.006  # m between a carried box and anything else
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,8 +80,8 @@ class CellClearance:
                     inactive.add(index)
         for (arm, box), index in self._held.items():
             if carried is not None and (carried.arm, carried.box) == (arm, box):
-                tip = RigidTransform.from_matrix(yumi.tip_matrix())
-                self._geometry.geometryObjects[index].placement = _se3(tip * carried.pose)
+                tcp = self._model.frames[self._model.getFrameId(f"{arm}_tcp")].placement
+                self._geometry.geometryObjects[index].placement = tcp * _se3(carried.pose)
             else:
                 inactive.add(index)
         for k, (i, j) in enumerate(self._pairs):

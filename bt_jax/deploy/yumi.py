@@ -41,7 +41,7 @@ __all__ = [
 
 ARMS = ("left", "right")
 BODY = "yumi_body"
-Vec3 = tuple[float, float, float]
+Vec3 = tuple[float | int, float | int, float | int]
 Placement = tuple[Vec3, Vec3]  # xyz [m], rpy [rad] about fixed axes x, y, z
 
 BASE: Mapping[str, Placement] = {
