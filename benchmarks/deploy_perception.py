@@ -1,5 +1,6 @@
-"""How well does the camera see? Rendered layouts of the robot cell, boxes turned at random, on the tables and stacked: errors
-of every box and of the kit by how many of their markers were used, wrong identities and flips, and the time of an image.
+"""How well does the camera see? Rendered layouts of the robot cell, boxes turned at random, on the tables and stacked:
+errors of every box and of the kit by how many of their markers were used, wrong identities and flips, and the time of an
+image.
 
 A body counts as visible when a face that the camera sees at more than VISIBLE degrees is not hidden, not even in part.
 """
@@ -95,7 +96,7 @@ def arrange(task: Task, model, data, qpos: np.ndarray, rng: np.random.Generator)
         if stacked and rng.random() < 0.6:
             kit = model.body(task.kit.name).pos
             base = np.array([*kit[:2], kit[2] + task.kit.thickness / 2 - box.size / 2]) if top is None else top
-            data.qpos[at : at + 3] = top = base + [0, 0, box.size]
+            data.qpos[at : at + 3] = top = base + np.array([0, 0, box.size])
     mujoco.mj_forward(model, data)
 
 

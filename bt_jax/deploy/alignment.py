@@ -1,8 +1,8 @@
 """Refines a pose on the image itself: every edge inside a marker counts, not only its four corners.
 
-Direct alignment by Gauss-Newton (Lucas and Kanade 1981; Baker and Matthews 2004): points of the printed pattern are projected
-into the image, and the pose changes until the brightness there is that of the print, up to a gain and an offset of each
-marker's own. On renderings this leaves a third of the error of refined corners; and how well pattern and image correlate
+Direct alignment by Gauss-Newton (Lucas and Kanade 1981; Baker and Matthews 2004): points of the printed pattern are
+projected into the image, and the pose changes until the brightness there is that of the print, up to a gain and an offset
+of each marker's own. On renderings this leaves a third of the error of refined corners; and how well pattern and image correlate
 tells whether the marker is there at all, whole and not mistaken for another.
 """
 
@@ -32,8 +32,8 @@ ROBUST = 0.25  # residual, as a share of the contrast, from which points count l
 
 @dataclasses.dataclass(frozen=True)
 class Alignment:
-    """`rotation` f64[3, 3] and `position` f64[3] [m]: the body's frame in the camera's; `residual`: root mean square, share of the contrast; `sigma`: standard
-    deviation of the position that follows from it [m]."""
+    """`rotation` f64[3, 3] and `position` f64[3] [m]: the body's frame in the camera's; `residual`: root mean square, as a
+    share of the contrast; `sigma`: standard deviation of the position that follows from it [m]."""
 
     rotation: np.ndarray
     position: np.ndarray

@@ -151,14 +151,9 @@ def _images(arguments: CalibrateArguments) -> Iterator[np.ndarray]:
 
 def _alike(view: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray], size: tuple[int, int]) -> bool:
     """Do two views show the board from nearly the same side? They differ once a common corner moved by 5 % of the width."""
-    (points, pixels), (others, there) = view, other
-    common = [
-        (p, q)
-        for x, p in zip(points, pixels, strict=True)
-        for y, q in zip(others, there, strict=True)
-        if (x == y).all()
-    ]
-    return bool(common) and max(float(np.linalg.norm(p - q)) for p, q in common) < 0.05 * size[1]
+    there = {tuple(point): pixel for point, pixel in zip(*other, strict=True)}
+    moved = [np.linalg.norm(pixel - there[tuple(p)]) for p, pixel in zip(*view, strict=True) if tuple(p) in there]
+    return bool(moved) and float(max(moved)) < 0.05 * size[1]
 
 
 def _known_points(path: Path) -> dict[int, list[float]]:

@@ -41,8 +41,8 @@ LEAST_CORNERS, LEAST_VIEWS, LEAST_POINTS = 8, 6, 4
 
 @dataclasses.dataclass(frozen=True)
 class Intrinsics:
-    """`matrix` f64[3, 3] and `distortion` f64[5] as OpenCV has them, for images of this size; `error` is the root mean square
-    reprojection error of the calibration, px."""
+    """`matrix` f64[3, 3] and `distortion` f64[5] as OpenCV has them, for images of this size; `error` is the root mean
+    square reprojection error of the calibration, px."""
 
     matrix: np.ndarray
     distortion: np.ndarray

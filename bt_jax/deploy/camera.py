@@ -21,7 +21,7 @@ from bt_jax.deploy.calibration import Intrinsics
 from bt_jax.errors import UserError
 from bt_jax.files import write_atomic
 
-__all__ = ["Camera", "CameraError", "Frame", "Recorder", "RecordedCamera", "UvcCamera", "open_camera"]
+__all__ = ["Camera", "CameraError", "Frame", "RecordedCamera", "Recorder", "UvcCamera", "open_camera"]
 
 
 class CameraError(RuntimeError):

@@ -7,6 +7,7 @@ import io
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
@@ -26,7 +27,7 @@ PAGES = {"a4": (210.0, 297.0), "letter": (215.9, 279.4)}  # mm
 DPI = 300
 BORDER, GAP, LABEL, FOOT = 12.0, 5.0, 7.0, 22.0  # mm: around the page, between stickers, for their names, for the scale
 INCH = 25.4
-SIDES = {"right": "+X", "left": "-X", "up": "+Y", "down": "-Y", "front": "+Z top", "back": "-Z bottom"}
+SIDES = {"right": "+X", "left": "-X", "up": "+Y", "down": "-Y", "front": "+Z", "back": "-Z"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -122,13 +123,19 @@ def _sticker(paint, marker: Marker, left: float, top: float, color: tuple[float,
             paint.add_patch(
                 Rectangle(corner, (last - first) * module, module, facecolor="black", edgecolor="black", linewidth=0.05)
             )
-    paint.text(left, top - edge - 3.2, f"{marker.id} {marker.body} {SIDES.get(marker.face, marker.face)}", fontsize=6)
+    name = f"{marker.id} {marker.body} {SIDES.get(marker.face, marker.face)}, arrow to {_axis(marker.axes[:, 1])}"
+    paint.text(left, top - edge - 3.2, name, fontsize=5.5)
     paint.annotate(
         "",
         (left + edge / 2, top + 2.2),
         (left + edge / 2, top + 0.2),
         arrowprops={"width": 0.2, "headwidth": 2, "headlength": 2, "color": "0.5"},
     )
+
+
+def _axis(direction: np.ndarray) -> str:
+    index = int(np.argmax(np.abs(direction)))
+    return "+-"[int(direction[index] < 0)] + "XYZ"[index]
 
 
 def _runs(dark) -> Iterator[tuple[int, int]]:

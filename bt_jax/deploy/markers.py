@@ -35,8 +35,8 @@ FACES = {
 @dataclasses.dataclass(frozen=True)
 class Marker:
     """A square marker on a body. `size` is the edge of its black square [m]; `pose` is the marker's frame in the body's:
-    origin at its centre, x to the right and y up as printed, z out of the surface. `quiet` is the bright margin around it, in
-    modules (sixths of `size`)."""
+    origin at its centre, x to the right and y up as printed, z out of the surface. `quiet` is the bright margin around it,
+    in modules (sixths of `size`)."""
 
     id: int
     body: str
@@ -93,7 +93,7 @@ def marker_dictionary() -> cv2.aruco.Dictionary:
 
 
 def marker_image(number: int, quiet: int, module: int) -> np.ndarray:
-    """u8[n, n], n = (6 + 2 * quiet) * module: a marker with its bright margin, 0 black and 255 bright; `module` in pixels."""
+    """u8[n, n], n = (6 + 2 * quiet) * module: a marker in its bright margin, 0 black and 255 bright; `module` in px."""
     black = cv2.aruco.generateImageMarker(marker_dictionary(), number, MODULES * module)
     return np.pad(black, quiet * module, constant_values=255)
 
