@@ -59,6 +59,18 @@ def test_holding_needs_a_claim_blocked_fingers_and_the_box_between_them(cell, li
     assert observer().holding is None, "nobody grasped it"
 
 
+def test_a_pose_that_lags_behind_a_moving_hand_is_no_dropped_box(cell, link):
+    observer, _, _ = cell
+    settle_at(link, 0.04, 0.03)
+    observer()
+    observer.tcp = lambda arm, joints: AT_HAND * RigidTransform.from_translation([0, 0, 0.2])
+    assert observer().holding == "YellowBox", "the hand was there just now"
+    for _ in range(16):
+        run_for(link, 0.1)
+        seen = observer()
+    assert seen.holding is None, "it went on without the box"
+
+
 def test_fingers_that_close_on_nothing_hold_nothing(cell, link):
     observer, _, _ = cell
     settle_at(link, 0.03, 0.03)
