@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 
 import cv2
 import numpy as np
@@ -27,12 +28,14 @@ DOUBT = 3.0  # how much worse the corners may fit a second pose for the image to
 @dataclasses.dataclass(frozen=True)
 class Gates:
     """What is accepted. `marker`: root mean square reprojection error of one marker's corners as detected [px];
-    `correlation`: of its pattern with the image; `facing`: sine of the least angle between view and surface; `sigma`:
+    `correlation`: of its pattern with the image, or `confirmation` where the body is known to be within `near` [m]; `facing`: sine of the least angle between view and surface; `sigma`:
     standard deviation of the position [m]; `ratio`: how much worse the second pose of a plane must fit for the first to be
     certain; `distinct`: rad between two poses that are two answers and not one."""
 
     marker: float = 2.0
     correlation: float = 0.85
+    confirmation: float = 0.7
+    near: float = 0.006
     facing: float = 0.2
     sigma: float = 0.003
     ratio: float = 2.0
@@ -71,17 +74,26 @@ class Detector:
         parameters.perspectiveRemoveIgnoredMarginPerCell = 0.25
         self._aruco = cv2.aruco.ArucoDetector(marker_dictionary(), parameters)
 
-    def __call__(self, image: np.ndarray, matrix: np.ndarray, distortion: np.ndarray) -> list[Detection]:
+    def __call__(
+        self,
+        image: np.ndarray,
+        matrix: np.ndarray,
+        distortion: np.ndarray,
+        known: Mapping[str, RigidTransform] = MappingProxyType({}),
+    ) -> list[Detection]:
         """Bodies in an image u8[h, w, 3] (RGB) or u8[h, w]; `matrix` f[3, 3] and `distortion` f[n] as OpenCV has them.
-        A body is absent where none of its markers is seen or its pose fails a gate."""
+        A body is absent where none of its markers is seen or its pose fails a gate. What is `known`, by body and in the
+        camera's frame, is looked for there first: a marker covered in part can confirm it, though none could be read."""
         gray = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         if np.any(distortion):
             gray = cv2.undistort(gray, matrix, distortion)
         view = View(gray.astype(np.float32), matrix)
-        bodies: dict[str, dict[int, np.ndarray]] = {}
+        bodies: dict[str, dict[int, np.ndarray]] = {body: {} for body in known}
         for number, corners in self._corners(gray).items():
             bodies.setdefault(self._markers[number].body, {})[number] = corners
-        fits = (self._locate(body, seen, view) for body, seen in bodies.items())
+        fits = (
+            self._confirm(body, seen, view, known) or self._locate(body, seen, view) for body, seen in bodies.items()
+        )
         return [detection for detection in fits if detection is not None]
 
     def _corners(self, gray: np.ndarray) -> dict[int, np.ndarray]:
@@ -93,6 +105,29 @@ class Detector:
             for number, quad in zip(numbers, quads, strict=True)
             if number in self._markers and numbers.count(number) == 1
         }
+
+    def _confirm(self, body: str, seen: dict[int, np.ndarray], view: View, known) -> Detection | None:
+        """The body where it is known to be, if the image agrees and no marker read elsewhere speaks against it."""
+        if body not in known:
+            return None
+        start = _Fit(known[body].rotation.as_matrix(), known[body].translation)
+        facing = [marker for marker in self._bodies[body] if self._faces(start, marker)]
+        visible = self._correlating(start, facing, view, self.gates.confirmation - 0.25)
+        if not visible:
+            return None
+        alignment = align(view, start.rotation, start.position, visible)
+        fit = _Fit(alignment.rotation, alignment.position)
+        kept = self._correlating(fit, facing, view, self.gates.confirmation)
+        if not kept or set(seen) - set(self._agreeing(fit, seen, view, self.gates.marker)):
+            return None
+        if kept != visible:
+            alignment = align(view, fit.rotation, fit.position, kept)
+            fit = _Fit(alignment.rotation, alignment.position)
+        moved = math.dist(fit.position, start.position)
+        if moved > self.gates.near or _angle(fit, start) > self.gates.distinct or alignment.sigma > self.gates.sigma:
+            return None
+        error = self._error(fit, list(seen), seen, view) if seen else 0.0
+        return Detection(body, fit.pose, None, error, alignment.sigma, tuple(marker.id for marker in kept))
 
     def _locate(self, body: str, seen: dict[int, np.ndarray], view: View) -> Detection | None:
         rivals = self._by_corners(seen, view)

@@ -45,7 +45,9 @@ class Perception:
         if frame.time <= self.image:
             return
         self.image = frame.time
-        self.detections = tuple(self.detector(frame.image, frame.matrix, frame.distortion))
+        to_camera = self.camera_pose.inv()
+        known = {name: to_camera * pose for name, pose in self.tracker.poses(frame.time).items()}
+        self.detections = tuple(self.detector(frame.image, frame.matrix, frame.distortion, known))
         self.tracker.update(frame.time, dict(self._certain()))
 
     def poses(self, time: float) -> dict[str, RigidTransform]:

@@ -99,6 +99,21 @@ def test_a_stack_is_seen(scene, seeing):
     assert_right(scene, look(scene, seeing, 4), TASK.box_names)
 
 
+def test_a_marker_covered_in_part_confirms_what_was_known(scene, seeing):
+    look(scene, seeing, 3)
+    for name in ("GreenBox", "BlueBox"):
+        scene.put(name, upright(0.3, 0.0, z=-0.5))
+    place = scene.truth("YellowBox")
+    camera = PLACEMENT.pose.translation
+    sight = (camera - place.translation) / np.linalg.norm(camera - place.translation)
+    aside = RigidTransform.from_components(place.translation + 0.05 * sight + [0, 0.018, 0], PLACEMENT.pose.rotation)
+    scene.put("cover", aside)
+    poses = look(scene, seeing, 8)
+    assert_right(scene, poses, ["YellowBox"])
+    scene.put("YellowBox", upright(0.3, 0.0, z=-0.5))
+    assert "YellowBox" not in look(scene, seeing, 7)
+
+
 def doubtful(pose: RigidTransform, alternative: RigidTransform | None, markers=(0,)) -> Detection:
     """As seen by the camera; poses in the base frame."""
     to_camera = PLACEMENT.pose.inv()
