@@ -117,7 +117,8 @@ class _Loop:
                     self.supervisor.stop("the program above is gone")
             now = time.monotonic()
             if self.enabled and self.start.realtime:
-                self.supervisor.watch(now, self.blocks.alive.value)
+                moving = any(arm.follower is not None for arm in self.arms.values())
+                self.supervisor.watch(now, self.blocks.alive.value, moving=moving)
             if self.supervisor.reason != self.told:
                 self.told = self.supervisor.reason
                 self.blocks.reason.value = self.told.encode()[:511]
@@ -221,6 +222,7 @@ class _Loop:
             self.reply(f"{name}: the path begins elsewhere than the arm is by now")
         else:
             arm.follower, arm.motion = Follower(trajectory), motion
+            self.blocks.alive.value = time.monotonic()
             self.publish(name, arm)
             self.reply()
 

@@ -47,7 +47,8 @@ class Rules:
     clearance: float = 0.005  # m
     stale: float = 0.1  # seconds without feedback
     gap: int = 10  # messages lost in a row
-    overrun: float = 2.0  # seconds without a sign of life from the executor
+    overrun: float = 2.0  # seconds without a sign of life from the executor while an arm moves
+    planning: float = 20.0  # the same while the arms rest: plans may take their time
     points: Points | None = None
     clearance_of: Callable[[], Clearance] | None = None  # called once in each process that checks
 
@@ -145,13 +146,13 @@ class Supervisor:
             )
         return True
 
-    def watch(self, now: float, alive: float) -> None:
+    def watch(self, now: float, alive: float, *, moving: bool) -> None:
         """Latches where an arm is silent, or the executor gave its last sign of life, `alive`, too long ago [s]."""
         for arm in self.arms:
             silence = now - self._heard.get(arm, now)
             if silence > self.rules.stale:
                 self.stop(f"{arm}: no feedback for {silence:.2f} s; the controller or the network is down")
-        if now - alive > self.rules.overrun:
+        if now - alive > (self.rules.overrun if moving else self.rules.planning):
             self.stop(f"the executor gave no sign of life for {now - alive:.1f} s; a tick takes too long")
 
     def admit(self, arm: str, target: np.ndarray, *, commanded: np.ndarray, measured: np.ndarray) -> np.ndarray:

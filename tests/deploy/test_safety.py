@@ -144,18 +144,19 @@ def test_silence_of_the_controller_stops():
     supervisor = Supervisor(RULES, ARMS)
     supervisor.accept("left", feedback(1), 1.0, moving_allowed=True)
     supervisor.accept("right", feedback(1), 1.0, moving_allowed=True)
-    supervisor.watch(1.0 + 0.9 * RULES.stale, alive=1.0)
+    supervisor.watch(1.0 + 0.9 * RULES.stale, alive=1.0, moving=True)
     assert supervisor.reason is None
     supervisor.accept("right", feedback(2), 1.1, moving_allowed=True)
-    supervisor.watch(1.0 + 1.1 * RULES.stale, alive=1.0)
+    supervisor.watch(1.0 + 1.1 * RULES.stale, alive=1.0, moving=True)
     assert supervisor.reason.startswith("left: no feedback")
 
 
-def test_silence_of_the_executor_stops():
+@pytest.mark.parametrize(("moving", "limit"), [(True, RULES.overrun), (False, RULES.planning)])
+def test_silence_of_the_executor_stops(moving, limit):
     supervisor = Supervisor(RULES, ARMS)
-    supervisor.watch(10.0, alive=10.0 - 0.9 * RULES.overrun)
+    supervisor.watch(100.0, alive=100.0 - 0.9 * limit, moving=moving)
     assert supervisor.reason is None
-    supervisor.watch(10.0, alive=10.0 - 1.1 * RULES.overrun)
+    supervisor.watch(100.0, alive=100.0 - 1.1 * limit, moving=moving)
     assert "executor" in supervisor.reason
 
 
