@@ -1,9 +1,9 @@
 """Refines a pose on the image itself: every edge inside a marker counts, not only its four corners.
 
 Direct alignment by Gauss-Newton (Lucas and Kanade 1981; Baker and Matthews 2004): points of the printed pattern are
-projected into the image, and the pose changes until the brightness there is that of the print, up to a gain and an offset
-of each marker's own. On renderings this leaves a third of the error of refined corners; and how well pattern and image correlate
-tells whether the marker is there at all, whole and not mistaken for another.
+projected into the image, and the pose changes until the brightness there is that of the print, up to a gain and an
+offset of each marker's own. On renderings this leaves a fraction of the error of refined corners; and how well pattern and image
+correlate tells whether the marker is there at all, whole and not mistaken for another.
 """
 
 from __future__ import annotations

@@ -28,9 +28,10 @@ DOUBT = 3.0  # how much worse the corners may fit a second pose for the image to
 @dataclasses.dataclass(frozen=True)
 class Gates:
     """What is accepted. `marker`: root mean square reprojection error of one marker's corners as detected [px];
-    `correlation`: of its pattern with the image, or `confirmation` where the body is known to be within `near` [m]; `facing`: sine of the least angle between view and surface; `sigma`:
-    standard deviation of the position [m]; `ratio`: how much worse the second pose of a plane must fit for the first to be
-    certain; `distinct`: rad between two poses that are two answers and not one."""
+    `correlation`: of its pattern with the image, or `confirmation` where the body was known to be within `near` [m];
+    `facing`: sine of the least angle between view and surface; `sigma`: standard deviation of the position [m]; `ratio`: how
+    much worse the second pose of a plane must fit for the first to be certain; `distinct`: rad between two poses that are
+    two answers and not one."""
 
     marker: float = 2.0
     correlation: float = 0.85

@@ -16,7 +16,7 @@ from bt_jax.task import Task
 
 __all__ = ["Perception"]
 
-UPRIGHT = math.radians(8)  # from which tilt on nothing stands on a level surface
+UPRIGHT = math.radians(4)  # from which tilt on nothing stands on a level surface
 SAME = 0.25  # rad: a doubtful pose this near to what is known is that one
 
 
@@ -46,7 +46,7 @@ class Perception:
             return
         self.image = frame.time
         to_camera = self.camera_pose.inv()
-        known = {name: to_camera * pose for name, pose in self.tracker.poses(frame.time).items()}
+        known = {name: to_camera * pose for name, pose in self.tracker.last().items()}
         self.detections = tuple(self.detector(frame.image, frame.matrix, frame.distortion, known))
         self.tracker.update(frame.time, dict(self._certain()))
 

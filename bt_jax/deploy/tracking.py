@@ -65,6 +65,10 @@ class Tracker:
             if time - track.time <= self.settings.max_age and not self._doubted(name)
         }
 
+    def last(self) -> dict[str, RigidTransform]:
+        """Where every body was when it was last known, however long ago: where to look for it first."""
+        return {name: track.pose for name, track in self._known.items()}
+
     def age(self, name: str, time: float) -> float:
         """Seconds since the body was last seen where it is believed to be; infinite if it never was."""
         return time - self._known[name].time if name in self._known else float("inf")

@@ -92,7 +92,9 @@ def test_a_covered_box_is_not_found_and_the_others_are(detector):
 def test_a_marker_half_covered_does_not_move_its_box(detector):
     scene = fresh_scene()
     place = scene.truth("BlueBox")
-    scene.put("cover", RigidTransform.from_components(place.translation + [0.0, 0.012, 0.023], Rotation.identity()))
+    scene.put(
+        "cover", RigidTransform.from_components(place.translation + np.array([0, 0.012, 0.023]), Rotation.identity())
+    )
     found = located(detector, scene.image())
     if "BlueBox" in found:
         distance, angle = errors(place, found["BlueBox"])

@@ -92,10 +92,14 @@ def test_a_box_in_motion_is_followed(scene, seeing):
     assert "BlueBox" in poses
 
 
-def test_a_stack_is_seen(scene, seeing):
+@pytest.mark.parametrize("twist", [0.0, 0.3, 0.8])
+def test_a_stack_is_seen_after_it_was_built_and_hidden(scene, seeing, twist):
+    """At a twist of 0.8 the upper box's corner covers part of both visible markers of the one below."""
     plate = scene.truth(KIT).translation[2] + TASK.kit.thickness / 2
     for level, name in enumerate(TASK.box_names):
-        scene.put(name, upright(0.3, 0.0, turn=0.3 * level, z=plate + 0.02 + 0.04 * level))
+        look(scene, seeing, 4)
+        scene.time += 2
+        scene.put(name, upright(0.3, 0.0, turn=twist * level, z=plate + 0.02 + 0.04 * level))
     assert_right(scene, look(scene, seeing, 4), TASK.box_names)
 
 
@@ -106,7 +110,9 @@ def test_a_marker_covered_in_part_confirms_what_was_known(scene, seeing):
     place = scene.truth("YellowBox")
     camera = PLACEMENT.pose.translation
     sight = (camera - place.translation) / np.linalg.norm(camera - place.translation)
-    aside = RigidTransform.from_components(place.translation + 0.05 * sight + [0, 0.018, 0], PLACEMENT.pose.rotation)
+    aside = RigidTransform.from_components(
+        place.translation + 0.05 * sight + np.array([0, 0.018, 0]), PLACEMENT.pose.rotation
+    )
     scene.put("cover", aside)
     poses = look(scene, seeing, 8)
     assert_right(scene, poses, ["YellowBox"])

@@ -80,7 +80,7 @@ def test_noise_is_averaged_at_rest_and_motion_is_followed():
     noisy = [RigidTransform.from_translation(HERE.translation + rng.normal(0, 0.0004, 3)) for _ in range(60)]
     last = known(fed(*noisy), 5.9)
     assert np.linalg.norm(last - HERE.translation) < 0.0005
-    moving = [RigidTransform.from_translation(HERE.translation + [0.02 * i, 0, 0]) for i in range(20)]
+    moving = [RigidTransform.from_translation(HERE.translation + np.array([0.02 * i, 0, 0])) for i in range(20)]
     np.testing.assert_allclose(known(fed(*moving), 1.9), moving[-1].translation)
 
 
