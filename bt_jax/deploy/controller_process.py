@@ -225,7 +225,9 @@ class Robot:
 
 def serve(spec: Spec, state: Snapshot, stats: Snapshot, pipe: Connection) -> None:
     """Runs until the program above closes the pipe or says so."""
-    take_priority()  # before the server's threads start: they inherit it, and never hold the interpreter while they wait
+    take_priority(
+        realtime=spec.realtime
+    )  # before the server's threads start: they inherit it, and never hold the interpreter while they wait
     try:
         robot = Robot(spec)
         server = serve_rws(robot, spec.rws_port)

@@ -76,7 +76,7 @@ def open_socket(port: int) -> socket.socket:
 
 def serve(start: Start, blocks: Blocks, pipe: Connection) -> None:
     """Runs until the program above says so, or is gone."""
-    take_priority()
+    take_priority(realtime=start.realtime)
     try:
         arms = {arm: _Arm(open_socket(port)) for arm, port in start.ports.items()}
     except OSError as error:

@@ -21,10 +21,12 @@ SWITCH_INTERVAL = 0.0005  # seconds after which a helper thread gives the interp
 SPIN = 0.0002  # seconds before a deadline in which sleeping is not exact enough
 
 
-def take_priority() -> bool:
-    """Makes this process one that is served first. Gives False where the system does not permit it (then niceness is
-    tried); Ctrl-C is left to the parent, which ends this process in order."""
+def take_priority(*, realtime: bool) -> bool:
+    """Leaves Ctrl-C to the parent, which ends this process in order, and in real time makes it one that is served first.
+    Gives False where the system does not permit that (then niceness is tried)."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if not realtime:
+        return False
     sys.setswitchinterval(SWITCH_INTERVAL)
     gc.collect()
     gc.freeze()
