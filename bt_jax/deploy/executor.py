@@ -207,6 +207,7 @@ class Executor:
         else:
             ticked, undecided = decide(self.program, self.tree, seen, context)
             phase = self._act(ticked, frozenset(undecided), seen, now)
+        self.overruns += self.link.now() - now > self.limits.tick  # never where time is simulated: it waits for us
         self._record(seen, context, ticked, phase, time.monotonic() - began)
         self.link.wait(now + self.limits.tick)
 
@@ -354,7 +355,6 @@ class Executor:
 
     def _record(self, seen: Observation, context: Context, ticked: TreeTick | None, phase: str, took: float) -> None:
         self.ticks += 1
-        self.overruns += took > self.limits.tick
         statuses = None if ticked is None else ticked.statuses
         self.log.write(
             "tick",
