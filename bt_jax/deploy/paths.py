@@ -44,7 +44,7 @@ def timed(path: np.ndarray, pace: Pace, arm: str) -> Trajectory:
     """A path [n, 7] as a trajectory that starts and ends at rest and keeps the pace at every point."""
     path = np.asarray(path, float)
     steps = np.abs(np.diff(path, axis=0))
-    path = np.concatenate([path[:1], path[1:][steps.max(axis=1) > 1e-9]])
+    path = densified(np.concatenate([path[:1], path[1:][steps.max(axis=1) > 1e-9]]))
     if len(path) == 1:
         return Trajectory(np.array([0.0]), path)
     steps = np.diff(path, axis=0)
@@ -76,7 +76,7 @@ def densified(path: np.ndarray, resolution: float = RESOLUTION) -> np.ndarray:
     rows = [path[:1]]
     for a, b in zip(path[:-1], path[1:], strict=True):
         count = max(1, int(np.ceil(np.abs(b - a).max() / resolution)))
-        rows.append(a + (b - a) * np.linspace(0, 1, count + 1)[1:, None])
+        rows += [a + (b - a) * np.linspace(0, 1, count + 1)[1:-1, None], b[None]]
     return np.concatenate(rows)
 
 
