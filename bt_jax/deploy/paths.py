@@ -61,7 +61,9 @@ def timed(path: np.ndarray, pace: Pace, arm: str) -> Trajectory:
     for width in windows:
         rows = _averaged(rows, width)
     rows[0], rows[-1] = path[0], path[-1]
-    return Trajectory(PERIOD * np.arange(len(rows)), rows)
+    tips = np.array([yumi.link_poses(arm, joints)[7, :3, 3] for joints in rows])
+    fastest = np.linalg.norm(np.diff(tips, axis=0), axis=1).max() / PERIOD
+    return Trajectory(PERIOD * np.arange(len(rows)), rows).slowed(max(1.0, fastest / pace.tool))
 
 
 def _averaged(rows: np.ndarray, width: int) -> np.ndarray:
