@@ -2,8 +2,8 @@
 
 Direct alignment by Gauss-Newton (Lucas and Kanade 1981; Baker and Matthews 2004): points of the printed pattern are
 projected into the image, and the pose changes until the brightness there is that of the print, up to a gain and an
-offset of each marker's own. On renderings this leaves a fraction of the error of refined corners; and how well pattern and image
-correlate tells whether the marker is there at all, whole and not mistaken for another.
+offset of each marker's own. On renderings this leaves a fraction of the error of refined corners; and how well pattern
+and image correlate tells whether the marker is there at all, whole and not mistaken for another.
 """
 
 from __future__ import annotations
@@ -71,10 +71,13 @@ class View:
         return seen, np.stack([*turns, by_x, by_y, by_z], axis=1)
 
 
-def align(view: View, rotation: np.ndarray, position: np.ndarray, markers: Sequence[Marker]) -> Alignment:
-    """The pose near a given one at which `markers`, all of one body, look most like the image."""
+def align(
+    view: View, rotation: np.ndarray, position: np.ndarray, markers: Sequence[Marker], *, near: bool = False
+) -> Alignment:
+    """The pose near a given one at which `markers`, all of one body, look most like the image; `near` says that it is off by
+    less than a pixel or so."""
     points = np.concatenate([_points(marker) for marker in markers])
-    for blur, iterations in zip(BLUR, ITERATIONS, strict=True):
+    for blur, iterations in list(zip(BLUR, ITERATIONS, strict=True))[near:]:
         patterns = np.stack([_pattern(marker.id, blur) for marker in markers])
         for _ in range(iterations):
             arms = points @ rotation.T

@@ -113,16 +113,18 @@ class Detector:
             return None
         start = _Fit(known[body].rotation.as_matrix(), known[body].translation)
         facing = [marker for marker in self._bodies[body] if self._faces(start, marker)]
-        visible = self._correlating(start, facing, view, self.gates.confirmation - 0.25)
+        visible = self._correlating(start, facing, view, self.gates.correlation)
+        near = bool(visible)
+        visible = visible or self._correlating(start, facing, view, self.gates.confirmation - 0.25)
         if not visible:
             return None
-        alignment = align(view, start.rotation, start.position, visible)
+        alignment = align(view, start.rotation, start.position, visible, near=near)
         fit = _Fit(alignment.rotation, alignment.position)
         kept = self._correlating(fit, facing, view, self.gates.confirmation)
         if not kept or set(seen) - set(self._agreeing(fit, seen, view, self.gates.marker)):
             return None
         if kept != visible:
-            alignment = align(view, fit.rotation, fit.position, kept)
+            alignment = align(view, fit.rotation, fit.position, kept, near=True)
             fit = _Fit(alignment.rotation, alignment.position)
         moved = math.dist(fit.position, start.position)
         if moved > self.gates.near or _angle(fit, start) > self.gates.distinct or alignment.sigma > self.gates.sigma:
@@ -200,7 +202,7 @@ class Detector:
         if not agreeing:
             return None
         if kept != visible:
-            alignment = align(view, fit.rotation, fit.position, kept)
+            alignment = align(view, fit.rotation, fit.position, kept, near=True)
             fit = _Fit(alignment.rotation, alignment.position)
         return dataclasses.replace(
             fit,

@@ -18,9 +18,7 @@ __all__ = ["Placement", "RenderedCamera", "cell_camera"]
 
 WIDTH, HEIGHT = 640, 480
 DISTANCE = 0.95  # from the camera to the middle of the tables' tops, as a share of the row's length
-ELEVATION = math.radians(
-    48
-)  # steep enough to look over the kit's wall, flat enough to see the sides of a twisted stack
+ELEVATION = math.radians(48)  # over the kit's wall, and flat enough to see the sides of a twisted stack
 ROOM = 1.06  # of the picture's width, for boxes that stand at an edge
 OPENCV = np.diag([1.0, -1.0, -1.0])  # MuJoCo's cameras look along -z with y up
 
