@@ -28,7 +28,7 @@ from bt_jax.errors import UserError
 __all__ = ["ArmState", "Counters", "LinkConfig", "RobotLink", "YumiLink"]
 
 STARTED = 3.0  # seconds within which the arms must run once the program was started
-FIRST = 10.0  # seconds for the link process to come up
+FIRST = 30.0  # seconds for the link process to come up
 POLL = 0.05  # seconds between two looks at the grippers in real time
 STATE = 5  # of these looks, one also asks for the controller's state
 SILENT = 2.0  # seconds without an answer to such a look
