@@ -93,7 +93,13 @@ def plan(count: int) -> dict:
         paths = [planner.timed(reach.arm, path, Pace(), yumi.HOME).joints[::2] for path in (reach.approach, reach.line)]
         colliding += any(contacts(scene, reach.arm, joints, box) for joints in paths)
     median, slow = np.percentile(seconds, [50, 99])
-    return {"layouts": count, "planned": planned, "colliding": colliding, "median_s": float(median), "p99_s": float(slow)}
+    return {
+        "layouts": count,
+        "planned": planned,
+        "colliding": colliding,
+        "median_s": float(median),
+        "p99_s": float(slow),
+    }
 
 
 def main(arguments: Arguments) -> None:

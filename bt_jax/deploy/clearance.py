@@ -88,7 +88,9 @@ class CellClearance:
             active = i not in inactive and j not in inactive and not self._may_touch(i, j, gripped, supports)
             if active != self._active[k]:
                 self._active[k] = active
-                change = self._geometry_data.activateCollisionPair if active else self._geometry_data.deactivateCollisionPair
+                change = (
+                    self._geometry_data.activateCollisionPair if active else self._geometry_data.deactivateCollisionPair
+                )
                 change(k)
 
     def distance(self, left: np.ndarray, right: np.ndarray, *, opening: float = yumi.OPENING) -> float:
@@ -163,7 +165,9 @@ class CellClearance:
 
     def _add_pairs(self) -> list[tuple[int, int]]:
         count = len(self._kind)
-        pairs = [(i, j) for i in range(count) for j in range(i + 1, count) if self._wanted(self._kind[i], self._kind[j])]
+        pairs = [
+            (i, j) for i in range(count) for j in range(i + 1, count) if self._wanted(self._kind[i], self._kind[j])
+        ]
         for i, j in pairs:
             self._geometry.addCollisionPair(pin.CollisionPair(i, j))
         return pairs

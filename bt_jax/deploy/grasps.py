@@ -21,7 +21,9 @@ def yaw_of(rotation: Rotation) -> float:
 def grasp_poses(box: RigidTransform) -> list[RigidTransform]:
     """The four poses of the TCP from which a cube at `box` can be grasped from above; all in the base frame."""
     yaw = yaw_of(box.rotation)
-    return [RigidTransform.from_components(box.translation, Rotation.from_euler("z", yaw + turn) * DOWN) for turn in TURNS]
+    return [
+        RigidTransform.from_components(box.translation, Rotation.from_euler("z", yaw + turn) * DOWN) for turn in TURNS
+    ]
 
 
 def put_poses(position: np.ndarray, yaw: float, held: RigidTransform) -> list[RigidTransform]:
@@ -46,4 +48,4 @@ def carried_pose(tcp: RigidTransform, box: RigidTransform) -> RigidTransform:
 
 def raised(pose: RigidTransform, height: float) -> RigidTransform:
     """The same, `height` metres above."""
-    return RigidTransform.from_components(pose.translation + [0, 0, height], pose.rotation)
+    return RigidTransform.from_components([*pose.translation, 0, 0, height], pose.rotation)

@@ -1,4 +1,4 @@
-"""Joint paths and their timing: straight lines of the tool, ways around what is in between, limits of speed and acceleration.
+"""Joint paths and their timing: ways around what is in between, limits of speed and acceleration.
 
 A path is a polyline in joint space. It is first run at the highest speed that each piece allows; two moving averages over
 time then make it smooth, which bounds acceleration and jerk (the second derivative of a signal averaged over T is at most
@@ -8,6 +8,7 @@ the change of its speed over T). Its ends stay where they are; corners are cut b
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -29,7 +30,7 @@ Free = Callable[[np.ndarray], bool]
 
 @dataclasses.dataclass(frozen=True)
 class Pace:
-    """How fast an arm moves: a share of the joints' speed limits, joint acceleration [rad/s2], and speed of the tool [m/s]."""
+    """How fast an arm moves: share of the joints' speed limits, joint acceleration [rad/s2], speed of the tool [m/s]."""
 
     share: float = 0.45
     acceleration: float = 6.0
@@ -76,7 +77,7 @@ def _averaged(rows: np.ndarray, width: int) -> np.ndarray:
 def densified(path: np.ndarray, resolution: float = RESOLUTION) -> np.ndarray:
     """The same path with no joint step above `resolution`."""
     rows = [path[:1]]
-    for a, b in zip(path[:-1], path[1:], strict=True):
+    for a, b in itertools.pairwise(path):
         count = max(1, int(np.ceil(np.abs(b - a).max() / resolution)))
         rows += [a + (b - a) * np.linspace(0, 1, count + 1)[1:-1, None], b[None]]
     return np.concatenate(rows)

@@ -117,6 +117,8 @@ def hands_of(scene: Scene, qpos: np.ndarray) -> list[np.ndarray]:
     """The points between the fingers [3] in the world, from a state of the model."""
     base = RigidTransform.from_translation(scene.task.robot_position)
     return [
-        (base * yumi.forward(arm, np.array([qpos[scene.model.joint(j).qposadr[0]] for j in yumi.joint_names(arm)]))).translation
+        (
+            base * yumi.forward(arm, np.array([qpos[scene.model.joint(j).qposadr[0]] for j in yumi.joint_names(arm)]))
+        ).translation
         for arm in yumi.ARMS
     ]

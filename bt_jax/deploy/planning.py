@@ -19,7 +19,7 @@ from bt_jax.deploy.clearance import Carried, CellClearance
 from bt_jax.deploy.grasps import grasp_poses, put_poses, raised
 from bt_jax.deploy.kinematics import arm_kinematics
 from bt_jax.deploy.motion import Trajectory
-from bt_jax.deploy.paths import Pace, connect, densified, timed
+from bt_jax.deploy.paths import Pace, connect, timed
 from bt_jax.task import Task
 
 __all__ = ["Planner", "Reach", "Unplannable"]
@@ -123,7 +123,7 @@ class Planner:
             centre = np.array(table.position[:2]) - base[:2]
             for x in np.arange(-room[0], room[0] + 1e-9, SPOT):
                 for y in np.arange(-room[1], room[1] + 1e-9, SPOT):
-                    found.append(np.array([*(centre + (x, y)), table.top - base[2] + size / 2]))
+                    found.append(np.array([*((*centre, x, y)), table.top - base[2] + size / 2]))
         for spot in sorted(found, key=lambda spot: float(np.linalg.norm(spot - near))):
             if all(self._apart(spot, name, pose, size) for name, pose in poses.items() if name != box):
                 yield spot

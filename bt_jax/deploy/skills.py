@@ -1,6 +1,6 @@
 """The actions of a tree on the robot: each a routine that never waits, driven on once a tick.
 
-A routine is a generator that yields while it moves; it returns when the action was carried out and raises where it cannot be.
+A routine is a generator that yields while it moves, returns when the action was carried out and raises where it cannot be.
 One arm works, the other rests at home. Once the fingers close, or a box is being set down, a routine is committed.
 """
 
@@ -205,7 +205,7 @@ class YumiSkills:
         carried = self._carried[arm]
         yield from self._others_home(arm)
         start = self._known.get(watch) if watch is not None else None
-        above = goal + [0, 0, LET_GO]
+        above = [*goal, 0, 0, LET_GO]
         reach = self._planner.put(carried, above, yaw, supports, self._obstacles(), self._joints())
         watched = None if start is None else (watch, start)
         moved = yield from self._follow(arm, reach.approach, 1.0, watch=watched, held=carried.box)
@@ -351,5 +351,3 @@ class YumiSkills:
     def _below(self, goal: np.ndarray, frame: str) -> list[str]:
         """What a box that is set down may touch: what it is placed in relation to, the kit and the tables."""
         return [frame, self.task.kit.name, *(table.name for table in self.task.tables)]
-
-

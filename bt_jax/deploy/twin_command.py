@@ -83,7 +83,10 @@ def twin_command(arguments: TwinArguments, console: Console | None = None) -> in
     console = Console(highlight=False, soft_wrap=True) if console is None else console
     arguments.check()
     program = load_program(arguments.source, arguments.task)
-    name = arguments.log or Path("runs") / f"twin-{time.strftime('%Y%m%d-%H%M%S')}{'' if arguments.layouts > 1 else '.jsonl'}"
+    name = (
+        arguments.log
+        or Path("runs") / f"twin-{time.strftime('%Y%m%d-%H%M%S')}{'' if arguments.layouts > 1 else '.jsonl'}"
+    )
     if arguments.layouts > 1:
         seeds = range(arguments.seed, arguments.seed + arguments.layouts)
         touches = arguments.touches if arguments.disturb else 0
@@ -114,11 +117,11 @@ def survey(
     runs = []
     for seed in seeds:
         log = None if folder is None else folder / f"layout-{seed}.jsonl"
-        run = run_twin(
-            program, seed, disturbances=disturbances, realtime=realtime, log=log, limits=Limits(run=seconds)
-        )
+        run = run_twin(program, seed, disturbances=disturbances, realtime=realtime, log=log, limits=Limits(run=seconds))
         runs.append(run)
         console.print(_line(run))
+        if run.exit_code == Exit.INTERRUPTED:
+            raise KeyboardInterrupt
         if folder is not None:
             write_atomic(folder / "summary.json", json.dumps([_summary(each) for each in runs], indent=2) + "\n")
     count = sum(run.exit_code == Exit.DONE for run in runs)
@@ -203,8 +206,8 @@ def _verdict(program: Program, run: Run) -> Text:
         mark = ("✓", "green") if distance < task.episode.tolerance else ("✗", "red")
         parts += ["target     ", mark, f" {target.object} {1000 * distance:.1f} mm from its place in {target.frame}\n"]
     parts.append(
-        f"cycles     {run.stats.cycles}, {run.stats.missed} missed; link {run.counters.late} late, {run.counters.lost} lost, "
-        f"{run.counters.clipped} clipped, {run.counters.rejected} rejected\n"
+        f"cycles     {run.stats.cycles}, {run.stats.missed} missed; link {run.counters.late} late, "
+        f"{run.counters.lost} lost, {run.counters.clipped} clipped, {run.counters.rejected} rejected\n"
         f"ticks      {outcome.ticks}, {outcome.overruns} too slow; {run.seconds:.1f} s by the clock\nsolved     "
     )
     parts.append(("yes", "bold green") if run.exit_code == Exit.DONE else ("no", "bold red"))
@@ -223,7 +226,10 @@ def _line(run: Run) -> Text:
 
 
 def _summary(run: Run) -> dict:
-    return {**dataclasses.asdict(run), "outcome": {**dataclasses.asdict(run.outcome), "status": run.outcome.status.name}}
+    return {
+        **dataclasses.asdict(run),
+        "outcome": {**dataclasses.asdict(run.outcome), "status": run.outcome.status.name},
+    }
 
 
 def _film(program: Program, seed: int, states: list[np.ndarray], path: Path, console: Console) -> None:

@@ -109,7 +109,11 @@ def _capsule(link: int, radius: float, dark: bool = False) -> Shape:
 
 
 _FINGER = (
-    ("box", (-0.006, 0.0065, 0.028), (0.008, 0.014, 0.056)),  # ends 8 mm beyond the TCP; the pad is its face at x = -2 mm
+    (
+        "box",
+        (-0.006, 0.0065, 0.028),
+        (0.008, 0.014, 0.056),
+    ),  # ends 8 mm beyond the TCP; the pad is its face at x = -2 mm
     ("box", (-0.001, 0.0065, 0.0443), (0.002, 0.016, 0.02)),
 )
 SHAPES: tuple[Shape, ...] = (
@@ -221,14 +225,19 @@ def _section(root: ET.Element, name: str) -> ET.Element:
 
 def _mjcf_body(parent: ET.Element, name: str, placement: Placement) -> ET.Element:
     quaternion = Rotation.from_euler("xyz", placement[1]).as_quat(scalar_first=True)
-    return ET.SubElement(
-        parent, "body", name=name, pos=_text(placement[0]), quat=_text(quaternion), gravcomp="1"
-    )
+    return ET.SubElement(parent, "body", name=name, pos=_text(placement[0]), quat=_text(quaternion), gravcomp="1")
 
 
 def _mjcf_joint(body, name, kind, axis, lower, upper, armature) -> None:
     ET.SubElement(
-        body, "joint", name=name, type=kind, axis=axis, range=_text((lower, upper)), armature=repr(armature), damping="0.5"
+        body,
+        "joint",
+        name=name,
+        type=kind,
+        axis=axis,
+        range=_text((lower, upper)),
+        armature=repr(armature),
+        damping="0.5",
     )
 
 

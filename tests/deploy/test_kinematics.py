@@ -17,7 +17,8 @@ def test_reachable_poses_are_solved_within_the_limits(arm):
         if found is not None:
             solved += 1
             np.testing.assert_allclose(yumi.forward(arm, found).as_matrix(), target.as_matrix(), atol=1e-4)
-            assert np.all(found >= kinematics.lower) and np.all(found <= kinematics.upper)
+            assert np.all(found >= kinematics.lower)
+            assert np.all(found <= kinematics.upper)
     assert solved >= 99
 
 

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bt_jax.deploy import yumi
-from bt_jax.deploy.paths import PERIOD, Pace, connect, densified, timed
+from bt_jax.deploy.paths import Pace, connect, densified, timed
 
 
 @given(seed=st.integers(0, 10_000), count=st.integers(2, 5), share=st.floats(0.1, 1.0))

@@ -12,7 +12,8 @@ ABB = {"left": [0, -130, 30, 0, 40, 0, 135], "right": [0, -130, 30, 0, 40, 0, -1
 
 def mujoco_model():
     root = ET.fromstring(
-        '<mujoco><compiler angle="radian"/><asset><material name="shell"/><material name="rubber"/></asset><worldbody/></mujoco>'
+        '<mujoco><compiler angle="radian"/><asset><material name="shell"/><material name="rubber"/></asset>'
+        "<worldbody/></mujoco>"
     )
     yumi.add_to_mjcf(root, (0.0, 0.0, 0.0))
     return mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"))
