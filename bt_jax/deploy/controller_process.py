@@ -24,6 +24,7 @@ STATS = 5  # cycles, missed, unanswered, worst, busy
 SILENCE = 0.5  # seconds without an answer after which the controller ends EGM
 FINGER_SPEED = 0.025  # m/s of each finger of the Smart Gripper
 ANSWER = 1.0  # seconds for which lock-step waits for an answer
+LOST = 0.01  # seconds for which it waits where answers may be lost
 PATIENCE = 0.04  # simulated seconds of silence after which it waits no more
 CATCH_UP = 12  # cycles that are made up for after a delay; the rest is lost
 
@@ -259,14 +260,8 @@ class _Loop:
     def cycle(self) -> None:
         robot = self.robot
         for arm in robot.arms:
-            waits = (
-                not self.realtime
-                and arm.heard
-                and arm.mci == Mci.RUNNING
-                and not arm.network.broken
-                and arm.silent < PATIENCE
-            )
-            robot.listen(arm, ANSWER if waits else 0.0)
+            waits = not self.realtime and arm.heard and arm.mci == Mci.RUNNING and arm.silent < PATIENCE
+            robot.listen(arm, (LOST if arm.network.broken else ANSWER) if waits else 0.0)
         robot.step()
         robot.speak()
         self.publish()
