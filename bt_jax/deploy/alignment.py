@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from collections.abc import Sequence
 
 import cv2
@@ -94,18 +95,23 @@ def align(
     return Alignment(rotation, position, residual, float(np.sqrt(np.trace(covariance[3:, 3:]))))
 
 
-def correlations(view: View, rotation: np.ndarray, position: np.ndarray, markers: Sequence[Marker]) -> np.ndarray:
-    """f64[m] in -1..1: how the image correlates with each marker's pattern where the pose has it; -1 where the marker is out
-    of the image."""
+def correlations(
+    view: View, rotation: np.ndarray, position: np.ndarray, markers: Sequence[Marker], ids: Sequence[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """How the image correlates with each marker's pattern where the pose has it, and at most with another one: that of any
+    of the `ids`, turned by any quarter. Both f64[m] in -1..1; the first is -1 where the marker is out of the image."""
     points = np.concatenate([_points(marker) for marker in markers])
     pixels = view.project(points @ rotation.T + position).reshape(len(markers), -1, 2)
     seen = view.brightness(pixels)
-    patterns = np.stack([_pattern(marker.id, BLUR[-1]) for marker in markers])
-    seen, patterns = (x - x.mean(axis=1, keepdims=True) for x in (seen, patterns))
-    scale = np.linalg.norm(seen, axis=1) * np.linalg.norm(patterns, axis=1)
+    seen = seen - seen.mean(axis=1, keepdims=True)
+    seen /= np.maximum(np.linalg.norm(seen, axis=1, keepdims=True), 1e-6)
+    values = (seen @ _turned(tuple(ids)).T).reshape(len(markers), len(ids), 4)
+    rows, columns = np.arange(len(markers)), [ids.index(marker.id) for marker in markers]
+    own = values[rows, columns, 0].copy()
+    values[rows, columns, 0] = -1.0
     height, width = view.image.shape
     inside = np.all((pixels >= 0) & (pixels <= (width - 1, height - 1)), axis=(1, 2))
-    return np.where(inside & (scale > 1e-6), np.sum(seen * patterns, axis=1) / np.maximum(scale, 1e-6), -1.0)
+    return np.where(inside, own, -1.0), values.max(axis=(1, 2))
 
 
 def _normalized(seen: np.ndarray, jacobian: np.ndarray, patterns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -148,3 +154,13 @@ def _pattern(number: int, blur: float) -> np.ndarray:
     image = cv2.GaussianBlur(marker_image(number, 1, fine).astype(np.float32) / 255, (0, 0), blur * fine)
     column, row = (_grid() * (1, -1) + MODULES / 2 + 1).T * fine - 0.5
     return _sampled(image, np.stack([column, row], axis=1)[None])[0]
+
+
+@functools.lru_cache(maxsize=16)
+def _turned(ids: tuple[int, ...]) -> np.ndarray:
+    """f64[4 * len(ids), n]: every pattern in its four orientations, without mean and of length 1."""
+    side = math.isqrt(len(_grid()))
+    images = [_pattern(number, BLUR[-1]).reshape(side, side) for number in ids]
+    rows = np.stack([np.rot90(image, quarter).ravel() for image in images for quarter in range(4)])
+    rows = rows - rows.mean(axis=1, keepdims=True)
+    return rows / np.linalg.norm(rows, axis=1, keepdims=True)

@@ -14,6 +14,7 @@ import yaml
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
+from tyro.conf import Positional
 
 from bt_jax.deploy.calibration import (
     board_corners,
@@ -38,7 +39,7 @@ ATTEMPTS = 3000  # images of a live camera to look for the board in
 class CalibrateArguments:
     """First `intrinsics`, with the printed board; then `base`, with markers at known places."""
 
-    step: Literal["intrinsics", "base"]
+    step: Positional[Literal["intrinsics", "base"]]
     """what to calibrate"""
     camera: str = "0"
     """number or address of a camera, or a folder with pictures that it took"""

@@ -24,22 +24,27 @@ __all__ = ["Detection", "Detector", "Gates"]
 
 DOUBT = 3.0  # how much worse the corners may fit a second pose for the image to be asked
 
+NUDGE = np.array([[0.013, -0.007], [-0.005, 0.011], [0.009, 0.017], [-0.019, 0.003]])
+"""Pixels added to corners: OpenCV's closed form divides by zero where a square is seen as an exact trapezium, as one that
+stands square to the camera is. Only starts depend on it."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Gates:
     """What is accepted. `marker`: root mean square reprojection error of one marker's corners as detected [px];
     `correlation`: of its pattern with the image, or `confirmation` where the body was known to be within `near` [m];
-    `facing`: sine of the least angle between view and surface; `sigma`: standard deviation of the position [m]; `ratio`: how
-    much worse the second pose of a plane must fit for the first to be certain; `distinct`: rad between two poses that are
-    two answers and not one."""
+    `margin`: by how much every other marker's pattern must correlate less; `facing`: sine of the least angle between view
+    and surface; `sigma`: standard deviation of the position [m]; `ratio`: how much worse the second pose of a plane must
+    fit for the first to be certain; `distinct`: rad between two poses that are two answers and not one."""
 
     marker: float = 2.0
     correlation: float = 0.85
     confirmation: float = 0.7
     near: float = 0.006
+    margin: float = 0.05
     facing: float = 0.2
     sigma: float = 0.003
-    ratio: float = 2.0
+    ratio: float = 1.6
     distinct: float = 0.1
 
 
@@ -180,8 +185,9 @@ class Detector:
     def _starts(self, seen: dict[int, np.ndarray], view: View) -> Iterator[_Fit]:
         for number, corners in seen.items():
             marker = self._markers[number]
+            nudged = corners + NUDGE
             found, rotations, positions, _ = cv2.solvePnPGeneric(
-                square(marker.size), corners, view.matrix, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
+                square(marker.size), nudged, view.matrix, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
             )
             for turn, position in zip(rotations[:found], positions[:found], strict=True):
                 if not (np.isfinite(turn).all() and np.isfinite(position).all()):  # a quad that no square gives
@@ -215,8 +221,9 @@ class Detector:
     def _correlating(self, fit: _Fit, markers: list[Marker], view: View, least: float) -> list[Marker]:
         if not markers:
             return []
-        values = correlations(view, fit.rotation, fit.position, markers)
-        return [marker for marker, value in zip(markers, values, strict=True) if value > least]
+        own, others = correlations(view, fit.rotation, fit.position, markers, tuple(self._markers))
+        clear = own > np.maximum(least, others + self.gates.margin)
+        return [marker for marker, kept in zip(markers, clear, strict=True) if kept]
 
     def _faces(self, fit: _Fit, marker: Marker) -> bool:
         """Does the camera look at the marker's front, and not too flatly?"""

@@ -17,6 +17,7 @@ from bt_jax.task import Task
 __all__ = ["Perception"]
 
 UPRIGHT = math.radians(4)  # from which tilt on nothing stands on a level surface
+LEVEL = 0.3  # least height of a box's centre above the lowest table, in its own sizes: half of one, if all were exact
 SAME = 0.25  # rad: a doubtful pose this near to what is known is that one
 
 
@@ -28,6 +29,8 @@ class Perception:
         self, task: Task, camera: Camera, camera_pose: RigidTransform, settings: TrackerSettings | None = None
     ) -> None:
         self.camera, self.camera_pose = camera, camera_pose
+        table = min(table.top for table in task.tables) - task.robot_position[2]
+        self._lowest = {box.name: table + LEVEL * box.size for box in task.boxes}
         self.detector = Detector(task_markers(task))
         self.tracker = Tracker(settings)
         self.image = -math.inf
@@ -61,13 +64,24 @@ class Perception:
             if detection.alternative is not None:
                 candidates.append(self.camera_pose * detection.alternative)
             if len(candidates) > 1 or len(detection.markers) == 1:
-                candidates = _plausible(candidates, known.get(detection.body))
+                candidates = self._plausible(candidates, detection.body, known.get(detection.body))
             if len(candidates) == 1:
                 yield detection.body, candidates[0]
 
+    def _plausible(
+        self, candidates: list[RigidTransform], body: str, known: RigidTransform | None
+    ) -> list[RigidTransform]:
+        """Those of the poses of a doubtful measurement that are turned as the known one or, if none is, stand upright and
+        not in a table."""
+        near = [] if known is None else [pose for pose in candidates if _turn(pose, known) < SAME]
+        lowest = self._lowest.get(body, -math.inf)
+        return near or [
+            pose
+            for pose in candidates
+            if np.abs(pose.rotation.as_matrix()[2]).max() > math.cos(UPRIGHT) and pose.translation[2] > lowest
+        ]
 
-def _plausible(candidates: list[RigidTransform], known: RigidTransform | None) -> list[RigidTransform]:
-    """Those of a doubtful measurement's poses that are near the known one or, where none is known, stand upright."""
-    if known is not None:
-        return [pose for pose in candidates if (pose.rotation.inv() * known.rotation).magnitude() < SAME]
-    return [pose for pose in candidates if np.abs(pose.rotation.as_matrix()[2]).max() > math.cos(UPRIGHT)]
+
+def _turn(a: RigidTransform, b: RigidTransform) -> float:
+    """Between two poses, rad."""
+    return float((a.rotation.inv() * b.rotation).magnitude())
