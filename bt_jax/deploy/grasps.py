@@ -48,4 +48,4 @@ def carried_pose(tcp: RigidTransform, box: RigidTransform) -> RigidTransform:
 
 def raised(pose: RigidTransform, height: float) -> RigidTransform:
     """The same, `height` metres above."""
-    return RigidTransform.from_components([*pose.translation, 0, 0, height], pose.rotation)
+    return RigidTransform.from_components(pose.translation + np.array([0, 0, height]), pose.rotation)

@@ -123,7 +123,7 @@ class Planner:
             centre = np.array(table.position[:2]) - base[:2]
             for x in np.arange(-room[0], room[0] + 1e-9, SPOT):
                 for y in np.arange(-room[1], room[1] + 1e-9, SPOT):
-                    found.append(np.array([*((*centre, x, y)), table.top - base[2] + size / 2]))
+                    found.append(np.array([*(centre + np.array([x, y])), table.top - base[2] + size / 2]))
         for spot in sorted(found, key=lambda spot: float(np.linalg.norm(spot - near))):
             if all(self._apart(spot, name, pose, size) for name, pose in poses.items() if name != box):
                 yield spot

@@ -205,7 +205,7 @@ class YumiSkills:
         carried = self._carried[arm]
         yield from self._others_home(arm)
         start = self._known.get(watch) if watch is not None else None
-        above = [*goal, 0, 0, LET_GO]
+        above = goal + np.array([0, 0, LET_GO])
         reach = self._planner.put(carried, above, yaw, supports, self._obstacles(), self._joints())
         watched = None if start is None else (watch, start)
         moved = yield from self._follow(arm, reach.approach, 1.0, watch=watched, held=carried.box)
