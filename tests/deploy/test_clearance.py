@@ -65,7 +65,7 @@ def test_a_carried_box_hangs_where_the_hand_has_it():
 
 def test_what_may_be_touched_is_not_in_the_way():
     box = RigidTransform.from_translation([0.3, 0.1, 0.02])
-    tcp = RigidTransform.from_components(box.translation + [0.025, 0, 0], grasp_poses(box)[0].rotation)
+    tcp = RigidTransform.from_components(box.translation + np.array([0.025, 0, 0]), grasp_poses(box)[0].rotation)
     joints = arm_kinematics("left").solve(tcp, yumi.HOME["left"])
     clearance = CellClearance(TASK)
     clearance.place({"BlueBox": box})

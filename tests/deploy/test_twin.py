@@ -13,9 +13,10 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(available() is not True, reason=f"the twin's camera needs a renderer: {available()}"),
 ]
-STACK = """Sequence(
-    move(YellowBox, (0, 0, 0.022), KittingBox), move(GreenBox, (0, 0, 0.04), YellowBox), move(BlueBox, (0, 0, 0.04), GreenBox)
-)"""
+STACK = """Sequence
+  move(YellowBox, (0, 0, 0.022), KittingBox)
+  move(GreenBox, (0, 0, 0.04), YellowBox)
+  move(BlueBox, (0, 0, 0.04), GreenBox)"""
 
 
 @pytest.mark.parametrize("disturbances", [0, 1])
