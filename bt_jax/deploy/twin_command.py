@@ -35,6 +35,7 @@ __all__ = ["TwinArguments", "survey", "twin_command"]
 STYLES = {Status.SUCCESS: "green", Status.FAILURE: "red", Status.RUNNING: "bold yellow", None: "dim"}
 SIZE = (800, 450)  # of a film
 FPS, FASTER = 30, 3  # a film shows what was seen at each tick, 10 a second, three times as fast
+STILLS = 6
 FILMS = (".mp4", ".gif", ".png")
 
 
@@ -239,6 +240,8 @@ def _film(program: Program, seed: int, states: list[np.ndarray], path: Path, con
     model.vis.quality.offsamples = 4
     data, view = mujoco.MjData(model), View(model, FILM, width=SIZE[0], height=SIZE[1])
     frames = []
+    if path.suffix.lower() == ".png":
+        states = [states[round(i)] for i in np.linspace(0, len(states) - 1, STILLS)]
     try:
         for qpos in track(states, "filming", console=console, transient=True, disable=not console.is_terminal):
             data.qpos[:] = qpos
