@@ -133,6 +133,7 @@ class YumiSkills:
     def _pick(self, box: str, arms: Iterable[str]) -> Routine:
         if box not in self._known:
             raise _Failed(f"{box} was never seen")
+        self._carried = {arm: held for arm, held in self._carried.items() if held.box == self._seen.holding}  # not what fell
         if box not in self._seen.poses:
             yield from self._go_home(yumi.ARMS)
             yield from self._until_seen(box)
