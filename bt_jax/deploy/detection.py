@@ -22,6 +22,7 @@ from bt_jax.deploy.markers import Marker, marker_dictionary, square
 
 __all__ = ["Detection", "Detector", "Gates"]
 
+RIVALS = 3  # other answers that the image is asked about where no two markers agree
 DOUBT = 3.0  # how much worse the corners may fit a second pose for the image to be asked
 
 NUDGE = np.array([[0.013, -0.007], [-0.005, 0.011], [0.009, 0.017], [-0.019, 0.003]])
@@ -180,7 +181,7 @@ class Detector:
             and fit.error < limit
             and _angle(fit, fits[0]) > self.gates.distinct
         ]
-        return fits[:1] + others[:1]
+        return fits[:1] + others[: RIVALS if one else 1]
 
     def _starts(self, seen: dict[int, np.ndarray], view: View) -> Iterator[_Fit]:
         for number, corners in seen.items():

@@ -82,6 +82,16 @@ def test_a_box_moved_by_a_person_is_never_believed_elsewhere(scene, seeing):
     assert_right(scene, look(scene, seeing))
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.1, 0.3])
+@pytest.mark.parametrize(("x", "y"), [(0.3, 0.0), (0.3, 0.2), (0.25, -0.29)])
+def test_a_square_stack_is_seen_at_first_sight(scene, seeing, x, y, turn):
+    """Set down square to the camera, the lower boxes show one face each, which has two answers or, in OpenCV, none."""
+    foot = TOP if y else scene.truth(KIT).translation[2] + TASK.kit.thickness / 2
+    for level, name in enumerate(TASK.box_names):
+        scene.put(name, upright(x, y, turn=turn, z=foot + 0.02 + 0.04 * level))
+    assert_right(scene, look(scene, seeing, 3), TASK.box_names)
+
+
 @pytest.mark.parametrize("turn", [0.0, np.pi / 2, np.pi, -np.pi / 2])
 def test_a_box_in_the_place_of_another_is_not_taken_for_it(scene, seeing, turn):
     """Markers resemble each other by more than 0.8, so that what is known must not be confirmed too easily."""
