@@ -17,7 +17,18 @@ import numpy as np
 from bt_jax.errors import UserError
 from bt_jax.task import Task
 
-__all__ = ["FIRST_LEAF", "Behavior", "Control", "Kind", "Tree", "Vocabulary", "expand", "gene_pool", "parse_behavior"]
+__all__ = [
+    "FIRST_LEAF",
+    "Behavior",
+    "Control",
+    "Kind",
+    "Tree",
+    "Vocabulary",
+    "expand",
+    "gene_pool",
+    "parse_behavior",
+    "subgoal_conditions",
+]
 
 
 class Kind(enum.IntEnum):
@@ -315,6 +326,22 @@ def _parse_position(part: str, text: str) -> tuple[float, float, float]:
     if len(values) != 3 or not np.all(np.isfinite(values)):
         raise UserError(f"in '{text.strip()}', {part} is not a position; write three numbers in metres, as (0, 0, 0.1)")
     return values
+
+
+def subgoal_conditions(task: Task) -> dict[str, tuple[Behavior, ...]]:
+    """What each subgoal of a task means, by its name. Raises UserError where it is not made of conditions of the scene."""
+    meanings = {}
+    for subgoal in task.subgoals:
+        texts = (text.replace("{box}", name) for text in subgoal.conditions for name in task.box_names)
+        meanings[subgoal.name] = tuple(map(parse_behavior, dict.fromkeys(texts)))
+        for condition in meanings[subgoal.name]:
+            if condition.kind != Kind.CONDITION or condition.name == "reached":
+                raise UserError(
+                    f"{condition} in the subgoal {subgoal.name} is not a condition of the scene; use at, holding, gripper, "
+                    "reachable or clear"
+                )
+            check_names(condition, task)
+    return meanings
 
 
 def check_names(leaf: Behavior, task: Task) -> None:

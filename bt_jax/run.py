@@ -6,7 +6,7 @@ import dataclasses
 import sys
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import tyro
@@ -65,8 +65,8 @@ class Arguments:
     """folder that bt_jax.train or bt_jax.learn has written, or a tree as .txt or .xml"""
     task: str | None = None
     """name of a task or YAML file (default: that of the run folder, or stack)"""
-    level: Level | None = None
-    """physics or kinematic (default: that of the run folder, or physics)"""
+    level: Level | Literal["robot"] | None = None
+    """physics, kinematic, or robot, the twin of a YuMi (default: that of the run folder, or physics)"""
     backend: Backend = "auto"
     """engine of the physics level; auto takes mujoco, which needs no compiling"""
     seed: int = 0
@@ -105,7 +105,26 @@ class Arguments:
 def main() -> None:
     """Entry point of the command line."""
     arguments = tyro.cli(Arguments, prog="python -m bt_jax.run")
-    sys.exit(exit_code(lambda: run(arguments)))
+    sys.exit(exit_code(lambda: robot(arguments) if arguments.level == "robot" else run(arguments)))
+
+
+def robot(arguments: Arguments, console: Console | None = None) -> None:
+    """The last rung of evaluation: the tree on the twin of a YuMi, in as many layouts as asked for. Raises UserError where
+    what the twin needs is not installed."""
+    try:
+        from bt_jax.deploy.program import load_program
+        from bt_jax.deploy.twin_command import TwinArguments, survey, twin_command
+    except ModuleNotFoundError as error:
+        raise UserError(f'{error.name} is not installed; run pip install -e ".[robot]"') from error
+    console = Console(highlight=False, soft_wrap=True) if console is None else console
+    arguments.check()
+    if arguments.layouts > 1:
+        seeds = range(arguments.seed, arguments.seed + arguments.layouts)
+        survey(load_program(arguments.source, arguments.task), seeds, console=console)
+    else:
+        twin_command(
+            TwinArguments(arguments.source, arguments.task, seed=arguments.seed, render=arguments.render), console
+        )
 
 
 def run(arguments: Arguments, console: Console | None = None) -> None:

@@ -126,7 +126,7 @@ def test_renders_stills(stack, tmp_path):
         ({"render": "no_such_folder/film.gif"}, "cannot be written"),
         ({"export": "stack.txt/tree.xml"}, "cannot be written"),
         ({"source": "missing.txt"}, "there is no file or folder"),
-        ({"source": "."}, "is not a run folder"),
+        ({"source": "."}, "holds no tree"),
         ({"source": "wrong.txt"}, "no object 'OrangeBox'"),
         ({"source": "broken.txt"}, "line 2, column 3: unknown node"),
         ({"source": "binary.txt"}, "cannot be read"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from bt_jax.behaviors import Behavior, Control, Kind, Tree, expand
-from bt_jax.encoding.tick import Status
+from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import children
 
 __all__ = ["draw_text", "to_dot"]

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable
 
 from bt_jax.behaviors import Behavior, Kind, Tree
-from bt_jax.encoding.tick import Status
+from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import prefix
 
 __all__ = ["TreeTick", "tick_tree"]

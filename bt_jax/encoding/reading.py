@@ -6,7 +6,6 @@ from pathlib import Path
 
 from bt_jax.behaviors import Tree
 from bt_jax.encoding.text import parse_tree
-from bt_jax.encoding.xml import from_xml
 from bt_jax.errors import UserError
 
 __all__ = ["read_tree"]
@@ -17,6 +16,8 @@ def read_tree(path: Path) -> Tree:
     if not path.exists():
         raise UserError(f"there is no file or folder {path}; give a run folder, or a tree as .txt or .xml")
     if path.suffix.lower() == ".xml":
+        from bt_jax.encoding.xml import from_xml  # imports JAX, which a robot's program does without
+
         return from_xml(path)
     try:
         text = path.read_text(encoding="utf-8")

@@ -17,7 +17,7 @@ from html import escape
 from bt_jax.behaviors import Behavior, Control, Kind, Tree
 from bt_jax.encoding.drawing import SYMBOLS
 from bt_jax.encoding.layout import Frame, Layout, Shape, lay_out
-from bt_jax.encoding.tick import Status
+from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import children, prefix
 
 __all__ = ["STYLE", "status_class", "to_svg"]

@@ -8,7 +8,6 @@ after its root.
 from __future__ import annotations
 
 import dataclasses
-import enum
 from collections.abc import Callable
 
 import jax
@@ -17,17 +16,10 @@ from jax import lax
 from jaxtyping import Bool, Int8, Int32, UInt8
 
 from bt_jax.behaviors import FIRST_LEAF, Kind
+from bt_jax.encoding.status import Status
 from bt_jax.encoding.trees import Array, Trees
 
 __all__ = ["JumpTable", "Status", "Ticked", "jump_table", "tick"]
-
-
-class Status(enum.IntEnum):
-    """What a node returns."""
-
-    FAILURE = 0
-    SUCCESS = 1
-    RUNNING = 2
 
 
 @jax.tree_util.register_dataclass

@@ -23,7 +23,7 @@ from bt_jax.errors import UserError
 from bt_jax.mjx_env.scene import FIELD_OF_VIEW, compile_scene
 from bt_jax.task import Task
 
-__all__ = ["GripperPose", "Renderer", "available", "contact_sheet", "write_film"]
+__all__ = ["GripperPose", "Renderer", "View", "available", "contact_sheet", "write_film"]
 
 Frame = UInt8[np.ndarray, "height width 3"]
 INSTALL = "on Debian or Ubuntu install libegl1, libegl-mesa0 and libgl1-mesa-dri, or libosmesa6"
@@ -40,6 +40,53 @@ class GripperPose:
     yaw: float = 0.0
 
 
+class View:
+    """What a camera of a model sees, drawn without a screen; use it from one thread, and call `close()`.
+
+    Raises UserError where nothing can draw here.
+    """
+
+    def __init__(self, model: mujoco.MjModel, camera: str, *, width: int, height: int, shadows: bool = True) -> None:
+        if reason := _missing():
+            raise UserError(f"pictures cannot be drawn here: {reason}; {INSTALL}")
+        self._model, self._size = model, (width, height)
+        try:
+            self._gl = _gl_class()(width, height)
+            self._gl.make_current()
+            self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        except Exception as error:
+            raise UserError(f"pictures cannot be drawn here ({error}); {INSTALL}") from error
+        mujoco.mjr_resizeOffscreen(width, height, self._context)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
+        self._scene = mujoco.MjvScene(model, maxgeom=500)
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
+        self._option = mujoco.MjvOption()
+        self._camera = mujoco.MjvCamera()
+        self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+        self._camera.fixedcamid = model.camera(camera).id
+
+    def __call__(self, data: mujoco.MjData) -> Frame:
+        """An RGB picture of a state whose kinematics, cameras and lights are up to date."""
+        width, height = self._size
+        self._gl.make_current()
+        mujoco.mjv_updateScene(
+            self._model, data, self._option, None, self._camera, mujoco.mjtCatBit.mjCAT_ALL.value, self._scene
+        )
+        view = mujoco.MjrRect(0, 0, width, height)
+        mujoco.mjr_render(view, self._scene, self._context)
+        picture = np.empty((height, width, 3), np.uint8)
+        mujoco.mjr_readPixels(picture, None, view, self._context)
+        return np.ascontiguousarray(picture[::-1])
+
+    def close(self) -> None:
+        """Gives back the graphics memory."""
+        if self._gl is not None:
+            self._gl.make_current()
+            self._context.free()
+            self._gl.free()
+            self._gl = None
+
+
 class Renderer:
     """Draws scenes of one task; use it in a `with` statement, or call `close()`.
 
@@ -50,8 +97,6 @@ class Renderer:
     def __init__(
         self, task: Task, *, width: int = 960, height: int = 540, camera: str = "overview", samples: int = 4
     ) -> None:
-        if reason := _missing():
-            raise UserError(f"pictures cannot be drawn here: {reason}; {INSTALL}")
         shared, self._ids = compile_scene(task, gripper=True)
         self._model = copy.copy(shared)
         self._model.vis.quality.offsamples = samples
@@ -60,20 +105,7 @@ class Renderer:
         self._model.cam_fovy[self._model.camera(camera).id] = math.degrees(2 * math.atan(across * height / width))
         self._task = task
         self._data = mujoco.MjData(self._model)
-        self._size = (width, height)
-        try:
-            self._gl = _gl_class()(width, height)
-            self._gl.make_current()
-            self._context = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100)
-        except Exception as error:
-            raise UserError(f"pictures cannot be drawn here ({error}); {INSTALL}") from error
-        mujoco.mjr_resizeOffscreen(width, height, self._context)
-        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
-        self._scene = mujoco.MjvScene(self._model, maxgeom=200)
-        self._option = mujoco.MjvOption()
-        self._camera = mujoco.MjvCamera()
-        self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
-        self._camera.fixedcamid = self._model.camera(camera).id
+        self._view = View(self._model, camera, width=width, height=height)
 
     def __call__(
         self, kit: Float[np.ndarray, "3"], poses: Float[np.ndarray, "B 7"], gripper: GripperPose | None = None
@@ -85,16 +117,7 @@ class Renderer:
         self._place_gripper(gripper)
         mujoco.mj_kinematics(self._model, data)
         mujoco.mj_camlight(self._model, data)
-        width, height = self._size
-        self._gl.make_current()
-        mujoco.mjv_updateScene(
-            self._model, data, self._option, None, self._camera, mujoco.mjtCatBit.mjCAT_ALL.value, self._scene
-        )
-        view = mujoco.MjrRect(0, 0, width, height)
-        mujoco.mjr_render(view, self._scene, self._context)
-        picture = np.empty((height, width, 3), np.uint8)
-        mujoco.mjr_readPixels(picture, None, view, self._context)
-        return np.ascontiguousarray(picture[::-1])
+        return self._view(data)
 
     def _place_gripper(self, gripper: GripperPose | None) -> None:
         parts = [
@@ -110,11 +133,7 @@ class Renderer:
 
     def close(self) -> None:
         """Gives back the graphics memory."""
-        if self._gl is not None:
-            self._gl.make_current()
-            self._context.free()
-            self._gl.free()
-            self._gl = None
+        self._view.close()
 
     def __enter__(self) -> Renderer:
         return self

@@ -13,7 +13,17 @@ import functools
 import numpy as np
 from jaxtyping import Bool, Int16
 
-from bt_jax.behaviors import FIRST_LEAF, NOTHING, OPEN, Behavior, Control, Kind, Vocabulary, check_names, parse_behavior
+from bt_jax.behaviors import (
+    FIRST_LEAF,
+    NOTHING,
+    OPEN,
+    Behavior,
+    Control,
+    Kind,
+    Vocabulary,
+    check_names,
+    subgoal_conditions,
+)
 from bt_jax.encoding.tick import Status
 from bt_jax.errors import UserError
 from bt_jax.mjx_env.world import Array, World, distances, frames, namespace, to_world
@@ -197,19 +207,7 @@ def see_subgoals(task: Task, world: World) -> Bool[Array, "S G"]:
 @functools.lru_cache(maxsize=16)
 def _subgoal_columns(task: Task) -> tuple[Semantics, list[np.ndarray]]:
     """What computes the conditions of the task's subgoals, and for each subgoal the columns of its own."""
-    meanings = [
-        dict.fromkeys(
-            parse_behavior(text.replace("{box}", name)) for text in subgoal.conditions for name in task.box_names
-        )
-        for subgoal in task.subgoals
-    ]
-    for subgoal, meaning in zip(task.subgoals, meanings, strict=True):
-        for condition in meaning:
-            if condition.kind != Kind.CONDITION or condition.name == "reached":
-                raise UserError(
-                    f"{condition} in the subgoal {subgoal.name} is not a condition of the scene; use at, holding, gripper, "
-                    "reachable or clear"
-                )
+    meanings = subgoal_conditions(task).values()
     semantics = Semantics(task, Vocabulary.of(condition for meaning in meanings for condition in meaning))
     return semantics, [np.array([semantics._columns[condition] for condition in meaning]) for meaning in meanings]
 

@@ -1,0 +1,111 @@
+"""Inverse kinematics: how many of 1,000 reachable poses an arm solves and how long that takes; and whether paths that were
+planned are free in MuJoCo too.
+
+    python benchmarks/deploy_ik.py [--poses 1000] [--plans 50]
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import tyro
+from _report import report
+from scipy.spatial.transform import RigidTransform
+
+from bt_jax.deploy import yumi
+from bt_jax.deploy.kinematics import arm_kinematics
+from bt_jax.deploy.paths import Pace
+from bt_jax.deploy.planning import Planner, Unplannable
+from bt_jax.deploy.twin_cell import Scene, box_poses, build_scene
+from bt_jax.task import load_task
+
+
+@dataclasses.dataclass(frozen=True)
+class Arguments:
+    poses: int = 1000
+    """random reachable poses of each arm"""
+    plans: int = 50
+    """random layouts in which a way to a box is planned"""
+    out: Path | None = None
+    """where to write the JSON file"""
+
+
+def solve(arm: str, count: int) -> dict:
+    """Random joints give poses that are reachable for certain; each is solved from the place of rest."""
+    kinematics, rng = arm_kinematics(arm), np.random.default_rng(0)
+    solved, exact, seconds = 0, 0.0, []
+    for seed in range(count):
+        target = yumi.forward(arm, rng.uniform(kinematics.lower, kinematics.upper))
+        start = time.perf_counter()
+        found = kinematics.solve(target, yumi.HOME[arm], seed=seed)
+        seconds.append(time.perf_counter() - start)
+        if found is not None:
+            solved += 1
+            exact = max(exact, float(np.abs(yumi.forward(arm, found).as_matrix() - target.as_matrix()).max()))
+    median, slow = np.percentile(seconds, [50, 99]) * 1000
+    return {
+        "arm": arm,
+        "poses": count,
+        "solved": solved,
+        "median_ms": float(median),
+        "p99_ms": float(slow),
+        "worst_error": exact,
+    }
+
+
+def contacts(scene: Scene, arm: str, joints: np.ndarray, box: str) -> int:
+    """Contacts of an arm with anything but the box that it grasps, in MuJoCo, along joints [n, 7]."""
+    model, data, found = scene.model, mujoco.MjData(scene.model), 0
+    ids = [model.joint(name).qposadr[0] for name in yumi.joint_names(arm)]
+    for row in joints:
+        data.qpos[:] = scene.cell.qpos
+        data.qpos[ids] = row
+        mujoco.mj_forward(model, data)
+        for k in range(data.ncon):
+            names = [model.body(model.geom_bodyid[geom]).name for geom in data.contact[k].geom]
+            if any(name.startswith(yumi.ARMS) for name in names) and box not in names:
+                found += 1
+    return found
+
+
+def plan(count: int) -> dict:
+    """Ways to a random box in random layouts, replayed in MuJoCo."""
+    task, planned, colliding, seconds = load_task("yumi_stack"), 0, 0, []
+    planner = Planner(task)
+    for seed in range(count):
+        scene = build_scene(task, [7, seed])
+        poses = box_poses(scene, scene.cell.qpos) | {task.kit.name: scene.kit}
+        base = RigidTransform.from_translation(task.robot_position).inv()
+        poses = {name: base * pose for name, pose in poses.items()}
+        box = task.box_names[seed % len(task.boxes)]
+        start = time.perf_counter()
+        try:
+            reach = planner.pick(box, poses, yumi.HOME, yumi.ARMS)
+        except Unplannable:
+            continue
+        finally:
+            seconds.append(time.perf_counter() - start)
+        planned += 1
+        paths = [planner.timed(reach.arm, path, Pace(), yumi.HOME).joints[::2] for path in (reach.approach, reach.line)]
+        colliding += any(contacts(scene, reach.arm, joints, box) for joints in paths)
+    median, slow = np.percentile(seconds, [50, 99])
+    return {
+        "layouts": count,
+        "planned": planned,
+        "colliding": colliding,
+        "median_s": float(median),
+        "p99_s": float(slow),
+    }
+
+
+def main(arguments: Arguments) -> None:
+    rows = [solve(arm, arguments.poses) for arm in yumi.ARMS]
+    report("deploy_ik", "inverse kinematics of one arm", rows, out=arguments.out, plans=plan(arguments.plans))
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Arguments))

@@ -1,0 +1,169 @@
+"""How well does the camera see? Rendered layouts of the robot cell, boxes turned at random, on the tables and stacked:
+errors of every box and of the kit by how many of their markers were used, wrong identities and flips, and the time of an
+image.
+
+A body counts as visible when a face that the camera sees at more than VISIBLE degrees is not hidden, not even in part.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+from pathlib import Path
+from time import perf_counter
+
+os.environ.setdefault("MUJOCO_GL", "egl")
+
+import mujoco
+import numpy as np
+from _report import report
+from rich.progress import track
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from bt_jax.deploy.camera import Frame
+from bt_jax.deploy.markers import Marker, task_markers
+from bt_jax.deploy.perception import Perception
+from bt_jax.deploy.rendered_camera import RenderedCamera, cell_camera
+from bt_jax.deploy.tracking import TrackerSettings
+from bt_jax.deploy.twin_cell import CAMERA, build_scene
+from bt_jax.task import Task, load_task
+
+VISIBLE = 20.0  # degrees
+GROSS_ANGLE, GROSS_DISTANCE = 10.0, 0.02  # degrees and m: a pose this wrong is a flip or another body
+
+
+class NoisyCamera:
+    """A camera whose images are given, with noise; each read is a new image."""
+
+    def __init__(self, camera: RenderedCamera, rng: np.random.Generator, noise: float) -> None:
+        self.camera, self.rng, self.noise, self.count = camera, rng, noise, 0
+
+    def read(self) -> Frame:
+        frame = self.camera.read()
+        noisy = frame.image + self.rng.normal(0, self.noise, frame.image.shape) if self.noise else frame.image
+        self.count += 1
+        return Frame(np.clip(noisy, 0, 255).astype(np.uint8), float(self.count), frame.matrix, frame.distortion)
+
+    def close(self) -> None:
+        self.camera.close()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--task", default="yumi_stack")
+    parser.add_argument("--layouts", type=int, default=100)
+    parser.add_argument("--noise", type=float, default=0.0, help="standard deviation of the image noise, grey levels")
+    parser.add_argument("--out", type=Path)
+    arguments = parser.parse_args()
+    task = load_task(arguments.task)
+    model = build_scene(task, 0).model
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(0)
+    camera = NoisyCamera(RenderedCamera(model, lambda: (0.0, data.qpos), CAMERA), rng, arguments.noise)
+    records, seconds = [], []
+    for seed in track(range(arguments.layouts), description="layouts"):
+        arrange(task, model, data, build_scene(task, seed).cell.qpos, rng)
+        perception = Perception(task, camera, cell_camera(task).pose, TrackerSettings(frames=1))
+        began = perf_counter()
+        perception.update()
+        seconds.append(perf_counter() - began)
+        records += compare(task, model, data, perception)
+    camera.close()
+    boxes = [record for record in records if record["body"] != task.kit.name]
+    groups = {"boxes": boxes, "kit": [record for record in records if record["body"] == task.kit.name]}
+    for count in (1, 2, 3):
+        groups[f"boxes, {count} marker{'s' * (count > 1)}"] = [record for record in boxes if record["markers"] == count]
+    report(
+        "deploy_perception",
+        f"{arguments.layouts} layouts of {task.name}, 640 x 480, image noise {arguments.noise:g} grey levels",
+        [summary(name, group) for name, group in groups.items()],
+        out=arguments.out,
+        ms_per_image_with_rendering=1000 * float(np.median(seconds)),
+    )
+
+
+def arrange(task: Task, model, data, qpos: np.ndarray, rng: np.random.Generator) -> None:
+    """A layout of the task, each box on a face at random; every other time some boxes stand on one another or in the kit."""
+    data.qpos[:] = qpos
+    stacked = rng.random() < 0.5
+    top = None
+    for box in task.boxes:
+        at = model.jnt_qposadr[model.body(box.name).jntadr[0]]
+        turn = Rotation.from_quat(data.qpos[at + 3 : at + 7], scalar_first=True)
+        face = Rotation.from_euler("xyz", rng.integers(0, 4, 3) * np.pi / 2)
+        data.qpos[at + 3 : at + 7] = (turn * face).as_quat(scalar_first=True)
+        if stacked and rng.random() < 0.6:
+            kit = model.body(task.kit.name).pos
+            base = np.array([*kit[:2], kit[2] + task.kit.thickness / 2 - box.size / 2]) if top is None else top
+            data.qpos[at : at + 3] = top = base + np.array([0, 0, box.size])
+    mujoco.mj_forward(model, data)
+
+
+def compare(task: Task, model, data, perception: Perception) -> list[dict]:
+    """A record for every body: is it to be seen, was it found and believed, and how wrong."""
+    believed = perception.poses(perception.image)
+    used = {detection.body: detection for detection in perception.detections}
+    records = []
+    for body in (*task.box_names, task.kit.name):
+        truth = body_pose(data, body)
+        visible = any(unhidden(model, data, truth, marker) for marker in task_markers(task) if marker.body == body)
+        record = {"body": body, "visible": visible, "found": body in believed, "markers": 0}
+        if body in believed:
+            error = truth.inv() * believed[body]
+            record |= {
+                "markers": len(used[body].markers),
+                "mm": 1000 * float(np.linalg.norm(believed[body].translation - truth.translation)),
+                "deg": math.degrees(error.rotation.magnitude()),
+            }
+        records.append(record)
+    return records
+
+
+def unhidden(model, data, body: RigidTransform, marker: Marker) -> bool:
+    """Does the camera see the marker and its margin whole, and not too flatly?"""
+    eye = data.cam(CAMERA).xpos
+    face = body * marker.pose
+    outward = face.rotation.as_matrix()[:, 2]
+    sight = (eye - face.translation) / np.linalg.norm(eye - face.translation)
+    if outward @ sight < math.sin(math.radians(VISIBLE)):
+        return False
+    half = np.linspace(-0.49, 0.49, 7) * marker.sticker
+    points = face.apply([[x, y, 1e-3] for x in half for y in half])
+    hit = np.zeros(1, np.int32)
+    for point in points:
+        ray = eye - point
+        distance = mujoco.mj_ray(model, data, point, ray / np.linalg.norm(ray), None, 1, -1, hit, None)
+        if 0 <= distance < np.linalg.norm(ray):
+            return False
+    return True
+
+
+def body_pose(data, body: str) -> RigidTransform:
+    found = data.body(body)
+    return RigidTransform.from_components(found.xpos, Rotation.from_quat(found.xquat, scalar_first=True))
+
+
+def summary(name: str, records: list[dict]) -> dict:
+    found = [record for record in records if record["found"]]
+    seen = [record for record in found if record["visible"]]
+    mm, deg = (np.array([record[key] for record in seen] or [math.nan]) for key in ("mm", "deg"))
+    gross = [r for r in found if r["deg"] > GROSS_ANGLE or r["mm"] > 1000 * GROSS_DISTANCE]
+    return {
+        "body": name,
+        "all": len(records),
+        "visible": sum(record["visible"] for record in records),
+        "of them found": len(seen),
+        "found though partly hidden": len(found) - len(seen),
+        "mm median": float(np.median(mm)),
+        "mm 95 %": float(np.percentile(mm, 95)),
+        "mm worst": float(mm.max()),
+        "deg median": float(np.median(deg)),
+        "deg 95 %": float(np.percentile(deg, 95)),
+        "deg worst": float(deg.max()),
+        "wrong or flipped": len(gross),
+    }
+
+
+if __name__ == "__main__":
+    main()

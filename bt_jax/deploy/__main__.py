@@ -1,0 +1,56 @@
+"""python -m bt_jax.deploy: put a learnt tree on the robot, or on its twin."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+from bt_jax.startup import exit_code
+
+COMMANDS = {  # name -> module, arguments, function, one line
+    "twin": ("twin_command", "TwinArguments", "twin_command", "run a tree on the simulated YuMi"),
+    "check": ("cell", "CheckArguments", "check_command", "look at a real cell before anything moves"),
+    "run": ("cell", "RunArguments", "run_command", "run a tree on a real YuMi; dry unless told otherwise"),
+    "markers": ("marker_sheet", "MarkersArguments", "markers_command", "print the markers of a task"),
+    "calibrate": ("calibrate", "CalibrateArguments", "calibrate_command", "measure the camera and where it stands"),
+    "replay": ("replay", "ReplayArguments", "replay_command", "show a log and decide it anew"),
+}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point of the command line; gives the exit code."""
+    words = sys.argv[1:] if arguments is None else arguments
+    if not words or words[0] not in COMMANDS:
+        asked = not words or words[0] in ("-h", "--help")
+        print(_usage(), file=sys.stdout if asked else sys.stderr)
+        return 0 if asked and words else 2
+    return _run(words[0], words[1:])
+
+
+def _usage() -> str:
+    lines = [f"  {name:10s} {text}" for name, (*_, text) in COMMANDS.items()]
+    return "\n".join(["usage: python -m bt_jax.deploy COMMAND ... (COMMAND --help says more)", "", *lines])
+
+
+def _run(name: str, words: list[str]) -> int:
+    module, arguments, function, _ = COMMANDS[name]
+    code = 0
+
+    def work() -> None:
+        nonlocal code
+        try:
+            found = importlib.import_module(f"bt_jax.deploy.{module}")
+        except ModuleNotFoundError as error:
+            from bt_jax.errors import UserError
+
+            raise UserError(f'{error.name} is not installed; run pip install -e ".[robot]"') from error
+        import tyro
+
+        parsed = tyro.cli(getattr(found, arguments), prog=f"python -m bt_jax.deploy {name}", args=words)
+        code = getattr(found, function)(parsed)
+
+    return exit_code(work) or code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

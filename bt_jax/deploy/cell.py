@@ -1,0 +1,236 @@
+"""python -m bt_jax.deploy check and run: the real cell. Nothing of this was ever tried on a robot.
+
+A run is dry unless `--motion` is given: it sees, ticks, plans and checks, and no setpoint leaves. With `--motion`, the
+preflight must pass and a person must type a sentence; the joints then turn at 0.2 rad/s at most.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.markup import escape
+
+from bt_jax.deploy import yumi
+from bt_jax.deploy.background import BackgroundPerception
+from bt_jax.deploy.calibration import CameraPose, Intrinsics, load_camera
+from bt_jax.deploy.camera import open_camera
+from bt_jax.deploy.clearance import SafetyClearance
+from bt_jax.deploy.executor import Executor, Exit, Limits, Shown
+from bt_jax.deploy.link import LinkConfig, YumiLink
+from bt_jax.deploy.log import Log
+from bt_jax.deploy.observer import Observer
+from bt_jax.deploy.perception import Perception
+from bt_jax.deploy.preflight import Cell, Item, passed, preflight, show
+from bt_jax.deploy.program import Program, load_program
+from bt_jax.deploy.safety import Rules
+from bt_jax.deploy.skills import YumiSkills
+from bt_jax.errors import UserError
+from bt_jax.task import Task
+
+__all__ = ["CheckArguments", "RunArguments", "check_command", "confirm", "rules_of", "run_command"]
+
+FASTEST = 0.2  # rad/s of any joint of a real robot
+SENTENCE = "the cell is clear"
+WARNING = (
+    "The robot will move. Software stops replace neither the emergency stop nor a risk assessment: keep the stop in your\n"
+    "hand and people out of reach. This program was never tried on a real robot."
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class CheckArguments:
+    """Look at a real cell before anything moves: each item passes, or fails with the remedy."""
+
+    source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_FOLDER|TREE")]
+    """folder that bt_jax.train has written, or a tree as .txt or .xml"""
+    task: str | None = None
+    """name of a task or YAML file (default: that of the run folder, or yumi_stack)"""
+    robot: str = "192.168.125.1"
+    """address of the controller"""
+    camera: str | None = None
+    """number or address of the camera, or a folder with a recording"""
+    calibration: Path | None = None
+    """file that calibrate has written"""
+    twin_log: Path | None = None
+    """log of a run of the same tree in the twin"""
+    rws_port: int = 80
+    """TCP port of the controller's Robot Web Services"""
+    ports: tuple[int, int] = (6511, 6512)
+    """UDP ports of this machine to which the left and the right arm's EGM send"""
+    user: str = "Default User"
+    """of the controller"""
+    password: str = "robotics"
+    """of that user"""
+
+
+@dataclasses.dataclass(frozen=True)
+class RunArguments(CheckArguments):
+    """Execute a tree on a real YuMi. Dry by default: everything but motion."""
+
+    motion: bool = False
+    """move the robot, after preflight and a typed confirmation"""
+    speed: float = FASTEST
+    """largest joint speed, rad/s"""
+    seconds: float = 600.0
+    """time after which the run ends"""
+    log: Path | None = None
+    """where to write the log (default: runs/robot-DATE.jsonl)"""
+
+    def check(self) -> None:
+        """Raises UserError for arguments that cannot work."""
+        if not 0 < self.speed <= FASTEST:
+            raise UserError(f"--speed is {self.speed}; choose rad/s above 0 and up to {FASTEST}")
+        if not 0 < self.seconds <= 24 * 3600:
+            raise UserError(f"--seconds is {self.seconds}; choose more than 0, and a day at most")
+
+
+def rules_of(task: Task, *, override: float = float("inf")) -> Rules:
+    """What a YuMi may do in a task's cell; `override` is the largest joint speed, rad/s."""
+    return Rules(
+        lower=tuple(map(float, yumi.LOWER)),
+        upper=tuple(map(float, yumi.UPPER)),
+        speed=tuple(map(float, yumi.SPEED)),
+        override=override,
+        points=yumi.points,
+        clearance_of=SafetyClearance(task),
+    )
+
+
+def confirm(console: Console) -> None:
+    """Asks a person at a terminal. Raises UserError unless exactly the sentence is typed."""
+    console.print(f"[bold red]{WARNING}[/]")
+    if not sys.stdin.isatty():
+        raise UserError("motion must be confirmed at a terminal; run this command in one, or leave out --motion")
+    if console.input(f'Type "{SENTENCE}" to go on: ').strip() != SENTENCE:
+        raise UserError("motion was not confirmed, nothing has moved; type the sentence as it is written")
+
+
+@dataclasses.dataclass(frozen=True)
+class _Parts:
+    program: Program
+    link: YumiLink
+    perception: BackgroundPerception | None
+    skills: YumiSkills
+    cell: Cell
+
+
+@contextlib.contextmanager
+def _opened(arguments: CheckArguments, *, motion: bool, override: float) -> Iterator[_Parts]:
+    """Everything that a real cell has, connected."""
+    program = load_program(arguments.source, arguments.task)
+    intrinsics: Intrinsics | None = None
+    placed: CameraPose | None = None
+    if arguments.calibration is not None:
+        intrinsics, placed = load_camera(arguments.calibration)
+    config = LinkConfig(
+        host=arguments.robot,
+        ports=dict(zip(yumi.ARMS, arguments.ports, strict=True)),
+        rws_port=arguments.rws_port,
+        user=arguments.user,
+        password=arguments.password,
+        motion=motion,
+    )
+    with contextlib.ExitStack() as stack:
+        perception = None
+        if arguments.camera is not None and intrinsics is not None and placed is not None:
+
+            def see() -> Perception:
+                return Perception(program.task, open_camera(arguments.camera, intrinsics), placed.pose)
+
+            background = BackgroundPerception(see, close=lambda made: made.camera.close())
+            perception = stack.enter_context(background)
+        link = stack.enter_context(YumiLink(config, rules_of(program.task, override=override)))
+        skills = YumiSkills(program.task, link)
+        cell = Cell(
+            program=program,
+            link=link,
+            flange=yumi.flange,
+            perception=perception,
+            intrinsics_error=None if intrinsics is None else intrinsics.error,
+            camera_residual=None if placed is None else placed.residual,
+            reachable=skills.reachable,
+            twin_log=arguments.twin_log,
+        )
+        yield _Parts(program, link, perception, skills, cell)
+
+
+def check_command(arguments: CheckArguments, console: Console | None = None) -> int:
+    """Prints every item; 0 where all have passed, else 1. Raises UserError where the controller cannot be reached."""
+    console = Console(highlight=False, soft_wrap=True) if console is None else console
+    with _opened(arguments, motion=False, override=FASTEST) as parts:
+        items = _preflight(parts, console)
+    return Exit.DONE if passed(items) else Exit.FAILED
+
+
+def run_command(arguments: RunArguments, console: Console | None = None) -> int:
+    """Runs the tree and gives the exit code of `executor.Exit`."""
+    console = Console(highlight=False, soft_wrap=True) if console is None else console
+    arguments.check()
+    with _opened(arguments, motion=arguments.motion, override=arguments.speed) as parts:
+        items = _preflight(parts, console)
+        if parts.perception is None:
+            raise UserError("the robot is blind; give --camera and --calibration")
+        if arguments.motion:
+            if not passed(items):
+                raise UserError("the preflight has not passed; mend what it names, or leave out --motion")
+            confirm(console)
+        path = arguments.log or Path("runs") / f"robot-{time.strftime('%Y%m%d-%H%M%S')}.jsonl"
+        with Log(path) as log:
+            console.print(f"log        {escape(str(path))}")
+            if arguments.motion:
+                parts.link.start()
+            outcome = _executor(parts, arguments, log, items, console).run()
+    console.print(f"end        {escape(outcome.reason)}")
+    console.print(f"ticks      {outcome.ticks}, {outcome.overruns} too slow; link {parts.link.counters()}")
+    return outcome.exit_code
+
+
+def _preflight(parts: _Parts, console: Console) -> list[Item]:
+    items = []
+    for item in preflight(parts.cell):
+        show(console, item)
+        items.append(item)
+    return items
+
+
+def _executor(parts: _Parts, arguments: RunArguments, log: Log, items: list[Item], console: Console) -> Executor:
+    phase = ""
+
+    def tell(shown: Shown) -> None:
+        nonlocal phase
+        if shown.phase != phase:
+            phase = shown.phase
+            console.print(f"{shown.seen.time:10.2f} s  {phase}  {shown.action or ''}", markup=False)
+
+    observe = Observer(
+        parts.program.task,
+        link=parts.link,
+        perception=parts.perception,
+        grasped=lambda: parts.skills.grasped,
+        tcp=yumi.forward,
+    )
+    settings = {"arguments": _told(arguments), "preflight": [dataclasses.asdict(item) for item in items]}
+    return Executor(
+        parts.program,
+        skills=parts.skills,
+        link=parts.link,
+        observe=observe,
+        log=log,
+        limits=Limits(run=arguments.seconds),
+        settings=settings,
+        dry=not arguments.motion,
+        on_tick=tell,
+    )
+
+
+def _told(arguments: RunArguments) -> dict[str, str]:
+    """For the log, without the password."""
+    return {name: str(value) for name, value in dataclasses.asdict(arguments).items() if name != "password"}

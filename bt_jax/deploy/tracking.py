@@ -1,0 +1,119 @@
+"""What is known of every body's place: measurements filtered, aged, and believed only when several agree."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+__all__ = ["Tracker", "TrackerSettings"]
+
+
+@dataclasses.dataclass(frozen=True)
+class TrackerSettings:
+    """`max_age` [s]: older knowledge is none. `frames`: as many images in a row must agree on a place before it is believed.
+    Two measurements agree within `position` [m] and `angle` [rad], and what `speed` [m/s] and `turn` [rad/s] allow between
+    them; `still` and `still_angle` say within what a body counts as resting, so that up to `window` measurements are
+    averaged."""
+
+    max_age: float = 1.0
+    frames: int = 3
+    position: float = 0.006
+    angle: float = 0.1
+    speed: float = 0.5
+    turn: float = 1.5
+    still: float = 0.003
+    still_angle: float = 0.03
+    window: int = 10
+
+
+@dataclasses.dataclass
+class _Track:
+    pose: RigidTransform
+    time: float
+    count: int = 1
+
+
+class Tracker:
+    """Poses of bodies over time, all in one fixed frame. A measurement that contradicts what is known is a suspicion: the
+    second one in a row withdraws the pose, and when `frames` of them agree the body has jumped there."""
+
+    def __init__(self, settings: TrackerSettings | None = None) -> None:
+        self.settings = settings or TrackerSettings()
+        self._known: dict[str, _Track] = {}
+        self._suspected: dict[str, _Track] = {}
+
+    def update(self, time: float, measured: Mapping[str, RigidTransform]) -> None:
+        """Takes in what one image shows, taken at `time` [s]; a time that has passed already is ignored."""
+        for name, pose in measured.items():
+            known = self._known.get(name)
+            if known is not None and time <= known.time:
+                continue
+            if known is not None and time - known.time <= self.settings.max_age and self._agree(known, time, pose):
+                self._absorb(known, time, pose)
+                self._suspected.pop(name, None)
+            else:
+                self._suspect(name, time, pose)
+
+    def poses(self, time: float) -> dict[str, RigidTransform]:
+        """What is known and fresh at `time` [s]."""
+        return {
+            name: track.pose
+            for name, track in self._known.items()
+            if time - track.time <= self.settings.max_age and not self._doubted(name)
+        }
+
+    def last(self) -> dict[str, RigidTransform]:
+        """Where every body was when it was last known, however long ago: where to look for it first."""
+        return {name: track.pose for name, track in self._known.items()}
+
+    def age(self, name: str, time: float) -> float:
+        """Seconds since the body was last seen where it is believed to be; infinite if it never was."""
+        return time - self._known[name].time if name in self._known else float("inf")
+
+    def _suspect(self, name: str, time: float, pose: RigidTransform) -> None:
+        suspected = self._suspected.get(name)
+        if suspected is not None and time <= suspected.time:
+            return
+        recent = suspected is not None and time - suspected.time <= self.settings.max_age
+        if recent and self._agree(suspected, time, pose):
+            self._absorb(suspected, time, pose)
+        else:
+            repeated = suspected is not None and name in self._known
+            suspected = self._suspected[name] = _Track(pose, time)
+            if repeated:
+                del self._known[name]
+        if suspected.count >= self.settings.frames:
+            self._known[name] = self._suspected.pop(name)
+
+    def _doubted(self, name: str) -> bool:
+        return name in self._suspected and self._suspected[name].count >= 2
+
+    def _agree(self, track: _Track, time: float, pose: RigidTransform) -> bool:
+        passed = time - track.time
+        limits = self.settings
+        return (
+            _distance(track.pose, pose) <= limits.position + limits.speed * passed
+            and _angle(track.pose, pose) <= limits.angle + limits.turn * passed
+        )
+
+    def _absorb(self, track: _Track, time: float, pose: RigidTransform) -> None:
+        limits = self.settings
+        still = _distance(track.pose, pose) < limits.still and _angle(track.pose, pose) < limits.still_angle
+        share = 1 / (min(track.count, limits.window - 1) + 1) if still else 1.0
+        turn = (pose.rotation * track.pose.rotation.inv()).as_rotvec()
+        rotation = Rotation.from_rotvec(share * turn) * track.pose.rotation
+        position = track.pose.translation + share * (pose.translation - track.pose.translation)
+        track.pose = RigidTransform.from_components(position, rotation)
+        track.time = time
+        track.count += 1
+
+
+def _distance(a: RigidTransform, b: RigidTransform) -> float:
+    return float(np.linalg.norm(a.translation - b.translation))
+
+
+def _angle(a: RigidTransform, b: RigidTransform) -> float:
+    return float((a.rotation.inv() * b.rotation).magnitude())

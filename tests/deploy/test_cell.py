@@ -1,0 +1,209 @@
+"""check and run against a twin that stands in for the robot: real time, sockets, images and all."""
+
+import contextlib
+import io
+import os
+import signal
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+from cells import free_ports
+from rich.console import Console
+
+from bt_jax.deploy import cell as module
+from bt_jax.deploy.calibration import CameraPose, Intrinsics, save_camera
+from bt_jax.deploy.cell import SENTENCE, CheckArguments, RunArguments, check_command, run_command
+from bt_jax.deploy.controller import Controller
+from bt_jax.deploy.executor import Exit
+from bt_jax.deploy.log import Log, read_log
+from bt_jax.deploy.program import load_program
+from bt_jax.deploy.rendered_camera import RenderedCamera, cell_camera
+from bt_jax.deploy.twin_cell import build_scene
+from bt_jax.errors import UserError
+from bt_jax.task import load_task
+
+TASK = load_task("yumi_stack")
+TREE = "move(YellowBox, (0, 0, 0.021), KittingBox)\n"
+
+
+@pytest.fixture
+def robot(tmp_path, monkeypatch):
+    """The controller, and the arguments with which it is reached."""
+    scene, ports = build_scene(TASK, 3), free_ports()
+    (tmp_path / "tree.txt").write_text(TREE)
+    program = load_program(tmp_path / "tree.txt")
+    with Log(tmp_path / "twin.jsonl") as log:
+        log.write("start", format=1, digest=program.digest, task=TASK.to_dict(), dry=False)
+        log.write("end", exit_code=0, seconds=1.0, ticks=10)
+    place = cell_camera(TASK)
+    lens = Intrinsics(place.matrix, np.zeros(5), place.width, place.height, 0.1)
+    save_camera(tmp_path / "camera.yaml", lens, CameraPose(place.pose, 0.001, 8))
+    with Controller(scene.cell, ports=ports, realtime=True) as controller:
+        try:
+            RenderedCamera(scene.model, controller.state).close()
+        except Exception as problem:
+            pytest.skip(f"no renderer: {problem}")
+        cameras = []
+
+        def open_camera(source, lens):
+            cameras.append(RenderedCamera(scene.model, controller.state))
+            return cameras[-1]
+
+        monkeypatch.setattr(module, "open_camera", open_camera)
+        controller.cameras = cameras
+        arguments = {
+            "source": tmp_path / "tree.txt",
+            "robot": "127.0.0.1",
+            "rws_port": controller.rws_port,
+            "ports": (ports["left"], ports["right"]),
+            "camera": "0",
+            "calibration": tmp_path / "camera.yaml",
+            "twin_log": tmp_path / "twin.jsonl",
+        }
+        yield controller, arguments
+
+
+class Person(Console):
+    """Types something."""
+
+    def __init__(self, typed):
+        super().__init__(file=io.StringIO(), width=160)
+        self.typed = typed
+
+    def input(self, *_, **__):
+        return self.typed
+
+    @property
+    def said(self):
+        return self.file.getvalue()
+
+
+@pytest.fixture
+def at_a_terminal(monkeypatch):
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: True, raising=False)
+
+
+def arm_joints(controller):
+    return controller.state()[1][-18:].copy()
+
+
+def test_check_passes_on_a_good_cell(robot):
+    _, arguments = robot
+    console = Person("")
+    code = check_command(CheckArguments(**arguments), console)
+    assert code == Exit.DONE, console.said
+    assert console.said.count("✓") == 13
+
+
+def test_check_fails_where_something_is_missing(robot):
+    _, arguments = robot
+    console = Person("")
+    assert check_command(CheckArguments(**{**arguments, "camera": None, "twin_log": None}), console) == Exit.FAILED
+    assert "--twin-log" in console.said
+    assert "--camera" in console.said
+
+
+def test_a_dry_run_plans_and_moves_nothing(robot, tmp_path):
+    controller, arguments = robot
+    before = arm_joints(controller)
+    log = tmp_path / "dry.jsonl"
+    assert run_command(RunArguments(**arguments, seconds=6.0, log=log), Person("")) == Exit.FAILED
+    np.testing.assert_allclose(arm_joints(controller), before, atol=1e-4)
+    planned = [entry for entry in read_log(log) if entry["kind"] == "action"]
+    assert [(entry["action"], entry["event"]) for entry in planned] == [("pick(YellowBox)", "planned")]
+    assert planned[0]["reason"] == ""
+    assert controller.stats().unanswered == 0
+
+
+@pytest.mark.parametrize("typed", ["", "yes", SENTENCE.upper()])
+def test_motion_needs_the_sentence(robot, at_a_terminal, typed):
+    controller, arguments = robot
+    before = arm_joints(controller)
+    with pytest.raises(UserError, match="not confirmed"):
+        run_command(RunArguments(**arguments, motion=True), Person(typed))
+    np.testing.assert_allclose(arm_joints(controller), before, atol=1e-4)
+
+
+def test_motion_needs_a_terminal_and_a_passed_preflight(robot, at_a_terminal, monkeypatch):
+    _, arguments = robot
+    with pytest.raises(UserError, match="preflight"):
+        run_command(RunArguments(**{**arguments, "twin_log": None}, motion=True), Person(SENTENCE))
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: False, raising=False)
+    with pytest.raises(UserError, match="terminal"):
+        run_command(RunArguments(**arguments, motion=True), Person(SENTENCE))
+
+
+def test_motion_is_slow(robot, at_a_terminal, tmp_path):
+    _, arguments = robot
+    log = tmp_path / "run.jsonl"
+    run_command(RunArguments(**arguments, motion=True, seconds=8.0, log=log), Person(SENTENCE))
+    speeds = [
+        np.abs(np.diff(entry["setpoint"], axis=0)) / np.diff(entry["time"])[:, None]
+        for entry in read_log(log)
+        if entry["kind"] == "motion" and len(entry["time"]) > 1
+    ]
+    fastest = max(speed.max() for speed in speeds)
+    assert 0.1 < fastest < 0.2 * 1.3, "differences of rounded numbers"
+
+
+def lose_camera(controller):
+    controller.cameras[-1].lose()
+
+
+def kill(controller):
+    controller.kill()
+
+
+def stop_by_hand(controller):
+    controller.fault("emergency_stop")
+
+
+def press_ctrl_c(controller):
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+@pytest.mark.parametrize(
+    ("fault", "code", "word"),
+    [
+        (lose_camera, Exit.STOPPED, "camera"),
+        (kill, Exit.STOPPED, "no feedback"),
+        (stop_by_hand, Exit.STOPPED, "not running"),
+        (press_ctrl_c, Exit.INTERRUPTED, "interrupted"),
+    ],
+)
+def test_faults_in_mid_motion_hold_the_arms(robot, at_a_terminal, tmp_path, fault, code, word):
+    controller, arguments = robot
+    log, began = tmp_path / "run.jsonl", time.monotonic()
+
+    def break_it():
+        start = arm_joints(controller)
+        while time.monotonic() - began < 60 and np.abs(arm_joints(controller) - start).max() < 0.1:
+            time.sleep(0.05)
+        fault(controller)
+
+    thread = threading.Thread(target=break_it)
+    thread.start()
+    found = run_command(RunArguments(**arguments, motion=True, seconds=90.0, log=log), Person(SENTENCE))
+    thread.join()
+    end = list(read_log(log))[-1]
+    assert (found, end["exit_code"]) == (code, code)
+    assert word in end["reason"]
+    if controller.alive:
+        held = arm_joints(controller)
+        time.sleep(0.5)
+        np.testing.assert_allclose(arm_joints(controller), held, atol=1e-3)
+
+
+@pytest.mark.parametrize(("name", "value"), [("speed", 0.5), ("speed", 0.0), ("seconds", -1.0)])
+def test_arguments_that_cannot_work_are_refused(tmp_path, name, value):
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(pytest.raises(UserError, match=f"--{name}"))
+        run_command(RunArguments(tmp_path / "tree.txt", **{name: value}), Person(""))
+
+
+def test_the_password_is_not_logged():
+    told = module._told(RunArguments(source=module.Path("x"), password="secret"))
+    assert "secret" not in str(told)

@@ -1,0 +1,31 @@
+import pytest
+
+from bt_jax.deploy.executor import Exit
+from bt_jax.deploy.log import read_log
+from bt_jax.deploy.program import Program
+from bt_jax.deploy.replay import replay
+from bt_jax.deploy.twin import run_twin
+from bt_jax.encoding.text import parse_tree
+from bt_jax.mjx_env.render import available
+from bt_jax.task import load_task
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(available() is not True, reason=f"the twin's camera needs a renderer: {available()}"),
+]
+STACK = """Sequence
+  move(YellowBox, (0, 0, 0.022), KittingBox)
+  move(GreenBox, (0, 0, 0.04), YellowBox)
+  move(BlueBox, (0, 0, 0.04), GreenBox)"""
+
+
+@pytest.mark.parametrize("disturbances", [0, 1])
+def test_the_twin_stacks_three_boxes_and_its_log_replays(tmp_path, disturbances):
+    log = tmp_path / "twin.jsonl"
+    run = run_twin(Program(load_task("yumi_stack"), parse_tree(STACK)), 0, disturbances=disturbances, log=log)
+    assert run.exit_code == Exit.DONE
+    assert run.solved
+    assert max(run.distances) < 0.005
+    assert len(run.touches) >= disturbances
+    assert list(read_log(log))[-1]["exit_code"] == Exit.DONE
+    assert all(tick.same for tick in replay(log))

@@ -1,0 +1,123 @@
+"""Whole runs on the twin in which something goes wrong: the arms hold or the work is redone, and the log says why."""
+
+import os
+import signal
+
+import numpy as np
+import pytest
+
+from bt_jax.deploy.executor import Exit, Limits
+from bt_jax.deploy.log import read_log
+from bt_jax.deploy.program import Program
+from bt_jax.deploy.replay import replay
+from bt_jax.deploy.rws import GRIP_TARGET, Rws, symbol
+from bt_jax.deploy.twin import run_twin
+from bt_jax.encoding.text import parse_tree
+from bt_jax.task import load_task
+
+pytestmark = pytest.mark.slow
+TASK = load_task("yumi_stack")
+MOVE = "move(YellowBox, (0, 0, 0.021), KittingBox)"
+
+
+class Twin:
+    """A run with a fault: `strike(twin, moment)` is called at every tick until it gives True."""
+
+    def __init__(self, strike, tmp_path, *, tree=MOVE, seconds=150.0):
+        self.strike, self.done, self.held = strike, False, None
+        self.log = tmp_path / "log.jsonl"
+        self.run = run_twin(
+            Program(TASK, parse_tree(tree)),
+            3,
+            log=self.log,
+            limits=Limits(run=seconds),
+            on_tick=self.tick,
+            prepare=self.prepare,
+        )
+        self.entries = list(read_log(self.log))
+        self.end = self.entries[-1]
+
+    def prepare(self, controller, perception):
+        self.controller, self.perception = controller, perception
+
+    def tick(self, moment):
+        self.moment = moment
+        if not self.done:
+            self.done = bool(self.strike(self, moment))
+
+    def attempts(self, action):
+        return [e["event"] for e in self.entries if e["kind"] == "action" and e["action"].startswith(action)]
+
+
+def when_moving(fault):
+    """Strikes while an arm is on its way."""
+
+    def strike(twin, moment):
+        if moment.shown.phase != "acting" or moment.shown.seen.time < 3.0:
+            return False
+        fault(twin)
+        return True
+
+    return strike
+
+
+@pytest.mark.parametrize(
+    ("fault", "code", "word"),
+    [
+        (lambda twin: twin.perception.camera.freeze(), Exit.STOPPED, "camera"),
+        (lambda twin: twin.perception.camera.lose(), Exit.STOPPED, "camera"),
+        (lambda twin: twin.controller.kill(), Exit.STOPPED, "ended"),
+        (lambda twin: twin.controller.fault("motors_off"), Exit.STOPPED, "not running"),
+        (lambda twin: twin.controller.fault("emergency_stop"), Exit.STOPPED, "not running"),
+        (lambda twin: os.kill(os.getpid(), signal.SIGINT), Exit.INTERRUPTED, "interrupted"),
+    ],
+    ids=["camera frozen", "camera lost", "controller killed", "motors off", "emergency stop", "Ctrl-C"],
+)
+def test_the_arms_hold_and_the_log_says_why(tmp_path, fault, code, word):
+    twin = Twin(when_moving(fault), tmp_path)
+    assert twin.done
+    assert twin.run.exit_code == twin.end["exit_code"] == code
+    assert word in twin.end["reason"]
+    motion = [entry for entry in twin.entries if entry["kind"] == "motion"]
+    last = {entry["arm"]: entry["setpoint"][-1] for entry in motion}
+    before = {entry["arm"]: entry["setpoint"][0] for entry in motion}
+    for arm in last:
+        assert np.abs(np.subtract(last[arm], before[arm])).max() < 0.05, "the last setpoints hold"
+    assert all(tick.same for tick in replay(twin.log))
+
+
+def test_a_bad_network_does_not_keep_the_work_from_being_done(tmp_path):
+    def strike(twin, moment):
+        twin.controller.fault("drop", share=0.03)
+        twin.controller.fault("reorder", share=0.03)
+        return True
+
+    twin = Twin(strike, tmp_path)
+    assert twin.run.outcome.exit_code == Exit.DONE
+    assert twin.run.counters.lost > 0
+    assert twin.run.counters.reordered > 0
+
+
+def test_a_dropped_box_is_picked_again(tmp_path):
+    def strike(twin, moment):
+        seen = moment.shown.seen
+        if seen.holding != "YellowBox" or moment.shown.phase != "acting":
+            return False
+        rws = Rws("127.0.0.1", twin.controller.rws_port, "Default User", "robotics")
+        for arm in ("left", "right"):
+            rws.set_number(symbol(arm, GRIP_TARGET), 25.0)  # the fingers let go by themselves
+        return True
+
+    twin = Twin(strike, tmp_path)
+    assert twin.done
+    assert twin.run.outcome.exit_code == Exit.DONE, twin.end["reason"]
+    assert twin.attempts("pick").count("start") >= 2
+
+
+def test_a_place_out_of_reach_fails_and_says_so(tmp_path):
+    twin = Twin(lambda twin, moment: True, tmp_path, tree="move(YellowBox, (1.5, 0, 0.3), base_link)")
+    assert twin.run.exit_code == Exit.FAILED
+    assert "place(YellowBox" in twin.end["reason"]
+    assert twin.attempts("place").count("FAILURE") == TASK.episode.action_ticks
+    reasons = {e["reason"] for e in twin.entries if e["kind"] == "action" and e["event"] == "FAILURE"}
+    assert all(reasons)
