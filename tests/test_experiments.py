@@ -39,7 +39,6 @@ def test_both_variants_are_the_same_until_the_demonstration(outcomes):
 
 def test_the_lesson_of_unstacking_is_one_gene(outcomes):
     ours = outcomes[2]
-    assert ours.best[:, -1].mean() > outcomes[3].best[:, -1].mean()
     assert any(row.baseline_leaves for row in ours.history)
 
 

@@ -97,8 +97,8 @@ def test_a_population_is_carried_into_another_task(on_top):
     assert carried.earlier == tuple(state.episodes)
     assert carried.episodes[0] > state.episodes[0]
     new = after.best_tree(carried)
-    missing = np.asarray(carried.population.fitness)[0, :-1] - np.asarray(state.population.fitness)[0, :-1]
-    assert (missing < 0).all()  # BlueBox is not where it should be
+    missing = np.asarray(carried.population.fitness)[0] - np.asarray(state.population.fitness)[0]
+    assert (missing < 0).sum() >= len(missing) - 1  # BlueBox is not where it should be; one is the baseline now
     row = after.evolution.describe(carried)[0]
     assert (row.baseline_leaves > 0) == (config.baseline in leaves(new))
 

@@ -127,6 +127,7 @@ def test_motion_needs_the_sentence(robot, at_a_terminal, typed):
     np.testing.assert_allclose(arm_joints(controller), before, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_motion_needs_a_terminal_and_a_passed_preflight(robot, at_a_terminal, monkeypatch):
     _, arguments = robot
     with pytest.raises(UserError, match="preflight"):
@@ -136,6 +137,7 @@ def test_motion_needs_a_terminal_and_a_passed_preflight(robot, at_a_terminal, mo
         run_command(RunArguments(**arguments, motion=True), Person(SENTENCE))
 
 
+@pytest.mark.slow
 def test_motion_is_slow(robot, at_a_terminal, tmp_path):
     _, arguments = robot
     log = tmp_path / "run.jsonl"
@@ -165,6 +167,7 @@ def press_ctrl_c(controller):
     os.kill(os.getpid(), signal.SIGINT)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "code", "word"),
     [

@@ -39,7 +39,8 @@ def growing(gene_under_fallback: bool = False) -> MutationConfig:
 def population(
     alphabet: Alphabet, num_nodes: int, gene_under_fallback: bool, count: int = 1000, steps: int = 4
 ) -> Trees:
-    """Valid trees of many sizes and shapes, up to full ones where `num_nodes` is small."""
+    """Valid trees of many sizes and shapes, up to full ones where `num_nodes` is small; the first ones of a single leaf if
+    any steps were taken."""
     trees = random_trees(
         jax.random.key(1),
         alphabet,
@@ -51,6 +52,8 @@ def population(
     config = growing(gene_under_fallback)
     for step in range(steps):
         trees = mutate_once(jax.random.key(step), trees, alphabet, config)
+    if not steps:
+        return trees
     return jax.tree.map(lambda all_, some: all_.at[: some.shape[0]].set(some), trees, lone_leaves(alphabet, num_nodes))
 
 

@@ -106,7 +106,7 @@ def test_crossover_inserts_a_subtree_of_the_other_parent():
             pieces = [
                 other.tokens[row][i : i + size].tolist()
                 for i, size in enumerate(np.asarray(other.sizes[row]).tolist())
-                if i and size == growth[row]
+                if (i or other.sizes[row, 0] == 1) and size == growth[row]
             ]
             before, after = np.asarray(own.tokens[row]).tolist(), np.asarray(child.tokens[row]).tolist()
             assert any(

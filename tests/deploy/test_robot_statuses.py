@@ -16,7 +16,7 @@ from bt_jax.task import load_task
 
 
 def test_the_simulation_means_the_same_by_every_leaf():
-    semantics, worlds, _ = kinematic_walk("yumi_stack", seed=3, count=12, steps=8)
+    semantics, worlds, _ = kinematic_walk("yumi_stack", seed=3, count=4, steps=6)
     outcomes = semantics.outcomes(worlds)[0]
     found = set()
     for i in range(len(outcomes)):
