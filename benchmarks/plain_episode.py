@@ -92,7 +92,8 @@ class PlainEpisode:
 
     def at(self, leaf: Behavior) -> bool:
         goal = self.in_world(leaf.frame, leaf.position)
-        return bool(np.linalg.norm(self.position(leaf.object) - goal) < self.task.episode.tolerance)
+        close = np.linalg.norm(self.position(leaf.object) - goal) < self.task.episode.tolerance
+        return bool(close) and self.held != leaf.object
 
     def can_pick(self, name: str) -> bool:
         position, size = self.position(name), self.sizes[name]
