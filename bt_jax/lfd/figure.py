@@ -41,7 +41,8 @@ def cluster_figure(lesson: Lesson) -> bytes:
 
 def _panel(axes: Axes, lesson: Lesson, inference: Inference, frame: str) -> None:
     if frame == inference.object and inference.kind == "place":
-        axes.set(xticks=[], yticks=[], title=f"{frame}\n(itself)", frame_on=False)
+        axes.set(xticks=[], yticks=[], frame_on=False)
+        axes.set_title(f"{frame}\n(itself)", fontsize=9)
         return
     candidate = next((one for one in inference.candidates if one.frame == frame), None)
     own, others = _points(lesson, inference, frame)
