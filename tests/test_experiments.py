@@ -13,8 +13,8 @@ from bt_jax.experiments.report import figure, markdown, table
 
 
 def shortened(experiment):
-    change = 2 if experiment.before else 0
-    config = dataclasses.replace(experiment.config, generations=4, max_nodes=32)
+    change, generations = (2, 4) if experiment.before else (0, 20)
+    config = dataclasses.replace(experiment.config, generations=generations, max_nodes=32)
     return dataclasses.replace(experiment, change_at=change, config=config)
 
 
