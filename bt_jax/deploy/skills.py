@@ -149,7 +149,7 @@ class YumiSkills:
             moved = yield from self._follow(reach.arm, reach.approach, 1.0, watch=(box, start))
             if not moved:
                 yield from self._fingers(reach.arm, at_least=self._sizes[box] + 0.006)
-                yield from self._grasp(box, reach)
+                yield from self._grasp(box, reach, start)
                 return
         raise _Failed(f"{box} does not stay where it is")
 
@@ -168,14 +168,14 @@ class YumiSkills:
         assert problem is not None
         raise problem
 
-    def _grasp(self, box: str, reach: Reach) -> Routine:
-        """Down, fingers around it, up."""
+    def _grasp(self, box: str, reach: Reach, pose: RigidTransform) -> Routine:
+        """Down, fingers around it, up. `pose` is the box's as it was seen before the hand came between it and the camera."""
         arm, size = reach.arm, self._sizes[box]
         yield from self._follow(arm, reach.line, SLOW)
         self.committed = True
         self.link.grip(arm, size - GRIP, FORCE)
         tcp = yumi.forward(arm, self.link.arm(arm).commanded)
-        self._carried[arm] = Carried(arm, box, carried_pose(tcp, self._known[box]))
+        self._carried[arm] = Carried(arm, box, carried_pose(tcp, pose))
         yield from self._fingers(arm)
         if self.link.arm(arm).opening < size - SQUEEZE:
             self._failed[box] = arm
