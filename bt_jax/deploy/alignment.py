@@ -28,15 +28,17 @@ BLUR = (0.3, 0.12)  # of the pattern, modules: first to be caught, then to be ex
 ITERATIONS = (4, 6)
 DAMPING = 1e-9  # keeps a body without any edge in the image from being singular
 PRECISION = 2e-5  # rad and m
-BIAS = 0.08  # pixels by which a whole marker's corners may be off in common with no others: sampling, blur, light
+BIAS = 0.08  # pixels by which a corner is off whatever the residual, for sampling and blur: as measured in renderings
 ROBUST = 0.25  # residual, as a share of the contrast, from which points count less (Huber)
-HIDDEN = 0.4  # and from which they count as covered by something, and not at all (Tukey's biweight), once the pose is near
+HIDDEN = (
+    0.4  # and from which they count as covered by something, and not at all (Tukey's biweight), once the pose is near
+)
 
 
 @dataclasses.dataclass(frozen=True)
 class Alignment:
     """`rotation` f64[3, 3] and `position` f64[3] [m]: the body's frame in the camera's; `residual`: root mean square, as a
-    share of the contrast; `sigma`: standard deviation of the position that follows from it, and from pixels being coarse [m]."""
+    share of the contrast; `sigma`: standard deviation of the position that follows from it and from coarse pixels [m]."""
 
     rotation: np.ndarray
     position: np.ndarray
@@ -83,10 +85,10 @@ def align(
     for blur, iterations in list(zip(BLUR, ITERATIONS, strict=True))[near:]:
         patterns = np.stack([_pattern(marker.id, blur) for marker in markers])
         weights = np.ones(patterns.size)
-        for step_number in range(iterations):
+        for turn in range(iterations):
             arms = points @ rotation.T
             residuals, jacobian = _normalized(*view.linearized(arms + position, arms), patterns, weights)
-            if blur == BLUR[-1] and step_number > 0:
+            if blur == BLUR[-1] and turn > 0:
                 weights = np.maximum(1 - (residuals / HIDDEN) ** 2, 0) ** 2
             else:
                 weights = np.minimum(1, ROBUST / np.maximum(np.abs(residuals), 1e-9))
