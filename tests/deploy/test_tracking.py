@@ -48,7 +48,7 @@ def test_one_wrong_measurement_changes_nothing():
 
 
 def test_a_measurement_that_is_worth_little_moves_little():
-    poor = RigidTransform.from_translation(HERE.translation + [0.004, 0, 0])
+    poor = RigidTransform.from_translation(HERE.translation + np.array([0.004, 0, 0]))
     moved = []
     for sigma in (0.0005, 0.003):
         tracker = fed(*[HERE] * 5)
