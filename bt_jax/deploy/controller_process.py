@@ -15,7 +15,7 @@ import numpy as np
 from bt_jax.deploy.egm import CYCLE, Feedback, Mci, Setpoint
 from bt_jax.deploy.network import Network
 from bt_jax.deploy.realtime import Snapshot, sleep_until, take_priority
-from bt_jax.deploy.rws import GRIP_ACTUAL, GRIP_FORCE, GRIP_TARGET, symbol
+from bt_jax.deploy.rws import EGM_MOTION, GRIP_ACTUAL, GRIP_FORCE, GRIP_TARGET, Motion, symbol
 from bt_jax.deploy.rws_server import serve_rws
 
 __all__ = ["STATS", "Cell", "Spec", "serve"]
@@ -76,7 +76,7 @@ class Arm:
         self.mci = Mci.STOPPED
         self.silent = 0.0  # seconds since the last answer
         self.heard = False  # was there ever one?
-        self.grip = {GRIP_TARGET: 0.0, GRIP_FORCE: 10.0}
+        self.numbers = {GRIP_TARGET: 0.0, GRIP_FORCE: 10.0, EGM_MOTION: float(Motion.LISTEN)}  # of its RAPID program
 
 
 class Robot:
@@ -96,26 +96,25 @@ class Robot:
         for arm in self.arms:
             self.data.ctrl[arm.actuators] = self.data.qpos[arm.joints]
             self.data.ctrl[arm.finger_actuators] = self.data.qpos[arm.fingers]
-            arm.grip[GRIP_TARGET] = 1000 * float(self.data.qpos[arm.fingers].mean())
-        self._starting = False
+            arm.numbers[GRIP_TARGET] = 1000 * float(self.data.qpos[arm.fingers].mean())
+        self.rapid = False  # the program of both arms
 
     @property
     def time(self) -> float:
         """Seconds that were simulated."""
         return self.cycle * CYCLE
 
-    @property
-    def rapid(self) -> bool:
-        return any(arm.mci == Mci.RUNNING for arm in self.arms)
-
     def start_rapid(self) -> bool:
         if self.control != "motoron" or self.mode != "AUTO":
             return False
-        for arm in self.arms:
-            arm.mci, arm.silent = Mci.RUNNING, 0.0
+        if not self.rapid:
+            for arm in self.arms:
+                arm.numbers[EGM_MOTION], arm.mci = float(Motion.LISTEN), Mci.STOPPED
+            self.rapid = True
         return True
 
     def stop_rapid(self, mci: Mci = Mci.STOPPED) -> None:
+        self.rapid = False
         for arm in self.arms:
             arm.mci = mci
 
@@ -123,18 +122,21 @@ class Robot:
         arm, name = self._symbol(url)
         if name == GRIP_ACTUAL:
             return 1000 * float(self.data.qpos[arm.fingers].mean())
-        return arm.grip[name]
+        return arm.numbers[name]
 
     def set_number(self, url: str, value: float) -> None:
         arm, name = self._symbol(url)
-        if name not in arm.grip:
+        if name not in arm.numbers:
             raise KeyError(url)
-        arm.grip[name] = value
+        if name == EGM_MOTION and self.rapid:
+            arm.silent, arm.mci = 0.0, Mci.RUNNING if value == Motion.ASKED else Mci.STOPPED
+            value = float(Motion.GUIDED if value == Motion.ASKED else Motion.LISTEN)
+        arm.numbers[name] = value
 
     def _symbol(self, url: str) -> tuple[Arm, str]:
         name = url.rsplit("/", 1)[-1]
         for arm in self.arms:
-            if name in (*arm.grip, GRIP_ACTUAL) and url == symbol(arm.name, name):
+            if name in (*arm.numbers, GRIP_ACTUAL) and url == symbol(arm.name, name):
                 return arm, name
         raise KeyError(url)
 
@@ -150,7 +152,7 @@ class Robot:
                 self.data.ctrl[arm.actuators],
                 on,
                 arm.mci,
-                arm.mci == Mci.RUNNING,
+                self.rapid,
                 self._flange(arm),
             )
             arm.network.send(message.encode(), self.time)
@@ -194,11 +196,11 @@ class Robot:
                 arm.silent += CYCLE
                 if arm.silent > SILENCE:
                     self.stop_rapid(Mci.ERROR)
-            goal = np.clip(arm.grip[GRIP_TARGET] / 1000, 0, 0.025)
+            goal = np.clip(arm.numbers[GRIP_TARGET] / 1000, 0, 0.025)
             reach = FINGER_SPEED * CYCLE
             ctrl = self.data.ctrl[arm.finger_actuators]
             self.data.ctrl[arm.finger_actuators] = ctrl + np.clip(goal - ctrl, -reach, reach)
-            force = np.clip(arm.grip[GRIP_FORCE], 0, 20)
+            force = np.clip(arm.numbers[GRIP_FORCE], 0, 20)
             self.model.actuator_forcerange[arm.finger_actuators] = (-force, force)
         self.data.xfrc_applied[:] = 0
         self.pushes = [push for push in self.pushes if push[2] > self.time]

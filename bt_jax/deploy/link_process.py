@@ -119,12 +119,16 @@ class _Loop:
             if self.enabled and self.start.realtime:
                 moving = any(arm.follower is not None for arm in self.arms.values())
                 self.supervisor.watch(now, self.blocks.alive.value, moving=moving)
-            if self.supervisor.reason != self.told:
-                self.told = self.supervisor.reason
-                self.blocks.reason.value = self.told.encode()[:511]
-                self.blocks.stopped.value = True
+            self.tell()
             if parted is not None and now - parted > PARTING:
                 return
+
+    def tell(self) -> None:
+        """Lets everybody know of a stop that was latched."""
+        if self.supervisor.reason != self.told:
+            self.told = self.supervisor.reason
+            self.blocks.reason.value = self.told.encode()[:511]
+            self.blocks.stopped.value = True
 
     def receive(self, name: str) -> None:
         """Takes all messages that wait, answers the newest."""
@@ -233,11 +237,18 @@ class _Loop:
 
     def do_stop(self, reason: str) -> None:
         self.supervisor.stop(reason)
+        self.tell()  # before the answer: who asks afterwards finds the reason
         self.reply()
+
+    def fresh(self, name: str, arm: _Arm) -> bool:
+        """Does the arm speak now? Between telling where it is and following us, the robot is silent for a while."""
+        if arm.feedback is None or not self.start.realtime:
+            return arm.feedback is not None
+        return self.supervisor.silence(name, time.monotonic()) < self.start.rules.stale / 2
 
     def do_enable(self) -> None:
         """From now on the robot must be running, and the executor must show that it is alive."""
-        silent = [name for name, arm in self.arms.items() if arm.feedback is None or not arm.feedback.running]
+        silent = [name for name, arm in self.arms.items() if not self.fresh(name, arm) or not arm.feedback.running]
         if silent:
             self.reply(f"{' and '.join(silent)}: not running")
             return

@@ -130,9 +130,10 @@ class Supervisor:
         last = self._sequence.get(arm)
         if last is not None:
             ahead = (feedback.sequence - last + (1 << 31)) % (1 << 32) - (1 << 31)
-            if ahead <= 0:
+            if ahead <= 0 and (moving_allowed or ahead > -self.rules.gap):
                 self.reordered += 1
                 return False
+            ahead = max(ahead, 1)  # a new session: its numbers begin anew
             self.lost += ahead - 1
             if ahead - 1 > self.rules.gap and moving_allowed:
                 self.stop(f"{arm}: {ahead - 1} messages of the controller were lost in a row")
@@ -146,10 +147,14 @@ class Supervisor:
             )
         return True
 
+    def silence(self, arm: str, now: float) -> float:
+        """Seconds since the last message of an arm; 0 where there was none."""
+        return now - self._heard.get(arm, now)
+
     def watch(self, now: float, alive: float, *, moving: bool) -> None:
         """Latches where an arm is silent, or the executor gave its last sign of life, `alive`, too long ago [s]."""
         for arm in self.arms:
-            silence = now - self._heard.get(arm, now)
+            silence = self.silence(arm, now)
             if silence > self.rules.stale:
                 self.stop(f"{arm}: no feedback for {silence:.2f} s; the controller or the network is down")
         if now - alive > (self.rules.overrun if moving else self.rules.planning):
