@@ -31,6 +31,7 @@ from bt_jax.deploy.link import LinkConfig, YumiLink
 from bt_jax.deploy.log import Log, read_log
 from bt_jax.deploy.observer import Observer
 from bt_jax.deploy.perception import Perception
+from bt_jax.deploy.planning_process import PlanningProcess
 from bt_jax.deploy.preflight import Cell, Item, passed, preflight, show
 from bt_jax.deploy.program import Program, load_program
 from bt_jax.deploy.safety import Rules
@@ -179,7 +180,8 @@ def _opened(arguments: CheckArguments, *, motion: bool, override: float) -> Iter
             background = BackgroundPerception(see, close=lambda made: made.camera.close())
             perception = stack.enter_context(background)
         link = stack.enter_context(YumiLink(config, rules_of(program.task, override=override)))
-        skills = YumiSkills(program.task, link)
+        planning = stack.enter_context(PlanningProcess(program.task)) if motion else None
+        skills = YumiSkills(program.task, link, background=planning)
         cell = Cell(
             program=program,
             link=link,

@@ -6,7 +6,8 @@ One arm works, the other rests at home. Once the fingers close, or a box is bein
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable
+from collections.abc import Callable, Generator, Iterable
+from typing import TypeVar
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -20,6 +21,7 @@ from bt_jax.deploy.observation import Observation
 from bt_jax.deploy.observer import SQUEEZE
 from bt_jax.deploy.paths import Pace
 from bt_jax.deploy.planning import Planner, Reach, Unplannable
+from bt_jax.deploy.planning_process import PlanningProcess
 from bt_jax.deploy.safety import Rejected
 from bt_jax.encoding.status import Status
 from bt_jax.task import Task
@@ -38,6 +40,7 @@ LET_GO = 0.0007  # metres above its place at which a box is let go
 SPOTS = 25  # places tried for setting a box down
 
 Routine = Generator[None, None, None]
+Result = TypeVar("Result")
 
 
 class _Failed(Exception):
@@ -45,12 +48,15 @@ class _Failed(Exception):
 
 
 class YumiSkills:
-    """Skills for one cell. `pace` is that of free motion."""
+    """Skills for one cell. `pace` is that of free motion. With `background`, plans are made there while ticks go on; else a
+    tick waits for its plan."""
 
-    def __init__(self, task: Task, link: RobotLink, *, pace: Pace | None = None) -> None:
+    def __init__(
+        self, task: Task, link: RobotLink, *, pace: Pace | None = None, background: PlanningProcess | None = None
+    ) -> None:
         self.task, self.link, self.pace = task, link, pace or Pace()
         self.committed, self.reason = False, ""
-        self._planner = Planner(task)
+        self._planner, self._background = Planner(task), background
         self._sizes = {box.name: box.size for box in task.boxes}
         self._routine: Routine | None = None
         self._seen: Observation | None = None
@@ -122,6 +128,15 @@ class YumiSkills:
         self._seen = seen
         self._known.update(seen.poses)
 
+    def _planned(self, plan: Callable[..., Result], *arguments: object) -> Generator[None, None, Result]:
+        """What a method of the planner gives. Raises what it raises."""
+        if self._background is None:
+            return plan(*arguments)
+        future = self._background.submit(plan.__name__, *arguments)
+        while not future.done():
+            yield
+        return future.result()
+
     def _joints(self) -> dict[str, np.ndarray]:
         return {arm: self.link.arm(arm).commanded for arm in self.link.arms}
 
@@ -149,7 +164,7 @@ class YumiSkills:
             moved = yield from self._follow(reach.arm, reach.approach, 1.0, watch=(box, start))
             if not moved:
                 yield from self._fingers(reach.arm, at_least=self._sizes[box] + 0.006)
-                yield from self._grasp(box, reach)
+                yield from self._grasp(box, reach, start)
                 return
         raise _Failed(f"{box} does not stay where it is")
 
@@ -162,20 +177,20 @@ class YumiSkills:
         for arm in order:
             yield from self._others_home(arm)
             try:
-                return self._planner.pick(box, self._obstacles(), self._joints(), [arm])
+                return (yield from self._planned(self._planner.pick, box, self._obstacles(), self._joints(), [arm]))
             except Unplannable as error:
                 problem = problem or error
         assert problem is not None
         raise problem
 
-    def _grasp(self, box: str, reach: Reach) -> Routine:
-        """Down, fingers around it, up."""
+    def _grasp(self, box: str, reach: Reach, pose: RigidTransform) -> Routine:
+        """Down, fingers around it, up. `pose` is the box's as it was seen before the hand came between it and the camera."""
         arm, size = reach.arm, self._sizes[box]
         yield from self._follow(arm, reach.line, SLOW)
         self.committed = True
         self.link.grip(arm, size - GRIP, FORCE)
         tcp = yumi.forward(arm, self.link.arm(arm).commanded)
-        self._carried[arm] = Carried(arm, box, carried_pose(tcp, self._known[box]))
+        self._carried[arm] = Carried(arm, box, carried_pose(tcp, pose))
         yield from self._fingers(arm)
         if self.link.arm(arm).opening < size - SQUEEZE:
             self._failed[box] = arm
@@ -209,7 +224,9 @@ class YumiSkills:
         yield from self._others_home(arm)
         start = self._known.get(watch) if watch is not None else None
         above = goal + np.array([0, 0, LET_GO])
-        reach = self._planner.put(carried, above, yaw, supports, self._obstacles(), self._joints())
+        reach = yield from self._planned(
+            self._planner.put, carried, above, yaw, tuple(supports), self._obstacles(), self._joints()
+        )
         watched = None if start is None else (watch, start)
         moved = yield from self._follow(arm, reach.approach, 1.0, watch=watched, held=carried.box)
         if moved:
@@ -275,7 +292,9 @@ class YumiSkills:
         for arm in arms:
             joints = self._joints()
             if np.abs(joints[arm] - yumi.HOME[arm]).max() > AT_HOME:
-                path = self._planner.home(arm, self._obstacles(), joints, self._carried.get(arm))
+                path = yield from self._planned(
+                    self._planner.home, arm, self._obstacles(), joints, self._carried.get(arm)
+                )
                 yield from self._follow(arm, path, 1.0)
 
     def _others_home(self, arm: str) -> Routine:
@@ -292,7 +311,7 @@ class YumiSkills:
     ) -> Generator[None, None, bool]:
         """Moves along a path; True, at rest on it, where the watched thing is seen to have left its pose. Raises where what
         is held is lost."""
-        trajectory = self._planner.timed(arm, path, self.pace.slowed(pace), self._joints())
+        trajectory = yield from self._planned(self._planner.timed, arm, path, self.pace.slowed(pace), self._joints())
         motion = self.link.follow(arm, trajectory)
         yield
         while (state := self.link.arm(arm)).moving or state.motion != motion:

@@ -28,6 +28,7 @@ from bt_jax.deploy.observer import Observer, Perceiving
 from bt_jax.deploy.paths import Pace
 from bt_jax.deploy.perception import Perception
 from bt_jax.deploy.person import Person, Touch, hands_of
+from bt_jax.deploy.planning_process import PlanningProcess
 from bt_jax.deploy.program import Program
 from bt_jax.deploy.rendered_camera import RenderedCamera, cell_camera
 from bt_jax.deploy.skills import YumiSkills
@@ -91,7 +92,8 @@ def run_twin(
         config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
         link = stack.enter_context(YumiLink(config, rules_of(program.task), controller))
         log_file = stack.enter_context(Log(log))
-        skills = YumiSkills(program.task, link, pace=pace)
+        planning = stack.enter_context(PlanningProcess(program.task)) if realtime else None
+        skills = YumiSkills(program.task, link, pace=pace, background=planning)
         first = link.now()
         times = [first + float(t) for t in rng.uniform(*DISTURBED, disturbances)]
         person = Person(scene, controller, rng, times)
