@@ -48,7 +48,7 @@ class Rules:
     stale: float = 0.1  # seconds without feedback
     gap: int = 10  # messages lost in a row
     overrun: float = 2.0  # seconds without a sign of life from the executor while an arm moves
-    planning: float = 20.0  # the same while the arms rest: plans may take their time
+    idle: float = 5.0  # the same while the arms rest: nothing is urgent, and a first look takes time
     points: Points | None = None
     clearance_of: Callable[[], Clearance] | None = None  # called once in each process that checks
 
@@ -157,7 +157,7 @@ class Supervisor:
             silence = self.silence(arm, now)
             if silence > self.rules.stale:
                 self.stop(f"{arm}: no feedback for {silence:.2f} s; the controller or the network is down")
-        if now - alive > (self.rules.overrun if moving else self.rules.planning):
+        if now - alive > (self.rules.overrun if moving else self.rules.idle):
             self.stop(f"the executor gave no sign of life for {now - alive:.1f} s; a tick takes too long")
 
     def admit(self, arm: str, target: np.ndarray, *, commanded: np.ndarray, measured: np.ndarray) -> np.ndarray:

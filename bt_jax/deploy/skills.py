@@ -62,7 +62,9 @@ class YumiSkills:
         self._seen: Observation | None = None
         self._known: dict[str, RigidTransform] = {}  # where things were seen last
         self._carried: dict[str, Carried] = {}
-        self._failed: dict[str, str] = {}  # box -> arm that failed to grasp it last
+        self._avoid: dict[
+            str, str
+        ] = {}  # box -> arm that is not to take it next, if the other can: it failed, or gave it away
 
     @property
     def grasped(self) -> dict[str, str]:
@@ -169,8 +171,8 @@ class YumiSkills:
         raise _Failed(f"{box} does not stay where it is")
 
     def _plan_pick(self, box: str, arms: Iterable[str]) -> Generator[None, None, Reach | None]:
-        """The arm that reaches best from where it is; one that just failed comes last."""
-        last = self._failed.get(box)
+        """The arm that reaches best from where it is; one that should not comes last."""
+        last = self._avoid.get(box)
         side = "left" if self._known[box].translation[1] > 0 else "right"
         order = sorted(arms, key=lambda arm: (arm == last, arm != side))
         problem: Unplannable | None = None
@@ -193,7 +195,7 @@ class YumiSkills:
         self._carried[arm] = Carried(arm, box, carried_pose(tcp, pose))
         yield from self._fingers(arm)
         if self.link.arm(arm).opening < size - SQUEEZE:
-            self._failed[box] = arm
+            self._avoid[box] = arm
             self.link.grip(arm, yumi.OPENING, FORCE)
             del self._carried[arm]
             yield from self._fingers(arm)
@@ -201,15 +203,16 @@ class YumiSkills:
             raise _Failed(f"the {arm} fingers closed on nothing")
         yield from self._follow(arm, reach.line[::-1], SLOW)
         if self.link.arm(arm).opening < size - SQUEEZE:
-            self._failed[box] = arm
+            self._avoid[box] = arm
             raise _Failed(f"{box} slipped out of the {arm} fingers")
-        self._failed.pop(box, None)
+        self._avoid.pop(box, None)
 
     def _place(self, box: str, position: tuple[float, float, float], frame: str) -> Routine:
         arm = self._arm_with(box)
         goal, yaw = self._goal(position, frame)
         if not self._reaches(arm, goal, yaw):
-            arm = yield from self._hand_over(box, arm, goal)
+            yield from self._hand_over(box, arm, goal)
+            return
         for _ in range(REPLANS):
             goal, yaw = self._goal(position, frame)
             moved = yield from self._put(arm, goal, yaw, self._below(goal, frame), watch=frame)
@@ -241,17 +244,13 @@ class YumiSkills:
         self.committed = False
         return False
 
-    def _hand_over(self, box: str, arm: str, goal: np.ndarray) -> Generator[None, None, str]:
-        """Sets the box down where both arms reach it and takes it with the other; gives that arm."""
+    def _hand_over(self, box: str, arm: str, goal: np.ndarray) -> Routine:
+        """Sets the box down where both arms reach it, for the tree to have it picked again: by the other one then."""
         other = next(name for name in yumi.ARMS if name != arm)
         if not self._reaches(other, goal, 0.0):
             raise _Failed(f"neither arm reaches the place for {box}")
+        self._avoid[box] = arm
         yield from self._set_down(arm, both=True)
-        yield from self._go_home([arm])
-        yield from self._until_seen(box)
-        yield from self._pick(box, [other])
-        self.committed = False
-        return other
 
     def _set_down(self, arm: str, *, both: bool = False) -> Routine:
         """Puts what an arm holds on a free place of a table, one that both arms reach where asked for."""

@@ -39,6 +39,7 @@ __all__ = ["Moment", "Run", "run_twin"]
 
 DISTURBED = (2.0, 40.0)  # seconds within which the person comes
 LIMIT = 240.0  # seconds for a run
+WAITING = 60.0  # seconds by the clock that simulated time may stand still for a plan
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,7 +91,10 @@ def run_twin(
         controller = stack.enter_context(Controller(scene.cell, ports=ports, realtime=realtime))
         perception = stack.enter_context(_perception(scene, controller, background=realtime))
         config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
-        link = stack.enter_context(YumiLink(config, rules_of(program.task), controller))
+        rules = rules_of(program.task)
+        if not realtime:
+            rules = dataclasses.replace(rules, idle=WAITING)
+        link = stack.enter_context(YumiLink(config, rules, controller))
         log_file = stack.enter_context(Log(log))
         planning = stack.enter_context(PlanningProcess(program.task)) if realtime else None
         skills = YumiSkills(program.task, link, pace=pace, background=planning)

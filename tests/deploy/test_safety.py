@@ -161,7 +161,7 @@ def test_silence_of_the_controller_stops():
     assert supervisor.reason.startswith("left: no feedback")
 
 
-@pytest.mark.parametrize(("moving", "limit"), [(True, RULES.overrun), (False, RULES.planning)])
+@pytest.mark.parametrize(("moving", "limit"), [(True, RULES.overrun), (False, RULES.idle)])
 def test_silence_of_the_executor_stops(moving, limit):
     supervisor = Supervisor(RULES, ARMS)
     supervisor.watch(100.0, alive=100.0 - 0.9 * limit, moving=moving)

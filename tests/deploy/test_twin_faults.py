@@ -5,6 +5,7 @@ import signal
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import RigidTransform
 
 from bt_jax.behaviors import Behavior, expand
 from bt_jax.deploy.executor import Exit, Limits
@@ -195,6 +196,23 @@ def test_a_box_that_is_uncovered_again_is_worked_with(tmp_path):
     assert twin.done
     check_that_unknown_is_never_true(twin, cover.since)
     assert twin.run.outcome.exit_code == Exit.DONE, twin.end["reason"]
+
+
+def test_a_grasp_that_closes_on_nothing_is_tried_again(tmp_path):
+    """The box is gone from between the fingers in the moment they begin to close, and lies elsewhere."""
+
+    def strike(twin, moment):
+        if moment.shown.phase != "committed":
+            return False
+        twin.controller.put("YellowBox", RigidTransform.from_translation([0.3, 0.24, 0.02]))
+        return True
+
+    twin = Twin(strike, tmp_path)
+    assert twin.run.outcome.exit_code == Exit.DONE
+    assert twin.run.distances[0] < 0.005
+    assert twin.attempts("pick")[:3] == ["start", "FAILURE", "start"]
+    reasons = [e["reason"] for e in twin.entries if e["kind"] == "action" and e["event"] == "FAILURE"]
+    assert any("closed on nothing" in reason for reason in reasons)
 
 
 def test_a_place_out_of_reach_fails_and_says_so(tmp_path):
