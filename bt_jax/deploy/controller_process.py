@@ -13,13 +13,15 @@ import mujoco
 import numpy as np
 
 from bt_jax.deploy.egm import CYCLE, Feedback, Mci, Setpoint
+from bt_jax.deploy.lateness import Watch
 from bt_jax.deploy.network import Network
 from bt_jax.deploy.realtime import Snapshot, sleep_until, take_priority
 from bt_jax.deploy.rws import EGM_MOTION, GRIP_ACTUAL, GRIP_FORCE, GRIP_TARGET, Motion, symbol
 from bt_jax.deploy.rws_server import serve_rws
 
-__all__ = ["STATS", "Cell", "Spec", "serve"]
+__all__ = ["PARTS", "STATS", "Cell", "Spec", "serve"]
 
+PARTS = ("listen", "step", "speak", "commands")  # of a cycle
 STATS = 5  # cycles, missed, unanswered, worst, busy
 SILENCE = 0.5  # seconds without an answer after which the controller ends EGM
 FINGER_SPEED = 0.025  # m/s of each finger of the Smart Gripper
@@ -226,7 +228,7 @@ class Robot:
             arm.network.fault(kind, self.time, **details)
 
 
-def serve(spec: Spec, state: Snapshot, stats: Snapshot, pipe: Connection) -> None:
+def serve(spec: Spec, state: Snapshot, stats: Snapshot, watch: Watch, pipe: Connection) -> None:
     """Runs until the program above closes the pipe or says so."""
     take_priority(
         realtime=spec.realtime
@@ -238,7 +240,7 @@ def serve(spec: Spec, state: Snapshot, stats: Snapshot, pipe: Connection) -> Non
         pipe.send(("failed", str(error)))
         return
     pipe.send(("ready", server.server_address[1]))
-    loop = _Loop(spec, robot, state, stats, pipe)
+    loop = _Loop(spec, robot, state, stats, watch, pipe)
     if spec.realtime:
         loop.run_realtime()
     else:
@@ -246,8 +248,10 @@ def serve(spec: Spec, state: Snapshot, stats: Snapshot, pipe: Connection) -> Non
 
 
 class _Loop:
-    def __init__(self, spec: Spec, robot: Robot, state: Snapshot, stats: Snapshot, pipe: Connection) -> None:
-        self.robot, self.state, self.stats, self.pipe = robot, state, stats, pipe
+    def __init__(
+        self, spec: Spec, robot: Robot, state: Snapshot, stats: Snapshot, watch: Watch, pipe: Connection
+    ) -> None:
+        self.robot, self.state, self.stats, self.watch, self.pipe = robot, state, stats, watch, pipe
         self.realtime = spec.realtime
         self.closing = False
         self.missed, self.worst, self.busy = 0, 0.0, 0.0
@@ -264,15 +268,19 @@ class _Loop:
         for arm in robot.arms:
             waits = not self.realtime and arm.heard and arm.mci == Mci.RUNNING and arm.silent < PATIENCE
             robot.listen(arm, (LOST if arm.network.broken else ANSWER) if waits else 0.0)
+        self.watch.done("listen")
         robot.step()
+        self.watch.done("step")
         robot.speak()
         self.publish()
+        self.watch.done("speak")
 
     def run_realtime(self) -> None:
         deadline = time.monotonic() + CYCLE
         while not self.closing:
             late = sleep_until(deadline)
             began = time.monotonic()
+            self.watch.begin(late)
             self.worst = max(self.worst, late)
             behind = int(late / CYCLE)  # cycles that should have begun meanwhile: the arms moved on without setpoints
             self.missed += behind
@@ -283,6 +291,8 @@ class _Loop:
             self.busy += time.monotonic() - began
             while self.pipe.poll():
                 self.command()
+            self.watch.done("commands")
+            self.watch.end(deadline)
 
     def run_lockstep(self) -> None:
         self.robot.speak()

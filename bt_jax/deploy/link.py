@@ -18,6 +18,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.deploy.controller import Controller, ControllerGone
 from bt_jax.deploy.egm import CYCLE
+from bt_jax.deploy.lateness import Late
 from bt_jax.deploy.link_process import HISTORY, RECORD, Blocks, Start, serve
 from bt_jax.deploy.motion import Trajectory
 from bt_jax.deploy.realtime import CONTEXT
@@ -321,6 +322,10 @@ class YumiLink:
 
     def counters(self) -> Counters:
         return Counters(*map(int, self._blocks.counters.read()), rejected=self._rejected)
+
+    def late_rounds(self) -> list[Late]:
+        """When the link process was not there in time, lately; a message may have waited meanwhile."""
+        return self._blocks.watch.read()
 
     def drain(self) -> np.ndarray:
         """The records since the last call, [n, 17]: arm, time, setpoint [7], measured [7], sequence number."""

@@ -12,6 +12,7 @@ from multiprocessing.connection import Connection
 import numpy as np
 
 from bt_jax.deploy.egm import CYCLE, Feedback, Setpoint
+from bt_jax.deploy.lateness import Watch
 from bt_jax.deploy.motion import Follower, Trajectory
 from bt_jax.deploy.realtime import CONTEXT, Snapshot, take_priority
 from bt_jax.deploy.safety import Rules, Supervisor
@@ -38,6 +39,7 @@ class Blocks:
         self.stopped = CONTEXT.RawValue("b", 0)  # `reason` is complete
         self.history = CONTEXT.RawArray("d", HISTORY * RECORD)
         self.written = CONTEXT.RawValue("L", 0)  # records so far
+        self.watch = Watch(("messages", "commands", "supervision"))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,20 +108,29 @@ class _Loop:
         for name, arm in self.arms.items():
             selector.register(arm.socket, selectors.EVENT_READ, name)
         selector.register(self.pipe, selectors.EVENT_READ, None)
-        parted = None
+        parted, watch = None, self.blocks.watch
+        deadline = time.monotonic() + IDLE
         while not self.closing:
-            for key, _ in selector.select(IDLE):
+            ready = selector.select(max(0.0, deadline - time.monotonic()))
+            began = time.monotonic()
+            watch.begin(began - deadline)
+            for key, _ in ready:
                 if key.data is not None:
                     self.receive(key.data)
+                    watch.done("messages")
                 elif not self.command():
                     selector.unregister(self.pipe)
                     parted = time.monotonic()
                     self.supervisor.stop("the program above is gone")
+            watch.done("commands")
             now = time.monotonic()
             if self.enabled and self.start.realtime:
                 moving = any(arm.follower is not None for arm in self.arms.values())
                 self.supervisor.watch(now, self.blocks.alive.value, moving=moving)
             self.tell()
+            watch.done("supervision")
+            deadline = began + IDLE
+            watch.end(deadline)
             if parted is not None and now - parted > PARTING:
                 return
 
