@@ -1,0 +1,90 @@
+"""What all windows of the page show: one task, one scene, one evolution, one demonstration in the making.
+
+The state is changed on the event loop only; `changed` tells every window. What takes longer than a blink is given to
+`work`, one thing at a time, in a thread beside the loop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import traceback
+from collections import defaultdict
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Literal, ParamSpec, TypeVar
+
+from bt_jax.app.workspace import Workspace
+from bt_jax.behaviors import Tree
+from bt_jax.lfd import Lesson
+from bt_jax.mjx_env.layouts import sample_layouts
+from bt_jax.mjx_env.world import World
+from bt_jax.task import Task
+from bt_jax.teleoperation import Teleoperation
+
+if TYPE_CHECKING:
+    from bt_jax.app.player import Player
+
+__all__ = ["Studio", "Topic"]
+
+Topic = Literal["task", "scene", "evolution", "tree", "demonstrations", "lesson", "player", "runs", "message"]
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+class Studio:
+    """The state behind the page.
+
+    `start` is the layout in which things begin, `shown` what the scene shows; both are batches of one state (NumPy).
+    `tree` is the tree to look at and to run, `run` the name of the run folder that it came from. Whoever changes something
+    here says so with `changed`.
+    """
+
+    def __init__(self, workspace: Workspace, task: Task) -> None:
+        self.workspace, self.task = workspace, task
+        self.start: World = sample_layouts(task, 0, 1)
+        self.shown: World = self.start
+        self.run: str | None = None
+        self.tree: Tree | None = None
+        self.demonstration_set = "demonstrations"
+        self.lesson: Lesson | None = None
+        self.session: Teleoperation | None = None
+        self.player: Player | None = None
+        self.message = ""
+        self._listeners: dict[Topic, list[Callable[[], None]]] = defaultdict(list)
+        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="studio")
+
+    def set_task(self, task: Task, start: World | None = None) -> None:
+        """Another task: the scene begins anew, in a layout of one's own or in the first that is drawn."""
+        self.task = task
+        self.start = self.shown = sample_layouts(task, 0, 1) if start is None else start
+        self.session = self.player = self.lesson = None
+        self.changed("task", "scene", "lesson", "player")
+
+    def show(self, world: World) -> None:
+        """The scene shows this state."""
+        self.shown = world
+        self.changed("scene")
+
+    def say(self, message: str) -> None:
+        """One sentence for the footer of every window."""
+        self.message = message
+        self.changed("message")
+
+    def subscribe(self, topic: Topic, callback: Callable[[], None]) -> Callable[[], None]:
+        """Calls back after each change; the function that is returned ends that."""
+        self._listeners[topic].append(callback)
+        return lambda: self._listeners[topic].remove(callback)
+
+    def changed(self, *topics: Topic) -> None:
+        """Tells all who listen; one that fails does not keep it from the others."""
+        for topic in topics:
+            for callback in list(self._listeners[topic]):
+                try:
+                    callback()
+                except Exception:
+                    traceback.print_exc()
+
+    async def work(self, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+        """Runs a function in the one worker thread, after what was given to it before, and returns what it returns."""
+        loop = asyncio.get_running_loop()
+        return await loop.run_in_executor(self._worker, lambda: function(*args, **kwargs))
