@@ -171,6 +171,25 @@ class Task:
         """Frames in the order of their index: boxes, then the kit, then the robot."""
         return (*self.box_names, self.kit.name, self.robot_frame)
 
+    @property
+    def right(self) -> Vec3:
+        """The world's horizontal axis that points to the right of a person who faces the robot across the tables."""
+        x, y, _ = self.away
+        return (y, -x, 0.0)
+
+    @property
+    def away(self) -> Vec3:
+        """The world's horizontal axis that points from that person to the robot, across the row of tables."""
+        low, high = zip(*(self._extent(axis) for axis in (0, 1)), strict=True)
+        across = 1 if high[0] - low[0] >= high[1] - low[1] else 0
+        side = 1.0 if self.robot_position[across] >= (low[across] + high[across]) / 2 else -1.0
+        return (0.0, side, 0.0) if across else (side, 0.0, 0.0)
+
+    def _extent(self, axis: int) -> tuple[float, float]:
+        """Where the tables begin and end along an axis."""
+        edges = [(table.position[axis], table.size[axis] / 2) for table in self.tables]
+        return min(middle - half for middle, half in edges), max(middle + half for middle, half in edges)
+
     def with_targets(self, targets: Sequence[Target], *, source: str) -> Task:
         """This task with more targets, each in place of one that the same object has; `source` is named in errors."""
         kept = {target.object: target for target in (*self.targets, *targets)}
