@@ -175,7 +175,7 @@ class Task:
     def right(self) -> Vec3:
         """The world's horizontal axis that points to the right of a person who faces the robot across the tables."""
         x, y, _ = self.away
-        return (y, -x, 0.0)
+        return (y, 0.0 - x, 0.0)
 
     @property
     def away(self) -> Vec3:

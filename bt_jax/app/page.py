@@ -12,6 +12,7 @@ from typing import Any, Literal
 from nicegui import ui
 
 from bt_jax.app.panels import PANELS
+from bt_jax.app.scene_view import SceneView
 from bt_jax.app.studio import Studio, Topic
 from bt_jax.errors import UserError
 
@@ -43,6 +44,8 @@ class Page:
                         ui.tab(name, f"{number} {name.capitalize()}").props(f"data-testid=tab-{name}")
             with ui.element("main").classes("page-main"):
                 self.scene_area = ui.element("section").classes("page-scene").props("aria-label=Scene")
+                with self.scene_area:
+                    self.scene = SceneView(studio, self)
                 self._panels = {}
                 with ui.element("section").classes("page-side"):
                     for name in STEPS:
