@@ -284,7 +284,8 @@ def _badge(count: int, x: float, y: float) -> str:
     text = f"+{count}"
     width = _text_width(text) + 8
     where = f'x="{x - width + 6:g}" y="{y - 9:g}" width="{width:g}" height="16"'
-    return f'<rect class="badge" {where} rx="8"/><text class="hidden-count" x="{x - width / 2 + 6:g}" y="{y + 3:g}">{text}</text>'
+    rect = f'<rect class="badge" {where} rx="8"/>'
+    return f'{rect}<text class="hidden-count" x="{x - width / 2 + 6:g}" y="{y + 3:g}">{text}</text>'
 
 
 def _box(name: str, x: float, top: float, width: float, height: float, radius: float) -> str:

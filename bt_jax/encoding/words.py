@@ -10,7 +10,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 
-from bt_jax.behaviors import NOTHING, Behavior, Control, Kind, Tree
+from bt_jax.behaviors import NOTHING, Control, Kind, Tree
 from bt_jax.task import Task
 
 __all__ = ["Words"]
@@ -134,7 +134,7 @@ class Words:
 
 
 def _length(metres: float) -> str:
-    return f"{math.floor(1000 * metres + 0.5) / 10:g} cm"
+    return f"{math.floor(round(1000 * metres, 3) + 0.5) / 10:g} cm"
 
 
 def _spoken(name: str) -> str:
