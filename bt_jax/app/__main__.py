@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import tyro
-from nicegui import ui
+from nicegui import app, ui
 
 from bt_jax.app.page import Page
 from bt_jax.app.studio import Studio
@@ -15,6 +15,8 @@ from bt_jax.app.workspace import Workspace
 from bt_jax.startup import configure_jax, exit_code
 
 __all__ = ["Arguments", "main"]
+
+WATCH_SECONDS = 0.1  # between two looks at the evolution
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,6 +44,16 @@ def serve(arguments: Arguments) -> None:
     configure_jax("cpu")
     workspace = Workspace(arguments.folder)
     studio = Studio(workspace, workspace.task("stack"))
+    studio.find_evolution()
+
+    def prepare() -> None:
+        studio.evolution.prepare(studio.task, studio.gp)
+
+    app.on_startup(prepare)
+    studio.subscribe("task", prepare)
+    studio.subscribe("evolution", prepare)
+    app.on_shutdown(studio.evolution.discard_reserve)
+    app.timer(WATCH_SECONDS, studio.watch)
     ui.run(
         lambda: Page(studio),
         host=arguments.host,

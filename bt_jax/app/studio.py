@@ -7,16 +7,20 @@ The state is changed on the event loop only; `changed` tells every window. What 
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 import traceback
 from collections import defaultdict
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Literal, ParamSpec, TypeVar
 
+from bt_jax.app.evolution import Evolution
 from bt_jax.app.workspace import Workspace
 from bt_jax.behaviors import Tree
+from bt_jax.gp.config import GPConfig
 from bt_jax.lfd import Lesson
 from bt_jax.mjx_env.layouts import sample_layouts
+from bt_jax.mjx_env.statuses import see_subgoals
 from bt_jax.mjx_env.world import World
 from bt_jax.task import Task
 from bt_jax.teleoperation import Teleoperation
@@ -49,6 +53,8 @@ class Studio:
         self.lesson: Lesson | None = None
         self.session: Teleoperation | None = None
         self.player: Player | None = None
+        self.gp = GPConfig()  # of the next evolution
+        self.evolution = Evolution(workspace)
         self.message = ""
         self._listeners: dict[Topic, list[Callable[[], None]]] = defaultdict(list)
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="studio")
@@ -59,6 +65,59 @@ class Studio:
         self.start = self.shown = sample_layouts(task, 0, 1) if start is None else start
         self.session = self.player = self.lesson = None
         self.changed("task", "scene", "lesson", "player")
+
+    def start_evolution(self, gp: GPConfig) -> None:
+        """Evolves a tree for the task, in a new run folder. Raises UserError where one is running."""
+        self.evolution.start(self.task, gp)
+        self.gp, self.run, self.tree = gp, self.evolution.run, None
+        self.changed("evolution", "tree", "runs")
+
+    def open_run(self, name: str) -> None:
+        """Shows the task and the best tree of a run, and its evolution unless another is running. Raises UserError where the
+        run has gone or cannot be read."""
+        folder = self.workspace.run(name)
+        task, tree = folder.config().task, folder.tree()
+        if not self.evolution.running:
+            self.evolution.open(name)
+        self.run, self.tree = name, tree
+        if task != self.task:
+            self.set_task(task)
+        self.changed("tree", "runs", "evolution")
+
+    def find_evolution(self) -> None:
+        """Shows the evolution that was going on before this page, if there is one."""
+        name = self.evolution.find()
+        if name is not None:
+            self.evolution.open(name)
+            self.run, self.task = name, self.workspace.run(name).config().task
+            self.start = self.shown = sample_layouts(self.task, 0, 1)
+            self.watch()
+
+    def watch(self) -> None:
+        """Looks after the evolution; to be called a few times a second."""
+        before = self.evolution.stage
+        if not self.evolution.poll():
+            return
+        if self.run == self.evolution.run:
+            self._follow(started=before == "starting" != self.evolution.stage)
+        if self.evolution.stage != before:
+            self.say(self.evolution.sentence)
+            self.changed("runs")
+        self.changed("evolution")
+
+    def _follow(self, *, started: bool) -> None:
+        """The tree to look at is the best of the evolution, and the task is what it evolves for."""
+        if self.evolution.tree is not None and self.evolution.tree != self.tree:
+            self.tree = self.evolution.tree
+            self.changed("tree")
+        if started and self.evolution.running:
+            task = self.workspace.run(self.run).config().task
+            if task != self.task:
+                self.task = task
+                self.start, self.shown = (
+                    dataclasses.replace(world, reached=see_subgoals(task, world)) for world in (self.start, self.shown)
+                )
+                self.changed("task", "scene")
 
     def show(self, world: World) -> None:
         """The scene shows this state."""
