@@ -54,10 +54,11 @@ def shots(semantics: Semantics, playback: Playback, *, fps: float) -> list[Shot]
 class Stage:
     """The scene as it is in the last of its `shots`; every method adds some.
 
-    It begins in `start`, a batch of one state (NumPy). One class for films and for whoever watches tick by tick.
+    It begins in `start`, a batch of one state (NumPy), and with the gripper where it is, at home or at the box that it
+    holds unless told otherwise.
     """
 
-    def __init__(self, semantics: Semantics, start: World, *, fps: float) -> None:
+    def __init__(self, semantics: Semantics, start: World, *, fps: float, gripper: GripperPose | None = None) -> None:
         self.semantics, self.task, self.fps = semantics, semantics.task, fps
         self.poses = start.poses[0].astype(float)
         self.sizes = np.array([box.size for box in self.task.boxes])
@@ -71,6 +72,8 @@ class Stage:
             self.held = int(start.held[0])
             self.tip, self.opening = self.poses[self.held, :3].copy(), self.sizes[self.held]
             self.yaw = next(_face_yaws(self.poses[self.held]))
+        if gripper is not None:
+            self.tip, self.opening, self.yaw = np.array(gripper.position, float), gripper.opening, gripper.yaw
         self.shots: list[Shot] = []
         self.shoot()
 
