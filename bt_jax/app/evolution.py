@@ -5,9 +5,8 @@ Nothing here waits: orders are signals or lines on a pipe, and `poll` looks at w
 
 from __future__ import annotations
 
-import csv
+import contextlib
 import dataclasses
-import json
 import os
 import signal
 import tempfile
@@ -18,15 +17,16 @@ from typing import Any, Literal
 
 import yaml
 
+from bt_jax.app.record import read_record, read_result
 from bt_jax.app.reserve import Reserve
 from bt_jax.app.workspace import Workspace
 from bt_jax.behaviors import Tree, gene_pool
-from bt_jax.encoding.text import format_tree, one_line, parse_tree
+from bt_jax.encoding.text import format_tree, parse_tree
 from bt_jax.errors import UserError
 from bt_jax.files import unused, write_atomic
 from bt_jax.gp.config import GPConfig
 from bt_jax.progress import Progress, is_alive, read_progress
-from bt_jax.run_folder import RunFolder, read_history
+from bt_jax.run_folder import RunFolder
 from bt_jax.task import Task
 
 __all__ = ["Evolution", "Stage"]
@@ -178,8 +178,9 @@ class Evolution:
         self._check_idle()
         folder = self.workspace.run(name)
         self.run, self.stage, self._process, self._read_at, self._stopping = name, "stopped", None, None, False
-        self._take(read_progress(folder.path) or _from_history(folder))
-        self._take_results(folder)
+        record = read_record(folder)
+        self._take(record.progress)
+        self.tree, self.result, self.phases = record.tree, record.result, record.phases
 
     def find(self) -> str | None:
         """The name of a run that a process is working on; it was started before this page."""
@@ -200,7 +201,9 @@ class Evolution:
         if self.stage not in ("starting", "failed", "none") and not (path / "config.json").is_file():
             self.stage = "vanished" if not alive else self.stage
         if before[0] != self.stage and self.stage in ("evolving", "finished", "stopped"):
-            self._take_results(RunFolder(path))
+            self.result = read_result(RunFolder(path)) if self.stage != "evolving" else None
+            with contextlib.suppress(UserError):
+                self.phases = tuple(RunFolder(path).phases())
         return before != (self.stage, self.progress)
 
     def _read(self, path: Path) -> None:
@@ -224,14 +227,6 @@ class Evolution:
         elif self.progress is None or progress.tree != self.progress.tree:
             self.tree = parse_tree(progress.tree)
         self.progress = progress
-
-    def _take_results(self, folder: RunFolder) -> None:
-        """What else the folder tells of the run; where it cannot be read, there is only less to show."""
-        try:
-            self.phases = tuple(folder.phases())
-            self.result = json.loads((folder.path / "result.json").read_text(encoding="utf-8"))
-        except (OSError, ValueError, UserError):
-            self.result = None
 
     def _stage_of_living(self) -> Stage:
         pid = self._pid()
@@ -301,17 +296,6 @@ class Evolution:
             else:
                 words += [f"--{option}", getattr(value, "name", str(value))]
         return words
-
-
-def _from_history(folder: RunFolder) -> Progress | None:
-    """The progress of a run that was evolved without the page."""
-    try:
-        rows = read_history((folder.path / "history.csv").read_text(encoding="utf-8"))
-        tree = one_line(folder.tree())
-    except (OSError, ValueError, KeyError, TypeError, csv.Error, UserError):
-        return None
-    progress = Progress(0, "finished", generations=folder.config().gp.generations, tree=tree)
-    return progress.with_history(rows)
 
 
 def _is_halted(pid: int) -> bool:

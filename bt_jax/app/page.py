@@ -5,11 +5,11 @@ from __future__ import annotations
 import functools
 import inspect
 import traceback
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any, Literal
 
-from nicegui import ui
+from nicegui import background_tasks, ui
 
 from bt_jax.app.panels import PANELS
 from bt_jax.app.scene_view import SceneView
@@ -59,19 +59,15 @@ class Page:
         self._tabs.set_value(self.step)
         self._show(self.step)
 
-    def on(self, topic: Topic, callback: Callable[[], None], *, now: bool = True) -> None:
-        """Calls back after each change of the studio, in this window, as long as it is open; and `now`, at once."""
-
-        def inside() -> None:
-            with self.client:
-                callback()
-
-        self.client.on_delete(self.studio.subscribe(topic, inside))
+    def on(self, topic: Topic, callback: Callable[[], Any], *, now: bool = True) -> None:
+        """Calls back after each change of the studio, in this window, as long as it is open; and `now`, at once. The
+        function may be a coroutine."""
+        self.client.on_delete(self.studio.subscribe(topic, lambda: self._call(callback)))
         if now:
-            callback()
+            self._call(callback)
 
-    def on_step(self, callback: Callable[[Step], None]) -> None:
-        """Calls back with the name of the step whenever this window shows another."""
+    def on_step(self, callback: Callable[[Step], Any]) -> None:
+        """Calls back with the name of the step whenever this window shows another; the function may be a coroutine."""
         self._on_step.append(callback)
 
     def go(self, step: Step) -> None:
@@ -83,7 +79,18 @@ class Page:
         for name, panel in self._panels.items():
             panel.set_visibility(name == step)
         for callback in self._on_step:
-            callback(step)
+            self._call(callback, step)
+
+    def _call(self, callback: Callable[..., Any], *args: Any) -> None:
+        """Calls back in this window, or starts what is a coroutine."""
+        with self.client:
+            result = callback(*args)
+        if inspect.isawaitable(result):
+            background_tasks.create(self._inside(result))
+
+    async def _inside(self, result: Awaitable[Any]) -> None:
+        with self.client:
+            await result
 
     def guard(self, handler: Callable[..., Any]) -> Callable[..., Any]:
         """A handler whose errors become a sentence on the page."""

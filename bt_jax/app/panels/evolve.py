@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from nicegui import ui
 
 from bt_jax.app.curve import Curve, curve_options
+from bt_jax.app.evolution import Evolution
+from bt_jax.app.record import tested
 from bt_jax.app.studio import Studio
 from bt_jax.encoding.svg import to_svg
 from bt_jax.errors import UserError
@@ -107,7 +109,7 @@ class _Evolve:
         self.stage.set_text(stage if stage != "none" else "not started")
         self.stage.props(f"color={COLORS.get(stage, 'primary')}")
         self.sentence.set_text(evolution.sentence)
-        self.result.set_text(_tested(evolution.result))
+        self.result.set_text(_tested(evolution))
         self.generation.set_text(f"{progress.generation} of {progress.generations}" if progress else NOTHING)
         self.best.set_text(_fitness(progress and progress.best))
         self.mean.set_text(_fitness(progress and progress.mean))
@@ -128,7 +130,7 @@ def _number(label: str, testid: str, value: int, low: int, high: int) -> ui.numb
     )
 
 
-def _button(text: str, testid: str, icon: str, handler: Callable[..., Any]) -> ui.button:
+def _button(text: str, testid: str, icon: str, handler: Callable) -> ui.button:
     return ui.button(text, icon=icon, on_click=handler).props(f"no-caps unelevated dense data-testid={testid}")
 
 
@@ -150,9 +152,8 @@ def _fitness(value: float | None) -> str:
     return NOTHING if value is None else f"{value:,.1f}".replace("-", "\N{MINUS SIGN}")
 
 
-def _tested(result: dict[str, Any] | None) -> str:
-    """How often the tree works where it was never trained."""
-    if result is None:
+def _tested(evolution: Evolution) -> str:
+    """How often the tree works where it was not trained."""
+    if evolution.result is None:
         return ""
-    count = result["test_layouts"]
-    return f"Its best tree works in {round(result['success_rate'] * count)} of {count} layouts it has never seen."
+    return f"Its best tree works in {tested(evolution.result)} layouts that it has never seen."
