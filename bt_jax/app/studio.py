@@ -15,11 +15,15 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Literal, ParamSpec, TypeVar
 
 from bt_jax.app.evolution import Evolution
+from bt_jax.app.teaching import Teaching
+from bt_jax.app.playing import Playing
 from bt_jax.app.workspace import Workspace
 from bt_jax.behaviors import Tree
 from bt_jax.gp.config import GPConfig
 from bt_jax.lfd import Lesson
 from bt_jax.mjx_env.layouts import sample_layouts
+from bt_jax.mjx_env.mujoco_backend import MujocoPhysics
+from bt_jax.mjx_env.physics import Physics
 from bt_jax.mjx_env.statuses import see_subgoals
 from bt_jax.mjx_env.world import World
 from bt_jax.task import Task
@@ -53,11 +57,14 @@ class Studio:
         self.lesson: Lesson | None = None
         self.session: Teleoperation | None = None
         self.player: Player | None = None
+        self.playing = Playing(self)
+        self._physics: Physics | None = None
         self.gp = GPConfig()  # of the next evolution
         self.evolution = Evolution(workspace)
         self.message = ""
         self._listeners: dict[Topic, list[Callable[[], None]]] = defaultdict(list)
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="studio")
+        self.teaching = Teaching(self)
 
     def set_task(self, task: Task, start: World | None = None) -> None:
         """Another task: the scene begins anew, in a layout of one's own or in the first that is drawn."""
@@ -65,6 +72,24 @@ class Studio:
         self.start = self.shown = sample_layouts(task, 0, 1) if start is None else start
         self.session = self.player = self.lesson = None
         self.changed("task", "scene", "lesson", "player")
+
+    def amend(self, task: Task, start: World | None = None) -> None:
+        """The task with other targets or another beginning, but the same things in the scene, which stays as it is unless
+        there is another `start`."""
+        self.task = task
+        self.start, self.shown = (
+            dataclasses.replace(world, reached=see_subgoals(task, world))
+            for world in ((self.start, self.shown) if start is None else (start, start))
+        )
+        self.player = None
+        self.changed("task", "scene", "player")
+
+    @property
+    def physics(self) -> Physics:
+        """The C engine, which starts at once, for the task; to be used in `work` only."""
+        if self._physics is None or self._physics.task is not self.task:
+            self._physics = MujocoPhysics(self.task, threads=1, why="one scene at a time")
+        return self._physics
 
     def start_evolution(self, gp: GPConfig) -> None:
         """Evolves a tree for the task, in a new run folder. Raises UserError where one is running."""
@@ -113,11 +138,7 @@ class Studio:
         if started and self.evolution.running:
             task = self.workspace.run(self.run).config().task
             if task != self.task:
-                self.task = task
-                self.start, self.shown = (
-                    dataclasses.replace(world, reached=see_subgoals(task, world)) for world in (self.start, self.shown)
-                )
-                self.changed("task", "scene")
+                self.amend(task)
 
     def show(self, world: World) -> None:
         """The scene shows this state."""
