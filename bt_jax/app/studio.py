@@ -15,8 +15,8 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Literal, ParamSpec, TypeVar
 
 from bt_jax.app.evolution import Evolution
-from bt_jax.app.teaching import Teaching
 from bt_jax.app.playing import Playing
+from bt_jax.app.teaching import Teaching
 from bt_jax.app.workspace import Workspace
 from bt_jax.behaviors import Tree
 from bt_jax.gp.config import GPConfig
