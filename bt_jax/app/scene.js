@@ -130,9 +130,8 @@ export default {
       this.scene.add(key);
       this.bodies = {};
       this.ghosts = {};
-      this.motion = this.drag = this.frozen = null;
+      this.motion = this.drag = this.frozen = this.dropped = null;
       this.dragging = "";
-      this.hidden = new Set();
       for (const geom of this.model.geoms) {
         const geometry = geometryOf(geom);
         const mesh = new THREE.Mesh(geometry, new THREE.MeshLambertMaterial({ color: new THREE.Color(...geom.color) }));
@@ -170,7 +169,8 @@ export default {
     show(state, glide = true) {
       setPose(this.bodies[this.model.kit], state.kit);
       const now = this.state();
-      this.frozen = null;
+      this.frozen = this.dropped = null;
+      this.last = state;
       if (!glide || document.hidden) {
         this.motion = null;
         this.place(state.boxes, state.gripper);
@@ -183,6 +183,7 @@ export default {
     // Runs through states that follow each other evenly in this time.
     play(frames, milliseconds) {
       this.frozen = null;
+      this.last = frames.at(-1);
       this.motion = { frames, began: performance.now(), milliseconds };
       this.draw();
     },
@@ -199,7 +200,7 @@ export default {
       }
     },
 
-    // Translucent copies of boxes: [{key, name, pose, text, target}]; those with `target` can be dragged as targets.
+    // Translucent copies of boxes, [{name, pose, text}]; those of the group "targets" can be dragged.
     setGhosts(group, ghosts) {
       for (const [key, ghost] of Object.entries(this.ghosts)) {
         if (ghost.userData.group !== group) continue;
@@ -222,6 +223,13 @@ export default {
       this.draw();
     },
 
+    // What became of a box that was dropped is known, and shown next.
+    drop() {
+      this.dropped = null;
+      if (!this.motion && !this.frozen) this.place(this.last.boxes, this.last.gripper);
+      this.draw();
+    },
+
     // What can be dragged: "boxes", "targets" or "" for nothing.
     setDragging(what) {
       this.cancelDrag();
@@ -235,7 +243,8 @@ export default {
 
     place(boxes, gripper) {
       this.model.boxes.forEach(({ name }, i) => {
-        if (this.drag?.object !== this.bodies[name]) setPose(this.bodies[name], boxes[i]);
+        const body = this.bodies[name];
+        if (body !== this.drag?.object && body !== this.dropped) setPose(body, boxes[i]);
       });
       this.gripper = gripper;
       const [x, y, z, opening, yaw] = gripper;
@@ -400,6 +409,7 @@ export default {
         return;
       }
       this.warn(drag.object, false);
+      this.dropped = drag.object;
       this.$emit("drop", { kind: this.dragging, name: drag.object.name, position: drag.object.position.toArray() });
       this.draw();
     },

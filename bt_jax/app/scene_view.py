@@ -17,8 +17,11 @@ from jaxtyping import Float
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
+from bt_jax.app.arrangement import goals
+from bt_jax.app.playing import Cue
 from bt_jax.app.studio import Studio
 from bt_jax.behaviors import Behavior, Vocabulary
+from bt_jax.encoding.words import Words
 from bt_jax.mjx_env.motion import Shot, Stage
 from bt_jax.mjx_env.scene import compile_scene
 from bt_jax.mjx_env.statuses import Semantics
@@ -40,17 +43,18 @@ Pose = Sequence[float] | Float[np.ndarray, "7"]
 class SceneView(Element, component="scene.js", esm={"nicegui-scene": str(THREE)}):
     """Tables, kit, boxes and gripper, and translucent copies of boxes where they should be.
 
-    Nothing is decided here: a box that was dropped or clicked is reported to whoever asked for it with `on_drop` and
-    `on_pick`, and the scene goes on to show `studio.shown`.
+    What is shown depends on the step of the window: where things start, what the player does, or `studio.shown`. Nothing
+    is decided here: a box that was dropped or clicked is reported to whoever asked for it with `on_drop` and `on_pick`.
     """
 
     def __init__(self, studio: Studio, page: Page) -> None:
         super().__init__()
         self.studio, self.page = studio, page
         self._props["label"] = "The scene; drag to look from elsewhere, double-click for the first view"
+        self._arranging: Dragging = "targets"
         self._ready = False
+        self._cue: Cue | None = None
         self._ghosts: dict[str, list[dict[str, Any]]] = {}
-        self._dragging: Dragging = ""
         self._on_drop: list[Callable[[Dragging, str, np.ndarray], Any]] = []
         self._on_pick: list[Callable[[str], Any]] = []
         self.on("ready", self._begin)
@@ -58,6 +62,8 @@ class SceneView(Element, component="scene.js", esm={"nicegui-scene": str(THREE)}
         self.on("pick", page.guard(self._pick))
         page.on("task", self._rebuild)
         page.on("scene", self._show, now=False)
+        page.on("player", self._follow, now=False)
+        page.on_step(lambda step: self._enter())
 
     def on_drop(self, callback: Callable[[Dragging, str, np.ndarray], Any]) -> None:
         """Calls back with what was dragged (boxes or targets), its name, and where its centre was dropped [m, world]."""
@@ -67,45 +73,88 @@ class SceneView(Element, component="scene.js", esm={"nicegui-scene": str(THREE)}
         """Calls back with the name of a box that was clicked."""
         self._on_pick.append(callback)
 
-    def allow(self, dragging: Dragging) -> None:
-        """What a person may drag: boxes, targets, or nothing."""
-        self._dragging = dragging
-        self._call("setDragging", dragging)
+    def arrange(self, dragging: Dragging) -> None:
+        """What a person may drag in the step `task`: boxes or targets."""
+        self._arranging = dragging
+        self._enter()
 
-    def ghost(self, poses: Mapping[str, Pose], *, group: str = "ghosts", texts: Mapping[str, str] | None = None) -> None:
+    def ghost(
+        self, poses: Mapping[str, Pose], *, group: str = "ghosts", texts: Mapping[str, str] | None = None
+    ) -> None:
         """Translucent copies of boxes at these poses [m, world; wxyz], in place of those that `group` had before."""
         texts = {} if texts is None else texts
-        self._ghosts[group] = [
-            {"name": name, "pose": _plain(pose), "text": texts.get(name, name)} for name, pose in poses.items()
-        ]
-        self._call("setGhosts", group, self._ghosts[group])
+        ghosts = [{"name": name, "pose": _plain(pose), "text": texts.get(name, name)} for name, pose in poses.items()]
+        if ghosts != self._ghosts.get(group, []):
+            self._ghosts[group] = ghosts
+            self._call("setGhosts", group, ghosts)
 
-    def play(self, shots: Sequence[Shot], *, seconds: float) -> None:
-        """Runs through shots, evenly, in this time."""
-        frames = [_state(shot) for shot in shots]
-        self._call("play", frames if len(frames) > 1 else frames * 2, 1000 * seconds)
-
-    def freeze(self, still: bool) -> None:
-        """Holds the motion that is being played still, or lets it go on."""
-        self._call("freeze", still)
+    @property
+    def _world(self) -> World:
+        """What there is to see in the step of the window."""
+        studio = self.studio
+        if self.page.step in ("task", "evolve"):
+            return studio.start
+        if self.page.step == "run":
+            return studio.start if studio.player is None else studio.player.world
+        return studio.shown
 
     def _rebuild(self) -> None:
-        self._ready, self._ghosts = False, {}
-        self._props["model"] = _model(self.studio.task)
-        self.update()
+        model = _model(self.studio.task)
+        if model != self._props.get("model"):
+            self._ready, self._ghosts = False, {}
+            self._props["model"] = model
+            self.update()
+        self._show_targets()
 
     def _begin(self) -> None:
         """The browser has built the scene of the task: what it does not know yet is sent."""
         self._ready = True
-        self._show(glide=False)
         self._call("setDragging", self._dragging)
+        self._show(glide=False)
         for group, ghosts in self._ghosts.items():
             self._call("setGhosts", group, ghosts)
 
+    def _enter(self) -> None:
+        self._call("setDragging", self._dragging)
+        self._show()
+
+    @property
+    def _dragging(self) -> Dragging:
+        return {"task": self._arranging, "run": "boxes"}.get(self.page.step, "")
+
     def _show(self, *, glide: bool = True) -> None:
-        world = self.studio.shown
-        kit = [*world.kit[0].tolist(), 1, 0, 0, 0]
-        self._call("show", {**_state(_at_rest(self.studio.task, world)), "kit": kit}, glide)
+        world, player = self._world, self.studio.player
+        running = self.page.step == "run" and player is not None
+        shot = player.now.shots[-1] if running else _at_rest(self.studio.task, world)
+        self._cue = self.studio.playing.cue if running else None
+        kit = [*_plain(world.kit[0]), 1, 0, 0, 0]
+        self._call("show", {**_state(shot), "kit": kit}, glide)
+        self._show_targets()
+
+    def _show_targets(self) -> None:
+        task, poses, texts = self.studio.task, {}, {}
+        if self.page.step in ("task", "evolve", "combine", "run"):
+            words = Words(task)
+            poses = {name: (*goal, 1, 0, 0, 0) for name, goal in goals(task, self._world).items()}
+            texts = {
+                t.object: f"{t.object} should be {words.place(t.object, t.position, t.frame)}" for t in task.targets
+            }
+        self.ghost(poses, group="targets", texts=texts)
+
+    def _follow(self) -> None:
+        """Does what the player is doing."""
+        cue = self.studio.playing.cue
+        if self.page.step != "run" or cue is self._cue:
+            return
+        if cue is None or cue.kind == "show" or self.studio.player is None:
+            self._show()
+            return
+        self._cue = cue
+        if cue.kind == "play":
+            self._call("play", [_state(shot) for shot in cue.shots], 1000 * cue.seconds)
+            self._show_targets()
+        else:
+            self._call("freeze", cue.kind == "freeze")
 
     def _call(self, method: str, *arguments: Any) -> None:
         if self._ready:
@@ -119,9 +168,8 @@ class SceneView(Element, component="scene.js", esm={"nicegui-scene": str(THREE)}
             for callback in self._on_drop:
                 await _finished(callback(dragged, name, position))
         finally:
-            self._show()
-            for group, ghosts in self._ghosts.items():
-                self._call("setGhosts", group, ghosts)
+            self._call("drop")
+            self._call("setGhosts", "targets", self._ghosts.get("targets", []))
 
     async def _pick(self, event: GenericEventArguments) -> None:
         for callback in self._on_pick:
