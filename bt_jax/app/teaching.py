@@ -87,8 +87,9 @@ class Teaching:
         if count == 0:
             return f"No demonstration yet; {NEEDED} are needed to tell what each place is relative to."
         if count < NEEDED:
-            why = "so that it can be told what each place is relative to"
-            return f"{count} of {NEEDED} demonstrations: give {NEEDED - count} more, {why}."
+            return (
+                f"{count} of {NEEDED} demonstrations: {NEEDED - count} more will tell what each place is relative to."
+            )
         return f"{count} demonstrations: enough to tell what each place is relative to."
 
     @property

@@ -10,7 +10,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 
-from bt_jax.behaviors import NOTHING, Control, Kind, Tree
+from bt_jax.behaviors import NOTHING, Behavior, Control, Kind, Tree
 from bt_jax.task import Task
 
 __all__ = ["Words"]
@@ -52,6 +52,22 @@ class Words:
             case "subtask":
                 return f"Do “{_spoken(node.args[0])}” as a whole"
         return f"{name.removesuffix('_gripper').capitalize()} the gripper"
+
+    def statement(self, condition: Behavior) -> str:
+        """A condition as something that is so: "GreenBox is on top of YellowBox"."""
+        name, thing = condition.name, condition.object
+        if condition.position is not None:
+            return f"{thing} is {self.place(thing, condition.position, condition.frame)}"
+        match name:
+            case "holding":
+                return "the gripper is empty" if thing == NOTHING else f"{thing} is in the gripper"
+            case "gripper":
+                return f"the gripper is {condition.args[0]}"
+            case "reachable":
+                return f"{thing} is within reach"
+            case "clear":
+                return f"nothing is on {thing}"
+        return f"“{_spoken(condition.args[0])}” was reached before"
 
     def place(self, thing: str, position: Vec3, frame: str) -> str:
         """Where `thing` is with its centre at `position` [m] in `frame`: "on top of YellowBox"."""

@@ -71,8 +71,8 @@ async def test_three_demonstrations_teach_a_tree(studio):
         assert await demonstrate(studio) == f"demo{number}"
         said.append(teaching.progress)
     assert said[0].startswith("No demonstration yet; 3 are needed")
-    assert said[1].startswith("1 of 3 demonstrations: give 2 more")
-    assert said[2].startswith("2 of 3 demonstrations: give 1 more")
+    assert said[1].startswith("1 of 3 demonstrations: 2 more")
+    assert said[2].startswith("2 of 3 demonstrations: 1 more")
     assert said[3].startswith("3 demonstrations: enough")
     assert teaching.kept == tuple(Kept(f"demo{number}", "GreenBox") for number in (1, 2, 3))
     assert studio.lesson is seen[-1]
@@ -231,7 +231,7 @@ async def test_a_replay_shows_what_was_recorded(studio, monkeypatch):
     teaching.stop_replay()
     await asyncio.sleep(0)
     assert teaching.replayed is None
-    with pytest.raises(UserError, match="demo9 cannot be replayed"):
+    with pytest.raises(UserError, match="demo9 cannot be read"):
         await teaching.replay("demo9")
 
 
