@@ -92,11 +92,11 @@ def goals(task: Task, world: World) -> dict[str, Point]:
     return {name: goal(name) for name in targets}
 
 
-def retarget(task: Task, world: World, name: str, position: Point, frame: str | None = None) -> Task:
+def retarget(task: Task, physics: Physics, world: World, name: str, position: Point, frame: str | None = None) -> Task:
     """The task with another target for a box. Without a `frame`, the target is relative to what it stands on: a box, the
     kit, or else the robot. A position close to one that evolution can use is moved there.
 
-    Raises UserError where nothing carries the box there, or it would be inside something.
+    Raises UserError where nothing carries the box there, it would not stay, or it would be inside something.
     """
     size = _size(task, name)
     rest = {box: world.poses[0, i, :3].astype(float) for i, box in enumerate(task.box_names)}
@@ -115,6 +115,7 @@ def retarget(task: Task, world: World, name: str, position: Point, frame: str | 
             raise UserError(f"{name} would be inside {box}, which should be there; put it beside or on top of it")
     changed = task.with_targets([Target(name, tuple(local.tolist()), frame)], source="the target")
     _check_carried(task, world, name, origin + local, others)
+    _check_stays(changed, physics, world, name)
     return changed
 
 
@@ -227,6 +228,19 @@ def _snapped(task: Task, name: str, frame: str, local: Point) -> Point:
     if best is None or np.linalg.norm(best[:2] - local[:2]) > SNAP * size:
         return local
     return np.array([*best[:2], local[2]])
+
+
+def _check_stays(task: Task, physics: Physics, world: World, name: str) -> None:
+    """A box stays at its target when it and what should be around it are let go there."""
+    where = goals(task, world)
+    poses = world.poses.copy()
+    for i, box in enumerate(task.box_names):
+        if box in where:
+            poses[0, i] = (*where[box], 1, 0, 0, 0)
+    present = np.array([[box in where or box in {t.frame for t in task.targets} for box in task.box_names]])
+    rest = np.asarray(physics.settle(world.kit, poses, present).poses)[0, _index(task, name), :3]
+    if not np.linalg.norm(rest - where[name]) < task.episode.tolerance:
+        raise UserError(f"{name} would not stay there; put its middle over something level that carries it")
 
 
 def _check_carried(task: Task, world: World, name: str, goal: Point, others: Mapping[str, Point]) -> None:

@@ -39,7 +39,7 @@ function outline(geometry, material) {
 function nameTag(text) {
   const canvas = document.createElement("canvas");
   const context = canvas.getContext("2d");
-  const font = "600 44px sans-serif";
+  const font = "500 42px sans-serif";
   context.font = font;
   canvas.width = Math.ceil(context.measureText(text).width) + 36;
   canvas.height = 64;
@@ -56,7 +56,7 @@ function nameTag(text) {
   const material = { map: texture, depthTest: false, transparent: true, sizeAttenuation: false };
   const tag = new THREE.Sprite(new THREE.SpriteMaterial(material));
   tag.userData.shape = canvas.width / canvas.height;
-  tag.center.set(0.5, -0.1);
+  tag.center.set(-19 / (TAG * tag.userData.shape), 0.5); // at the right of a box, so that those of a stack keep apart
   tag.renderOrder = 10;
   return tag;
 }
@@ -94,7 +94,7 @@ export default {
     canvas.addEventListener("pointerup", this.onUp);
     canvas.addEventListener("pointercancel", this.cancelDrag);
     canvas.addEventListener("pointerleave", () => (this.tip.style.display = "none"));
-    canvas.addEventListener("keydown", (event) => event.key === "Escape" && this.cancelDrag());
+    window.addEventListener("keydown", this.onKey);
     canvas.addEventListener("dblclick", () => this.lookAtAll());
     canvas.addEventListener("webglcontextrestored", () => this.draw());
     this.observer = new ResizeObserver(() => this.resize());
@@ -108,6 +108,7 @@ export default {
   },
 
   beforeUnmount() {
+    window.removeEventListener("keydown", this.onKey);
     this.observer?.disconnect();
     this.renderer?.dispose();
   },
@@ -143,7 +144,6 @@ export default {
       }
       this.tags = this.model.boxes.map((box) => {
         const tag = nameTag(box.name);
-        tag.position.z = 0.6 * box.size;
         this.bodies[box.name].add(tag);
         return tag;
       });
@@ -353,7 +353,6 @@ export default {
       this.pressed.from = [event.clientX, event.clientY];
       event.stopImmediatePropagation();
       event.target.setPointerCapture(event.pointerId);
-      event.target.focus({ preventScroll: true });
     },
 
     onMove(event) {
@@ -412,6 +411,10 @@ export default {
       this.dropped = drag.object;
       this.$emit("drop", { kind: this.dragging, name: drag.object.name, position: drag.object.position.toArray() });
       this.draw();
+    },
+
+    onKey(event) {
+      if (event.key === "Escape") this.cancelDrag();
     },
 
     cancelDrag() {

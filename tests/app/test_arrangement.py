@@ -117,7 +117,7 @@ def test_goals_follow_each_other():
     where = goals(TASK, START)
     np.testing.assert_allclose(where["GreenBox"] - where["YellowBox"], [0, 0, 0.1], atol=1e-6)
     np.testing.assert_allclose(where["YellowBox"] - START.kit[0], [0, 0, 0.052], atol=1e-6)
-    two = retarget(TASK, START, "YellowBox", kit(0.12))
+    two = retarget(TASK, PHYSICS, START, "YellowBox", kit(0.12))
     moved = goals(two, START)
     np.testing.assert_allclose(moved["BlueBox"] - where["BlueBox"], [0.133, 0, 0], atol=2e-3)  # where the gene is
 
@@ -125,16 +125,16 @@ def test_goals_follow_each_other():
 def test_a_target_is_relative_to_what_carries_it():
     where = goals(TASK, START)
     on_blue = retarget(
-        untarget(TASK, "BlueBox"), START, "YellowBox", np.add(pose(START, "BlueBox")[:3], (0.01, 0, 0.1))
+        untarget(TASK, "BlueBox"), PHYSICS, START, "YellowBox", np.add(pose(START, "BlueBox")[:3], (0.01, 0, 0.1))
     )
     assert on_blue.targets[0] == dataclasses.replace(TASK.targets[0], position=(0.0, 0.0, 0.1), frame="BlueBox")
-    beside = retarget(TASK, START, "BlueBox", kit(-0.1, 0.01))
+    beside = retarget(TASK, PHYSICS, START, "BlueBox", kit(-0.1, 0.01))
     assert beside.targets[2].frame == "KittingBox"
     assert beside.targets[2].position[:2] == (-0.1, 0.01)
-    table = retarget(TASK, START, "BlueBox", on_table(free_table()))
+    table = retarget(TASK, PHYSICS, START, "BlueBox", on_table(free_table()))
     assert table.targets[2].frame == "base_link"
     np.testing.assert_allclose(goals(table, START)["BlueBox"], on_table(free_table()), atol=2e-3)
-    chosen = retarget(TASK, START, "BlueBox", np.add(where["YellowBox"], (0.12, 0, 0)), "YellowBox")
+    chosen = retarget(TASK, PHYSICS, START, "BlueBox", np.add(where["YellowBox"], (0.12, 0, 0)), "YellowBox")
     assert chosen.targets[2] == dataclasses.replace(TASK.targets[2], position=(0.12, 0.0, 0.0), frame="YellowBox")
 
 
@@ -145,6 +145,7 @@ def test_a_target_is_relative_to_what_carries_it():
         ("BlueBox", tuple(kit(0.05)), None, "inside YellowBox"),
         ("BlueBox", tuple(kit(TASK.kit.inner)), None, "kit's wall"),
         ("BlueBox", tuple(on_table(free_table(), z=0.2)), None, "hang in the air, 20 cm"),
+        ("BlueBox", tuple(kit(-0.204, -0.176, 0.041)), None, "would not stay there"),
         ("YellowBox", tuple(kit(0.13)), "GreenBox", "circular"),
         ("YellowBox", tuple(kit(0.13)), "YellowBox", "choose another frame"),
         ("RedBox", tuple(kit()), None, "no box 'RedBox'"),
@@ -152,7 +153,7 @@ def test_a_target_is_relative_to_what_carries_it():
 )
 def test_where_no_target_can_be(name, position, frame, says):
     with pytest.raises(UserError, match=says):
-        retarget(TASK, START, name, np.array(position), frame)
+        retarget(TASK, PHYSICS, START, name, np.array(position), frame)
 
 
 def test_the_last_target_stays():
@@ -169,7 +170,7 @@ def test_the_last_target_stays():
 )
 def test_whatever_is_accepted_is_a_task_with_that_goal(name, position, frame):
     try:
-        task = retarget(TASK, START, name, np.array(position), frame)
+        task = retarget(TASK, PHYSICS, START, name, np.array(position), frame)
     except UserError:
         return
     assert task_from_dict(yaml.safe_load(yaml.safe_dump(task.to_dict())), source="yaml") == task

@@ -4,6 +4,7 @@ import pytest
 from bt_jax.app.arrangement import goals, retarget, untarget
 from bt_jax.app.spots import Spot, origins, spot_at, spot_of_target
 from bt_jax.mjx_env.layouts import sample_layouts
+from bt_jax.mjx_env.mujoco_backend import MujocoPhysics
 from bt_jax.task import load_task, task_names
 
 
@@ -29,10 +30,19 @@ def test_a_target_said_in_words_is_the_one_that_is_meant(name):
     size = task.boxes[0].size
     where = origins(task, world, ended=True)
     on_green = Spot("GreenBox", 0.0, 0.0, 0.0)
-    changed = retarget(task, world, "BlueBox", on_green.point(task, "BlueBox", where), on_green.frame(task))
+    changed = retarget(
+        task,
+        MujocoPhysics(task, threads=1),
+        world,
+        "BlueBox",
+        on_green.point(task, "BlueBox", where),
+        on_green.frame(task),
+    )
     assert next(t for t in changed.targets if t.object == "BlueBox").position == (0.0, 0.0, size)
     beside = Spot("KittingBox", 1.32 * size, 0.0, 0.0)
-    changed = retarget(task, world, "BlueBox", beside.point(task, "BlueBox", where), beside.frame(task))
+    changed = retarget(
+        task, MujocoPhysics(task, threads=1), world, "BlueBox", beside.point(task, "BlueBox", where), beside.frame(task)
+    )
     target = next(t for t in changed.targets if t.object == "BlueBox")
     assert np.dot(target.position, task.right) == pytest.approx(task.genes.pitch, abs=1e-3)
     assert spot_of_target(changed, world, "BlueBox").up == pytest.approx(0, abs=1e-3)
@@ -42,7 +52,14 @@ def test_a_target_on_a_table_is_told_from_its_middle():
     task = untarget(load_task("stack3"), "BlueBox")
     world = sample_layouts(task, 0, 1)
     spot = Spot("TableLeft", 0.1, -0.05, 0.0)
-    changed = retarget(task, world, "BlueBox", spot.point(task, "BlueBox", origins(task, world, ended=True)), None)
+    changed = retarget(
+        task,
+        MujocoPhysics(task, threads=1),
+        world,
+        "BlueBox",
+        spot.point(task, "BlueBox", origins(task, world, ended=True)),
+        None,
+    )
     assert changed.targets[2].frame == "base_link"
     again = spot_of_target(changed, world, "BlueBox")
     assert again.reference == "TableLeft"
