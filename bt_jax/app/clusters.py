@@ -48,11 +48,9 @@ def cluster_svg(lesson: Lesson, inference: Inference, frame: str, *, task: Task)
     x, y = at(centre)
     parts.append(f'<path class="cluster-mean" d="M{x - 4:.1f} {y:.1f}h8m-4 -4v8"/>')
     bar = max((length for length in BARS if length <= reach), default=BARS[0])
-    left = (SIDE - bar * scale) / 2
-    parts.append(f'<path class="cluster-bar" d="M{left:.1f} {SIDE + 2:g}v3h{bar * scale:.1f}v-3"/>')
-    parts.append(
-        f'<text class="cluster-text" x="{left + bar * scale + 3:.1f}" y="{SIDE + 10:g}">{100 * bar:g} cm</text>'
-    )
+    size, end = f"{bar:g} m" if bar >= 1 else f"{100 * bar:g} cm", 2 + bar * scale
+    parts.append(f'<path class="cluster-bar" d="M2 {SIDE + 4:g}v4H{end:.1f}v-4"/>')
+    parts.append(f'<text class="cluster-text" x="{end + 4:.1f}" y="{SIDE + 10:g}">{size}</text>')
     return "".join([*parts, "</svg>"])
 
 

@@ -33,6 +33,7 @@ Direction = Literal["left", "right", "away", "near", "up", "down"]
 DIRECTIONS: tuple[Direction, ...] = ("left", "right", "away", "near", "up", "down")
 STEPS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2)  # metres, for the keys + and -
 FIRST_STEP = 0.02
+OVER = 1.5  # how high the held object is carried over another, in its sizes
 PACE = 0.9  # seconds for which each scene of a replay is shown
 
 
@@ -130,6 +131,17 @@ class Teaching:
         """Carries the held object one step, as seen by the person before the scene."""
         async with self._lock:
             self.session.move(self.step * _vector(self.studio.task, direction))
+            self._shown()
+
+    async def carry_over(self, frame: str) -> None:
+        """Carries the held object straight over the middle of a frame, and up where it would touch what is there."""
+        async with self._lock:
+            session = self.session
+            if session.held is None:
+                raise UserError("the gripper holds nothing; pick an object first")
+            height = float(session.position(frame)[2])
+            low = OVER * next(box.size for box in session.task.boxes if box.name == session.held)
+            session.move_to((0.0, 0.0, max(height, low)), frame)
             self._shown()
 
     async def release(self) -> None:

@@ -22,7 +22,7 @@ from sklearn.cluster import DBSCAN
 from bt_jax.behaviors import Behavior
 from bt_jax.lfd.demonstration import Action, Demonstrations, Frames, Kind, Moment
 
-__all__ = ["NEEDED", "SAME_PLACE", "Candidate", "Inference", "infer"]
+__all__ = ["NEEDED", "SAME_PLACE", "SPREAD_FLOOR", "Candidate", "Inference", "infer"]
 
 NEEDED = 3  # demonstrations from which a frame can be told
 EPS = 0.2  # DBSCAN: how far neighbours in a cluster may be apart, metres

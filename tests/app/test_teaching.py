@@ -119,6 +119,25 @@ async def test_every_key_moves_as_the_person_sees_it(studio):
 
 
 @in_loop
+async def test_an_object_is_carried_straight_over_another(studio):
+    teaching = studio.teaching
+    await teaching.begin(reached=False)
+    with pytest.raises(UserError, match="holds nothing; pick an object first"):
+        await teaching.carry_over("YellowBox")
+    await teaching.pick("GreenBox")
+    await teaching.move("up")
+    for frame, height in (("YellowBox", 0.15), ("KittingBox", 0.15)):
+        before = studio.session.world.poses[0, 1, 2]
+        await teaching.carry_over(frame)
+        np.testing.assert_allclose(studio.session.position(frame)[:2], 0, atol=1e-5)
+        assert studio.session.position(frame)[2] >= height - 1e-5
+        assert studio.session.world.poses[0, 1, 2] >= before - 1e-5
+        assert teaching.landing.on == frame
+    with pytest.raises(UserError, match="no frame 'GreenBox' to carry"):
+        await teaching.carry_over("GreenBox")
+
+
+@in_loop
 async def test_keys_are_carried_out_in_their_order(studio):
     """Pressed faster than they can be carried out."""
     teaching = studio.teaching
@@ -231,7 +250,7 @@ async def test_a_replay_shows_what_was_recorded(studio, monkeypatch):
     teaching.stop_replay()
     await asyncio.sleep(0)
     assert teaching.replayed is None
-    with pytest.raises(UserError, match="demo9 cannot be read"):
+    with pytest.raises(UserError, match="demo9 cannot be replayed"):
         await teaching.replay("demo9")
 
 

@@ -40,6 +40,22 @@ def test_what_people_read(leaf, words):
     assert STACK(parse_behavior(leaf)) == words
 
 
+@pytest.mark.parametrize(
+    ("condition", "words"),
+    [
+        ("at(GreenBox, (0, 0, 0.1), YellowBox)", "GreenBox is on top of YellowBox"),
+        ("holding(nothing)", "the gripper is empty"),
+        ("holding(GreenBox)", "GreenBox is in the gripper"),
+        ("gripper(open)", "the gripper is open"),
+        ("reachable(GreenBox)", "GreenBox is within reach"),
+        ("clear(GreenBox)", "nothing is on GreenBox"),
+        ("reached(all_free)", "“all free” was reached before"),
+    ],
+)
+def test_what_holds(condition, words):
+    assert STACK.statement(parse_behavior(condition)) == words
+
+
 def test_right_and_left_are_those_of_a_person_who_faces_the_robot():
     words = Words(load_task("yumi_stack"))  # whose row of tables runs along y, beyond the robot
     assert words(parse_behavior("at(GreenBox, (0, 0.048, 0), BlueBox)")).startswith("Is GreenBox right of BlueBox")

@@ -81,14 +81,14 @@ class _Combine:
                 targets = self.studio.task.with_targets(lesson.targets, source="the demonstrations").targets
             except UserError as error:
                 problem = str(error)
-        words = Words(self.studio.task)
+        words, objects = Words(self.studio.task), [target.object for target in known]
         self.targets.clear()
         with self.targets:
             for target in targets:
                 with ui.element("li"):
                     said = f"{target.object} {words.place(target.object, target.position, target.frame)}"
-                    new = target not in known
-                    ui.label(f"{said} (new)" if new else said).classes("text-bold" if new else "")
+                    mark = "" if target in known else " (changed)" if target.object in objects else " (new)"
+                    ui.label(said + mark).classes("text-bold" if mark else "")
             if lesson is not None and self.use.value == "subgoal":
                 with ui.element("li"):
                     ui.label(f"on the way, once: {_reached(lesson, words)} (new)").classes("text-bold")

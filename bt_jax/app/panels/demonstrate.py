@@ -104,7 +104,7 @@ class _Demonstrate:
         page, teaching = self.page, self.teaching
         with ui.row().classes("items-center gap-2 w-full"):
             heading("Demonstration in the making").classes("flex-1")
-            button("Undo", "demonstrate-undo", "undo", page.guard(teaching.undo), more="flat title='Undo (Ctrl+Z)'")
+            button("Undo", "demonstrate-undo", "undo", page.guard(self._undo), more="flat title='Undo (Ctrl+Z)'")
             button("Discard", "demonstrate-discard", "close", page.guard(self._discard), more="flat")
             button("Finish", "demonstrate-finish", "check", page.guard(self._finish), more="color=positive")
         with ui.row().classes("items-center gap-2"):
@@ -132,8 +132,11 @@ class _Demonstrate:
                     )
                     self.step.on("change", page.guard(self._set_step))
                     button("", "demonstrate-larger", "add", page.guard(lambda: teaching.change_step(1)), more=larger)
-                self.release = button("Release", "demonstrate-release", "pan_tool_alt", page.guard(teaching.release))
+                self.release = button("Release", "demonstrate-release", "pan_tool_alt", page.guard(self._release))
                 self.release.props("title='Let go (R)'").classes("w-full")
+        with ui.row().classes("items-center gap-2"):
+            ui.label("Over").classes("teach-word")
+            self.over = ui.row().classes("gap-2 items-center")
         self.landing = ui.label().classes("teach-landing").props("data-testid=demonstrate-landing role=status")
         with ui.element("div").classes("teach-columns"):
             with ui.element("div"):
@@ -155,21 +158,36 @@ class _Demonstrate:
         if key in MOVES:
             await teaching.move(MOVES[key])
         elif key == "undo":
-            await teaching.undo()
+            await self._undo()
         elif key == "r":
-            await teaching.release()
+            await self._release()
         elif key in "+=-":
             teaching.change_step(-1 if key == "-" else 1)
         elif key.isdecimal() and 1 <= int(key) <= len(self.studio.task.boxes):
-            await teaching.pick(self.studio.task.box_names[int(key) - 1])
+            await self._pick(self.studio.task.box_names[int(key) - 1])
 
     async def _clicked(self, name: str) -> None:
         if self.page.step == "demonstrate" and self.studio.session is not None:
-            await self.teaching.pick(name)
+            await self._pick(name)
 
     async def _begin(self, *, reached: bool = False) -> None:
         await self.teaching.begin(reached=reached)
         self.studio.say("Pick an object: click it, or press its number.")
+
+    async def _pick(self, name: str) -> None:
+        await self.teaching.pick(name)
+        self.studio.say(
+            f"{name} is in the gripper: carry it with the arrow keys and page up and down, then let go with R."
+        )
+
+    async def _release(self) -> None:
+        await self.teaching.release()
+        self.studio.say("It is let go. Pick another object, or finish.")
+
+    async def _undo(self) -> None:
+        await self.teaching.undo()
+        held = self.studio.session.held
+        self.studio.say("Taken back." if held is None else f"Taken back; {held} is in the gripper.")
 
     async def _finish(self) -> None:
         name = await self.teaching.finish()
@@ -233,10 +251,16 @@ class _Demonstrate:
                     f"{number} {box.name}",
                     f"demonstrate-pick-{box.name}",
                     "stop",
-                    self.page.guard(functools.partial(self.teaching.pick, box.name)),
+                    self.page.guard(functools.partial(self._pick, box.name)),
                     more=f"outline title='Key {number}'",
                 )
                 pick.style(f"--box: rgb({red} {green} {blue})").classes("teach-pick")
+        self.over.clear()
+        with self.over:
+            for frame in (*self.studio.task.box_names, self.studio.task.kit.name):
+                over = self.page.guard(functools.partial(self.teaching.carry_over, frame))
+                text = f"outline title='Carry straight over {frame}'"
+                button(self._known(frame), f"demonstrate-over-{frame}", "vertical_align_bottom", over, more=text)
         numbers = " ".join(str(number) for number in range(1, min(10, len(self.studio.task.boxes) + 1)))
         self.pad.props(f'data-teach-keys="{" ".join(MOVES)} {numbers} + = - r"')
         self._posed = None
@@ -255,6 +279,9 @@ class _Demonstrate:
             pick.set_enabled(held is None)
         for move in self.pad.default_slot.children:
             move.set_enabled(held is not None)
+        for over, frame in zip(self.over.default_slot.children, (*session.task.box_names, ""), strict=True):
+            over.set_enabled(held is not None)
+            over.set_visibility(held is None or held != frame)
         self.release.set_enabled(held is not None)
         self.step.set_value(round(100 * teaching.step, 3))
         self._refresh_landing(landing)
@@ -298,13 +325,18 @@ class _Demonstrate:
                 for title in () if held is None else ("seen from", "x", "y", "z"):
                     ui.label(title).classes("teach-hint")
                 for frame in () if held is None else [name for name in session.task.frames if name != held]:
-                    ui.label(frame).classes("teach-frame")
+                    ui.label(self._known(frame)).props(f'title="{frame}"')
                     self._cells[frame] = [
                         ui.label().props(f"data-testid=demonstrate-pose-{frame}-{axis}") for axis in "xyz"
                     ]
         for frame, cells in self._cells.items():
             for cell, value in zip(cells, session.position(frame), strict=True):
                 cell.set_text(f"{100 * value + 0.0:.1f}".replace("-", "\N{MINUS SIGN}"))
+
+    def _known(self, frame: str) -> str:
+        """What a person calls a frame."""
+        task = self.studio.task
+        return {task.kit.name: "the kit", task.robot_frame: "the robot"}.get(frame, frame)
 
     def _refresh_idle(self) -> None:
         studio, teaching = self.studio, self.teaching
@@ -316,6 +348,7 @@ class _Demonstrate:
         self.progress.set_text(teaching.progress)
         self.elsewhere.set_value(teaching.elsewhere)
         self.reached.set_enabled(studio.tree is not None)
+        self.reached.props("title=''" if studio.tree else "title='Evolve a tree first (step 2)'")
         shown = (teaching.kept, teaching.replayed)
         if shown == self._listed:
             return

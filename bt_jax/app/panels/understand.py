@@ -15,7 +15,7 @@ from bt_jax.app.tree_view import TreeView
 from bt_jax.behaviors import Behavior, Kind
 from bt_jax.encoding.words import Words
 from bt_jax.lfd import Lesson
-from bt_jax.lfd.clustering import NEEDED, Candidate, Inference
+from bt_jax.lfd.clustering import NEEDED, SPREAD_FLOOR, Candidate, Inference
 from bt_jax.lfd.explanation import order_sentences, precondition_sentences
 
 if TYPE_CHECKING:
@@ -151,7 +151,7 @@ def _known(frame: str, lesson: Lesson) -> str:
     """What a person calls a frame."""
     if frame == lesson.task.kit.name:
         return "the kit"
-    return "the table" if frame == lesson.task.robot_frame else frame
+    return "a fixed place" if frame == lesson.task.robot_frame else frame
 
 
 def _agreement(candidate: Candidate | None) -> str:
@@ -159,7 +159,7 @@ def _agreement(candidate: Candidate | None) -> str:
         return "not weighed"
     if candidate.score == -math.inf:
         return "no agreement"
-    return f"{candidate.size} within {max(1000 * candidate.spread, 0.1):.0f} mm"
+    return f"{candidate.size} within {1000 * max(candidate.spread, SPREAD_FLOOR):.0f} mm"
 
 
 def _reason(inference: Inference) -> str:
