@@ -10,7 +10,7 @@ __all__ = ["Curve", "curve_options"]
 
 POINTS = 240  # of one line, at most
 BLUE, ORANGE, GREY = "#0072b2", "#e69f00", "#8a94a0"
-COLORS = (BLUE, ORANGE)
+COLORS, STROKES = (BLUE, ORANGE), ("solid", "dashed")
 SMALLEST = 1.0  # cost that the logarithmic axis still shows
 
 
@@ -29,12 +29,10 @@ def curve_options(curves: Sequence[Curve], *, generations: int = 0) -> dict[str,
     The axis is logarithmic in the cost, which is the fitness with its sign turned, and grows downwards.
     """
     series = []
-    for color, curve in zip(COLORS, curves, strict=False):
+    for color, stroke, curve in zip(COLORS, STROKES, curves, strict=False):
         rows = _thinned(curve.history)
         name = curve.name if len(curves) > 1 else "best"
-        series.append(_line(name, [(row[0], row[1]) for row in rows], color, width=2.5))
-        if len(curves) == 1:
-            series.append(_line("mean of the population", [(row[0], row[2]) for row in rows], GREY, width=1.2))
+        series.append(_line(name, [(row[0], row[1]) for row in rows], color, stroke, width=2.5))
         if curve.phases:
             series[-1]["markLine"] = {
                 "symbol": "none",
@@ -43,6 +41,8 @@ def curve_options(curves: Sequence[Curve], *, generations: int = 0) -> dict[str,
                 "label": {"formatter": "taught", "color": "#56616d"},
                 "data": [{"xAxis": generation} for generation in curve.phases],
             }
+        if len(curves) == 1:
+            series.append(_line("mean of the population", [(row[0], row[2]) for row in rows], GREY, "solid", width=1.2))
     last = max([generations, 1, *(row[0] for curve in curves for row in curve.history[-1:])])
     return {
         "animation": False,
@@ -72,14 +72,14 @@ def curve_options(curves: Sequence[Curve], *, generations: int = 0) -> dict[str,
     }
 
 
-def _line(name: str, points: list[tuple[int, float]], color: str, *, width: float) -> dict[str, Any]:
+def _line(name: str, points: list[tuple[int, float]], color: str, stroke: str, *, width: float) -> dict[str, Any]:
     return {
         "name": name,
         "type": "line",
         "data": [[generation, max(-fitness, SMALLEST)] for generation, fitness in points],
         "symbol": "none",
         "color": color,
-        "lineStyle": {"width": width},
+        "lineStyle": {"width": width, "type": stroke},
     }
 
 

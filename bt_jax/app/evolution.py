@@ -65,6 +65,7 @@ class Evolution:
         self._reserve: Reserve | None = None
         self._prepared: Any = None  # what the reserve has compiled for
         self._stopping = False
+        self._halt: bool | None = None  # what was asked for last and not yet seen
         self._read_at: int | None = None  # modification time of what was read last
         self._scratch = tempfile.TemporaryDirectory(prefix="bt_jax-")
 
@@ -79,7 +80,7 @@ class Evolution:
         now = self.progress.generation if self.progress else 0
         return {
             "none": "Nothing has been evolved yet.",
-            "starting": "Getting ready.",
+            "starting": "Getting ready; the first time, this takes some seconds.",
             "evolving": "Evolving.",
             "paused": "Paused; resume when you like.",
             "stopping": "Stopping after this generation.",
@@ -155,12 +156,14 @@ class Evolution:
         if self.stage != "evolving":
             raise UserError("nothing is evolving that could be paused; start an evolution first")
         self._signal(signal.SIGSTOP)
+        self._halt = True
 
     def resume(self) -> None:
         """Lets a paused process go on."""
         if self.stage != "paused":
             raise UserError("the evolution is not paused; there is nothing to resume")
         self._signal(signal.SIGCONT)
+        self._halt = False
 
     def stop(self) -> None:
         """Ends the evolution after the present generation; what it has found is kept, and tested."""
@@ -177,10 +180,13 @@ class Evolution:
         """Shows another run, to go on with it."""
         self._check_idle()
         folder = self.workspace.run(name)
-        self.run, self.stage, self._process, self._read_at, self._stopping = name, "stopped", None, None, False
+        self.run, self._process, self._read_at, self._stopping = name, None, None, False
+        self._halt = None
         record = read_record(folder)
         self._take(record.progress)
-        self.tree, self.result, self.phases = record.tree, record.result, record.phases
+        self.result, self.phases = record.result, record.phases
+        self.tree = self.tree or record.tree
+        self.stage = self._stage_of_living() if is_alive(folder.path) else self._stage_of_dead()
 
     def find(self) -> str | None:
         """The name of a run that a process is working on; it was started before this page."""
@@ -198,8 +204,8 @@ class Evolution:
             self.stage = self._stage_of_living()
         elif self.stage in RUNNING:
             self.stage = self._stage_of_dead()
-        if self.stage not in ("starting", "failed", "none") and not (path / "config.json").is_file():
-            self.stage = "vanished" if not alive else self.stage
+        if not alive and self.progress is not None and not (path / "config.json").is_file():
+            self.stage = "vanished"
         if before[0] != self.stage and self.stage in ("evolving", "finished", "stopped"):
             self.result = read_result(RunFolder(path)) if self.stage != "evolving" else None
             with contextlib.suppress(UserError):
@@ -229,27 +235,39 @@ class Evolution:
         self.progress = progress
 
     def _stage_of_living(self) -> Stage:
-        pid = self._pid()
-        if self.progress is None or (self._process is not None and self.progress.pid != pid):
+        if not self._heard:
             return "starting"
         if self.progress.stage not in RUNNING:
             return "testing"  # all is written, the process is about to end
         if self._stopping and self.progress.stage == "evolving":
             return "stopping"
-        return "paused" if self.progress.stage == "evolving" and _is_halted(pid) else self.progress.stage
+        return "paused" if self.progress.stage == "evolving" and self._halted() else self.progress.stage
 
     def _stage_of_dead(self) -> Stage:
-        if self._stopping and self.stage in ("starting", "stopping"):
-            return "stopped"
-        if self.progress is not None and self.progress.pid == self._pid() and self.progress.stage not in RUNNING:
+        if self._heard and self.progress.stage not in RUNNING:
             return self.progress.stage
+        if self._stopping and self.stage == "starting":
+            return "stopped"
         if self._process is not None and self._process.process.returncode > 0:
             return "failed"
-        return "killed"
+        return "stopped" if self.progress is None else "killed"
+
+    def _halted(self) -> bool:
+        """Whether the process is paused; what was asked for counts until it is seen, since signals take a moment."""
+        seen = _is_halted(self._pid())
+        if self._halt is not None and self._halt != seen:
+            return self._halt
+        self._halt = None
+        return seen
+
+    @property
+    def _heard(self) -> bool:
+        """Whether the progress is that of the present process, not of one before it."""
+        return self.progress is not None and self.progress.pid == self._pid()
 
     def _why(self) -> str:
         """Why it has failed."""
-        if self.progress is not None and self.progress.message:
+        if self._heard and self.progress.message:
             return self.progress.message
         return self._process.last_words().removeprefix("error: ") if self._process else "The evolution has failed."
 
@@ -280,7 +298,7 @@ class Evolution:
             self._reserve = Reserve()
         self._reserve.train([*words, "--progress"])
         self._process, self._reserve, self._prepared = self._reserve, None, None
-        self.stage, self.result, self._stopping = "starting", None, False
+        self.stage, self.result, self._stopping, self._halt = "starting", None, False, None
 
     def _words(self, task: Task, gp: GPConfig) -> list[str]:
         """The task as a file, and every setting that is not the default, as options of `bt_jax.train`."""

@@ -114,9 +114,8 @@ class Studio:
         name = self.evolution.find()
         if name is not None:
             self.evolution.open(name)
-            self.run, self.task = name, self.workspace.run(name).config().task
+            self.run, self.tree, self.task = name, self.evolution.tree, self.workspace.run(name).config().task
             self.start = self.shown = sample_layouts(self.task, 0, 1)
-            self.watch()
 
     def watch(self) -> None:
         """Looks after the evolution; to be called a few times a second."""
