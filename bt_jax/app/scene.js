@@ -25,7 +25,6 @@ function poseOf({ position: p, quaternion: q }) {
 }
 
 function geometryOf({ type, size }) {
-  if (type === "plane") return new THREE.PlaneGeometry(60, 60);
   if (type === "cylinder") return new THREE.CylinderGeometry(size[0], size[0], 2 * size[1], 20).rotateX(Math.PI / 2);
   return new THREE.BoxGeometry(2 * size[0], 2 * size[1], 2 * size[2]);
 }
@@ -62,7 +61,7 @@ function nameTag(text) {
 }
 
 export default {
-  template: `<div style="position: absolute; inset: 0; overflow: hidden">
+  template: `<div style="position: absolute; inset: 0">
     <canvas style="display: block; touch-action: none; outline-offset: -3px" tabindex="0"></canvas>
     <div class="scene-tip" style="display: none"></div>
   </div>`,
@@ -75,12 +74,14 @@ export default {
     this.rendered = 0; // pictures so far, for whoever measures
     this.software = softwareOnly();
     try {
-      this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !this.software, powerPreference: "low-power" });
+      // Opaque, which three.js does not ask for by itself: nothing is blended with the page behind.
+      const context = canvas.getContext("webgl2", { alpha: false, antialias: !this.software, powerPreference: "low-power" });
+      this.renderer = new THREE.WebGLRenderer({ canvas, context });
     } catch {
       this.$el.textContent = "This browser cannot draw in 3D; switch WebGL on, or use another browser.";
       return;
     }
-    this.renderer.setClearColor(0xdfe4ea);
+    this.renderer.setClearColor(0xaeb6c0); // the floor, which need not be drawn then
     canvas.setAttribute("aria-label", this.label);
     this.camera = new THREE.PerspectiveCamera(30, 1, 0.02, 80);
     this.camera.up.copy(AXIS);
@@ -133,7 +134,7 @@ export default {
       this.ghosts = {};
       this.motion = this.drag = this.frozen = this.dropped = null;
       this.dragging = "";
-      for (const geom of this.model.geoms) {
+      for (const geom of this.model.geoms.filter(({ type }) => type !== "plane")) {
         const geometry = geometryOf(geom);
         const mesh = new THREE.Mesh(geometry, new THREE.MeshLambertMaterial({ color: new THREE.Color(...geom.color) }));
         setPose(mesh, geom.pose);

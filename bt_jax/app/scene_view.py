@@ -51,6 +51,7 @@ class SceneView(Element, component="scene.js", esm={"nicegui-scene": str(THREE)}
         super().__init__()
         self.studio, self.page = studio, page
         self._props["label"] = "The scene; drag to look from elsewhere, double-click for the first view"
+        self.props("data-testid=scene")
         self._arranging: Dragging = "targets"
         self._ready = False
         self._cue: Cue | None = None
