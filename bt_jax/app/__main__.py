@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import socket
 import sys
 from pathlib import Path
 
 import tyro
-from nicegui import app, ui
 
-from bt_jax.app.page import Page
-from bt_jax.app.studio import Studio
-from bt_jax.app.workspace import Workspace
+from bt_jax.errors import UserError
 from bt_jax.startup import configure_jax, exit_code
 
 __all__ = ["Arguments", "main"]
-
-WATCH_SECONDS = 0.1  # between two looks at the evolution
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,37 +28,36 @@ class Arguments:
     show: bool = True
     """open a browser"""
 
+    def check(self) -> None:
+        """Raises UserError where the page cannot be served like this."""
+        if not self.folder.is_dir():
+            raise UserError(f"there is no folder {self.folder}; make it, or give another with --folder")
+        try:
+            with socket.socket() as probe:
+                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                probe.bind((self.host, self.port))
+        except (OSError, OverflowError) as error:
+            raise UserError(
+                f"{self.host}:{self.port} cannot be used ({error}); choose another --port or --host"
+            ) from None
+
 
 def main() -> None:
     """Entry point of the command line."""
     arguments = tyro.cli(Arguments, prog="python -m bt_jax.app")
-    sys.exit(exit_code(lambda: serve(arguments)))
+    sys.exit(exit_code(lambda: run(arguments)))
 
 
-def serve(arguments: Arguments) -> None:
+def run(arguments: Arguments) -> None:
     """Serves the page until it is interrupted."""
+    arguments.check()
+    try:
+        from bt_jax.app.server import serve
+    except ModuleNotFoundError as error:
+        raise UserError(f'{error.name} is not installed; run pip install -e ".[app]"') from error
     configure_jax("cpu")
-    workspace = Workspace(arguments.folder)
-    studio = Studio(workspace, workspace.task("stack"))
-    studio.find_evolution()
-
-    def prepare() -> None:
-        studio.evolution.prepare(studio.task, studio.gp)
-
-    app.on_startup(prepare)
-    studio.subscribe("task", prepare)
-    studio.subscribe("evolution", prepare)
-    app.on_shutdown(studio.evolution.discard_reserve)
-    app.timer(WATCH_SECONDS, studio.watch)
-    ui.run(
-        lambda: Page(studio),
-        host=arguments.host,
-        port=arguments.port,
-        title="bt_jax",
-        show=arguments.show,
-        reload=False,
-        show_welcome_message=False,
-    )
+    print(f"the page is at http://{arguments.host}:{arguments.port} (Ctrl-C ends it; an evolution goes on)", flush=True)
+    serve(arguments.folder, host=arguments.host, port=arguments.port, show=arguments.show)
 
 
 if __name__ in {"__main__", "__mp_main__"}:

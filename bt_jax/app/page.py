@@ -27,9 +27,9 @@ BLUE, GREEN, ORANGE, VERMILION = "#0072b2", "#009e73", "#e69f00", "#d55e00"  # O
 class Page:
     """What the panels of one window share: the step that is shown, messages, and callbacks that end with the window."""
 
-    def __init__(self, studio: Studio) -> None:
+    def __init__(self, studio: Studio, step: str = STEPS[0]) -> None:
         self.studio, self.client = studio, ui.context.client
-        self.step: Step = "task"
+        self.step: Step = step if step in STEPS else STEPS[0]
         self._on_step: list[Callable[[Step], None]] = []
         ui.colors(primary=BLUE, secondary="#56616d", positive=GREEN, negative=VERMILION, warning=ORANGE)
         ui.add_css(STYLE)
@@ -75,6 +75,8 @@ class Page:
         self._tabs.set_value(step)
 
     def _show(self, step: Step) -> None:
+        if step != self.step:
+            ui.navigate.history.replace(f"?step={step}")
         self.step = step
         for name, panel in self._panels.items():
             panel.set_visibility(name == step)

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from nicegui import ui
 
 from bt_jax.app.curve import Curve, curve_options
 from bt_jax.app.evolution import Evolution
+from bt_jax.app.panels.parts import button, heading
 from bt_jax.app.record import tested
 from bt_jax.app.studio import Studio
-from bt_jax.encoding.svg import to_svg
+from bt_jax.app.tree_view import TreeView
 from bt_jax.errors import UserError
 from bt_jax.gp.config import GPConfig
 
@@ -44,13 +44,13 @@ class _Evolve:
                 self.population = _number("Population", "evolve-population", studio.gp.population, 8, 100_000)
                 self.generations = _number("Generations", "evolve-generations", studio.gp.generations, 1, 100_000)
                 self.seed = _number("Seed", "evolve-seed", studio.gp.seed, 0, 2**32 - 1)
-                self.start = _button("Start", "evolve-start", "play_arrow", page.guard(self._start))
-                self.pause = _button("Pause", "evolve-pause", "pause", page.guard(self._pause))
-                self.resume = _button("Resume", "evolve-resume", "play_arrow", page.guard(self._resume))
-                self.stop = _button("Stop", "evolve-stop", "stop", page.guard(self._stop))
+                self.start = button("Start", "evolve-start", "play_arrow", page.guard(self._start))
+                self.pause = button("Pause", "evolve-pause", "pause", page.guard(self._pause))
+                self.resume = button("Resume", "evolve-resume", "play_arrow", page.guard(self._resume))
+                self.stop = button("Stop", "evolve-stop", "stop", page.guard(self._stop))
             with ui.row().classes("items-center gap-2") as self.onward:
                 self.more = _number("More generations", "evolve-more-generations", 50, 1, 100_000)
-                self.go_on = _button("Go on", "evolve-more", "fast_forward", page.guard(self._more))
+                self.go_on = button("Go on", "evolve-more", "fast_forward", page.guard(self._more))
                 self.result = ui.label().props("data-testid=evolve-result")
             with ui.row().classes("items-center gap-3 w-full no-wrap"):
                 self.bar = ui.linear_progress(0, show_value=False).props("data-testid=evolve-bar aria-label=Progress")
@@ -58,12 +58,13 @@ class _Evolve:
             self.sentence = ui.label().props("data-testid=evolve-sentence")
             with ui.row().classes("gap-6 evolve-figures"):
                 self.generation = _figure("generation", "evolve-generation")
-                self.best = _figure("best fitness (0 would be perfect)", "evolve-best")
+                self.best = _figure("best fitness (the closer to 0, the better)", "evolve-best")
                 self.mean = _figure("mean of the population", "evolve-mean")
                 self.episodes = _figure("trees tried", "evolve-episodes")
             self.chart = ui.echart(curve_options([])).classes("evolve-chart").props("data-testid=evolve-chart")
-            ui.label("Best tree so far").classes("text-bold")
-            self.tree = ui.html(sanitize=False).classes("evolve-tree")
+            heading("Best tree so far")
+            with ui.element("div").classes("evolve-tree"):
+                self.tree = TreeView(page, testid="evolve-tree")
         page.on("evolution", self._refresh)
         page.on_step(lambda step: self._refresh())
 
@@ -119,7 +120,7 @@ class _Evolve:
         self.chart.options.clear()
         self.chart.options.update(curve_options(curves, generations=progress.generations if progress else 0))
         self.chart.update()
-        self.tree.set_content(to_svg(evolution.tree) if evolution.tree else "")
+        self.tree.show(evolution.tree, self.studio.task)
 
 
 def _number(label: str, testid: str, value: int, low: int, high: int) -> ui.number:
@@ -128,10 +129,6 @@ def _number(label: str, testid: str, value: int, low: int, high: int) -> ui.numb
         .props(f"dense outlined data-testid={testid}")
         .classes("evolve-number")
     )
-
-
-def _button(text: str, testid: str, icon: str, handler: Callable) -> ui.button:
-    return ui.button(text, icon=icon, on_click=handler).props(f"no-caps unelevated dense data-testid={testid}")
 
 
 def _figure(name: str, testid: str) -> ui.label:

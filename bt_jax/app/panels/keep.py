@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from nicegui import ui
 
 from bt_jax.app.curve import Curve, curve_options
 from bt_jax.app.filming import film_run
+from bt_jax.app.panels.parts import ask, button
 from bt_jax.app.record import Record, read_record, tested
 from bt_jax.app.studio import Studio
+from bt_jax.app.tree_view import TreeView
 from bt_jax.encoding.svg import to_svg
 from bt_jax.encoding.text import format_tree
 from bt_jax.encoding.xml import to_xml
@@ -52,12 +53,12 @@ class _Keep:
             )
             with ui.row().classes("items-center gap-2"):
                 self.buttons = [
-                    _button("Open", "keep-open", "folder_open", page.guard(self._open)),
-                    _button("XML", "keep-xml", "download", page.guard(lambda: self._download("xml"))),
-                    _button("SVG", "keep-svg", "download", page.guard(lambda: self._download("svg"))),
-                    _button("Text", "keep-txt", "download", page.guard(lambda: self._download("txt"))),
-                    _button("Film", "keep-film", "movie", page.guard(self._film)),
-                    _button("Delete", "keep-delete", "delete", page.guard(self._delete)),
+                    button("Open", "keep-open", "folder_open", page.guard(self._open)),
+                    button("XML", "keep-xml", "download", page.guard(lambda: self._download("xml"))),
+                    button("SVG", "keep-svg", "download", page.guard(lambda: self._download("svg"))),
+                    button("Text", "keep-txt", "download", page.guard(lambda: self._download("txt"))),
+                    button("Film", "keep-film", "movie", page.guard(self._film)),
+                    button("Delete", "keep-delete", "delete", page.guard(self._delete)),
                 ]
             self.chart = ui.echart(curve_options([])).classes("evolve-chart").props("data-testid=keep-chart")
             with ui.row().classes("w-full no-wrap gap-2 keep-trees"):
@@ -90,8 +91,8 @@ class _Keep:
             self.hint.set_text("There is no run yet; start an evolution in step 2.")
         else:
             self.hint.set_text("Tick one run to open it or to take its tree away, two to compare them.")
-        for button in self.buttons:
-            button.set_enabled(len(shown) == 1)
+        for one in self.buttons:
+            one.set_enabled(len(shown) == 1)
         curves = [Curve(one.name, one.progress.history, one.phases) for one in shown if one.progress is not None]
         self.chart.options.clear()
         self.chart.options.update(curve_options(curves))
@@ -131,16 +132,11 @@ class _Keep:
         evolution = self.studio.evolution
         if evolution.running and evolution.run == name:
             raise UserError(f"{name} is evolving; stop it before you delete it")
-        with ui.dialog() as dialog, ui.card():
-            ui.label(f"Delete the run {name} for good, with its trees and curves?")
-            with ui.row():
-                _button("Delete", "keep-delete-yes", "delete", lambda: dialog.submit(True)).props("color=negative")
-                _button("Keep it", "keep-delete-no", "undo", lambda: dialog.submit(False)).props("autofocus")
-        if await dialog:
+        question = f"Delete the run {name} for good, with its trees and curves?"
+        if await ask(question, yes="Delete", testid="keep-delete"):
             self.studio.workspace.delete_run(name)
             self.studio.say(f"The run {name} is deleted.")
             self.studio.changed("runs")
-        dialog.delete()
 
 
 class _Side:
@@ -149,7 +145,7 @@ class _Side:
     def __init__(self, page: Page, number: int) -> None:
         with ui.column().classes("gap-1 keep-side") as self.area:
             self.name = ui.label().classes("text-bold").props(f"data-testid=keep-name-{number}")
-            self.tree = ui.html(sanitize=False)
+            self.tree = TreeView(page, testid=f"keep-tree-{number}")
 
     def show(self, record: Record | None) -> None:
         self.area.set_visibility(record is not None)
@@ -159,7 +155,7 @@ class _Side:
         self.name.set_text(
             record.name if best is None else f"{record.name}: {best:.1f}".replace(": -", ": \N{MINUS SIGN}")
         )
-        self.tree.set_content(to_svg(record.tree) if record.tree else "")
+        self.tree.show(record.tree, record.config.task)
 
 
 def _records(studio: Studio) -> dict[str, Record]:
@@ -182,7 +178,3 @@ def _row(record: Record) -> dict[str, object]:
         "best": progress.best if progress and progress.best is not None else NOTHING,
         "tested": f"{tested(record.result)} layouts" if record.result else NOTHING,
     }
-
-
-def _button(text: str, testid: str, icon: str, handler: Callable) -> ui.button:
-    return ui.button(text, icon=icon, on_click=handler).props(f"no-caps unelevated dense data-testid={testid}")
