@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import signal
 import sys
 import time
+from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated
@@ -94,13 +96,13 @@ def run(arguments: Arguments) -> None:
         _train(training, folder, config, arguments, reporter)
 
 
-def warm(arguments: Arguments, *, generations: int) -> None:
-    """Compiles what `run` would need, by evolving a few generations that are not kept."""
+def warm(arguments: Arguments, *, until: Callable[[], bool]) -> None:
+    """Compiles what `run` would need, by evolving two generations that are not kept; or less, where `until` says so."""
     training = _training(_configuration(arguments)[0])
-    for state in training.evolution.run():
+    for state in itertools.islice(training.evolution.run(), 2):
         training.evolution.describe(state)
         training.best_tree(state)
-        if state.generation >= generations:
+        if until():
             break
 
 

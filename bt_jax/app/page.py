@@ -115,4 +115,12 @@ class Page:
         """Says what went wrong, in the footer and as a notification in this window."""
         self.studio.say(sentence)
         with self.client:
-            ui.notify(sentence, type="negative", multi_line=True, close_button="Close", timeout=8000)
+            ui.notify(
+                sentence,
+                color="dark",
+                icon="warning",
+                position="top",
+                multi_line=True,
+                actions=[{"label": "Close", "color": "white", "noCaps": True}],
+                timeout=8000,
+            )

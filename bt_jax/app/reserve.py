@@ -7,17 +7,20 @@ The process, python -m bt_jax.app.reserve, reads lines of JSON from stdin: ["war
 from __future__ import annotations
 
 import json
+import os
+import queue
 import signal
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Sequence
 
 from bt_jax.errors import UserError
 
 __all__ = ["Reserve"]
 
-GENERATIONS = 1  # with which everything has been compiled
+NICE = 10  # the page comes first where a machine has too much to do
 
 
 class Reserve:
@@ -66,17 +69,26 @@ class Reserve:
 
 
 def main() -> None:
-    """The side of the process."""
+    """The side of the process. An order to train ends the compiling of what it does not need any more."""
     from bt_jax import train
     from bt_jax.startup import configure_jax, exit_code
 
+    os.nice(NICE)
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    orders: queue.Queue[list[str] | None] = queue.Queue()
+    threading.Thread(target=_listen, args=(orders,), daemon=True).start()
     configure_jax("cpu")
-    for line in sys.stdin:
-        order, *words = json.loads(line)
-        if order == "train":
+    while (order := orders.get()) is not None:
+        kind, *words = order
+        if kind == "train":
             sys.exit(exit_code(lambda words=words: train.run(train.parse(words))))
-        exit_code(lambda words=words: train.warm(train.parse(words), generations=GENERATIONS))
+        exit_code(lambda words=words: train.warm(train.parse(words), until=lambda: not orders.empty()))
+
+
+def _listen(orders: queue.Queue[list[str] | None]) -> None:
+    for line in sys.stdin:
+        orders.put(json.loads(line))
+    orders.put(None)
 
 
 if __name__ == "__main__":

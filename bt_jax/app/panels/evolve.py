@@ -48,14 +48,14 @@ class _Evolve:
                 self.pause = button("Pause", "evolve-pause", "pause", page.guard(self._pause))
                 self.resume = button("Resume", "evolve-resume", "play_arrow", page.guard(self._resume))
                 self.stop = button("Stop", "evolve-stop", "stop", page.guard(self._stop))
-            with ui.row().classes("items-center gap-2") as self.onward:
-                self.more = _number("More generations", "evolve-more-generations", 50, 1, 100_000)
-                self.go_on = button("Go on", "evolve-more", "fast_forward", page.guard(self._more))
-                self.result = ui.label().props("data-testid=evolve-result")
             with ui.row().classes("items-center gap-3 w-full no-wrap"):
                 self.bar = ui.linear_progress(0, show_value=False).props("data-testid=evolve-bar aria-label=Progress")
                 self.stage = ui.badge().props("data-testid=evolve-stage")
-            self.sentence = ui.label().props("data-testid=evolve-sentence")
+            with ui.row().classes("items-center gap-2 w-full no-wrap evolve-state"):
+                self.sentence = ui.label().classes("flex-1").props("data-testid=evolve-sentence")
+                with ui.row().classes("items-center gap-2 no-wrap") as self.onward:
+                    self.more = _number("More generations", "evolve-more-generations", 50, 1, 100_000)
+                    self.go_on = button("Go on", "evolve-more", "fast_forward", page.guard(self._more))
             with ui.row().classes("gap-6 evolve-figures"):
                 self.generation = _figure("generation", "evolve-generation")
                 self.best = _figure("best fitness (the closer to 0, the better)", "evolve-best")
@@ -109,8 +109,7 @@ class _Evolve:
         self.onward.set_visibility(not running and progress is not None and stage != "vanished")
         self.stage.set_text(stage if stage != "none" else "not started")
         self.stage.props(f"color={COLORS.get(stage, 'primary')}")
-        self.sentence.set_text(evolution.sentence)
-        self.result.set_text(_tested(evolution))
+        self.sentence.set_text(f"{evolution.sentence} {_tested(evolution)}")
         self.generation.set_text(f"{progress.generation} of {progress.generations}" if progress else NOTHING)
         self.best.set_text(_fitness(progress and progress.best))
         self.mean.set_text(_fitness(progress and progress.mean))
