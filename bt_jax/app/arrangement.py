@@ -109,7 +109,7 @@ def retarget(task: Task, physics: Physics, world: World, name: str, position: Po
     if frame == name or frame not in task.frames:
         raise UserError(f"{name} cannot be placed relative to {frame}; choose another frame")
     origin = standing.get(frame, frames(world, task)[0, task.frames.index(frame), :3].astype(float))
-    local = np.round(_snapped(task, name, frame, position - origin), 3) + 0.0
+    local = np.round(_snapped(task, name, frame, position - origin), 4) + 0.0
     for box in (target.object for target in task.targets):
         if box in others and _inside(origin + local, size, others[box], _size(task, box)):
             raise UserError(f"{name} would be inside {box}, which should be there; put it beside or on top of it")
