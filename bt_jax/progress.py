@@ -24,6 +24,7 @@ __all__ = ["Progress", "Reporter", "is_alive", "read_progress"]
 
 Stage = Literal["starting", "evolving", "testing", "finished", "stopped", "failed"]
 SECONDS = 0.2  # between two writings of generations, at least
+ROWS = 500  # of the history that are kept, at most
 LOCK_SECONDS = 1.0  # `is_alive` holds the lock for a moment
 
 
@@ -31,7 +32,7 @@ LOCK_SECONDS = 1.0  # `is_alive` holds the lock for a moment
 class Progress:
     """Where a training is. Fitness is the best over its runs, and the mean of their means.
 
-    `history` has one row a generation: generation, best, mean.
+    `history` has rows of generation, best and mean; of long trainings, some hundreds evenly chosen, and the last.
     """
 
     pid: int
@@ -46,18 +47,20 @@ class Progress:
     history: tuple[tuple[int, float, float], ...] = ()
 
     def with_history(self, rows: Sequence[Generation]) -> Progress:
-        """This with everything that follows from the history of a training."""
-        by_generation: dict[int, list[Generation]] = {}
-        for row in rows:
-            by_generation.setdefault(row.generation, []).append(row)
-        if not by_generation:
+        """This with everything that follows from the history of a training: one row a generation and run, in their order."""
+        if not rows:
             return self
+        runs = rows[-1].run + 1
         history = tuple(
-            (generation, round(max(row.best for row in runs), 2), round(sum(row.mean for row in runs) / len(runs), 2))
-            for generation, runs in by_generation.items()
+            (
+                some[0].generation,
+                round(max(row.best for row in some), 2),
+                round(sum(row.mean for row in some) / runs, 2),
+            )
+            for some in (rows[i * runs : (i + 1) * runs] for i in _chosen(len(rows) // runs))
         )
         generation, best, mean = history[-1]
-        episodes = sum(row.episodes for row in by_generation[generation])
+        episodes = sum(row.episodes for row in rows[-runs:])
         return dataclasses.replace(
             self, generation=generation, episodes=episodes, best=best, mean=mean, history=history
         )
@@ -109,6 +112,13 @@ class Reporter:
             return
         write_atomic(self._folder / "progress.json", json.dumps(dataclasses.asdict(self._now)) + "\n")
         self._written = time.monotonic()
+
+
+def _chosen(count: int) -> list[int]:
+    """Numbers below `count`: all, or as many as are kept, the first and the last among them."""
+    if count <= ROWS:
+        return list(range(count))
+    return [round(i * (count - 1) / (ROWS - 1)) for i in range(ROWS)]
 
 
 def read_progress(folder: Path) -> Progress | None:

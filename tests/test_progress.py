@@ -68,6 +68,15 @@ def test_what_is_written_is_read(tmp_path):
     assert read_progress(tmp_path) == dataclasses.replace(found, stage="finished")
 
 
+def test_of_a_long_history_some_rows_are_kept():
+    rows = [row(generation, -float(generation), -1.0, run=run) for generation in range(12_345) for run in range(3)]
+    kept = Progress(1).with_history(rows).history
+    assert len(kept) == 500
+    assert (kept[0][0], kept[-1][0]) == (0, 12_344)
+    assert all(best == -generation for generation, best, _ in kept)
+    assert len({generation for generation, *_ in kept}) == 500
+
+
 def test_it_is_written_five_times_a_second_at_most(tmp_path, monkeypatch):
     now = [100.0]
     monkeypatch.setattr("bt_jax.progress.time.monotonic", lambda: now[0])

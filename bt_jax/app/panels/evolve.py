@@ -101,6 +101,8 @@ class _Evolve:
             return
         evolution = self.studio.evolution
         stage, progress, running = evolution.stage, evolution.progress, evolution.running
+        if progress is not None and progress.best is None:
+            progress = None  # nothing was measured yet
         self.start.set_enabled(not running)
         self.pause.set_visibility(stage != "paused")
         self.resume.set_visibility(stage == "paused")
