@@ -1,0 +1,125 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from following import FollowingLink, carried_out
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from bt_jax.behaviors import parse_behavior
+from bt_jax.deploy import yumi
+from bt_jax.deploy.skills import YumiSkills
+from bt_jax.encoding.status import Status
+from bt_jax.task import load_task
+
+TASK = load_task("yumi_stack")
+PICK = parse_behavior("pick(YellowBox)")
+PLACE = parse_behavior("place(YellowBox, (0, 0, 0.022), KittingBox)")
+
+
+def at(x: float, y: float, turn: float = 0.0) -> RigidTransform:
+    return RigidTransform.from_components([x, y, 0.02], Rotation.from_euler("z", turn))
+
+
+@pytest.fixture
+def link():
+    kit = RigidTransform.from_translation([0.3, 0.0, 0.001])
+    boxes = {"YellowBox": at(0.3, 0.24, 0.3), "GreenBox": at(0.3, -0.24), "BlueBox": at(0.33, -0.15)}
+    return FollowingLink(TASK, boxes | {TASK.kit.name: kit})
+
+
+@pytest.fixture
+def skills(link):
+    return YumiSkills(TASK, link)
+
+
+def once(when, what):
+    """For `each`: does something once, as soon as `when()`."""
+    done = []
+
+    def each():
+        if not done and when():
+            done.append(what())
+
+    return each
+
+
+def test_a_box_is_picked_and_put_where_it_should_be(link, skills):
+    assert carried_out(skills, link, PICK) == Status.SUCCESS
+    assert link.seen().holding == "YellowBox"
+    assert link.boxes["YellowBox"].translation[2] > 0.08
+    assert carried_out(skills, link, PLACE) == Status.SUCCESS
+    goal = link.boxes[TASK.kit.name].apply([0, 0, 0.022])
+    assert np.linalg.norm(link.boxes["YellowBox"].translation - goal) < 0.0015
+    assert link.seen().holding is None
+
+
+def test_a_box_that_is_moved_meanwhile_is_followed(link, skills):
+    def move():
+        link.boxes["YellowBox"] = at(0.26, 0.2)
+
+    each = once(lambda: link.arm("left").moving and link.time > 0.5, move)
+    assert carried_out(skills, link, PICK, each=each) == Status.SUCCESS, skills.reason
+    assert link.halted
+    assert link.seen().holding == "YellowBox"
+
+
+def test_what_comes_into_the_way_has_the_way_planned_anew(link, skills):
+    assert carried_out(skills, link, PICK) == Status.SUCCESS
+
+    def push():
+        link.boxes["GreenBox"] = at(0.3, 0.12)
+
+    started = link.time
+    each = once(lambda: link.arm("left").moving and link.time > started + 0.3, push)
+    assert carried_out(skills, link, PLACE, seconds=started + 60, each=each) == Status.SUCCESS, skills.reason
+    assert "left" in link.halted
+
+
+def test_a_box_goes_where_the_kit_is_now(link, skills):
+    """The kit is moved while the right arm goes home, before there is a plan for the left one."""
+    assert carried_out(skills, link, PICK) == Status.SUCCESS
+    link.joints["right"][0] += 0.3
+    started = link.time
+    moved = RigidTransform.from_translation([0.31, 0.015, 0.001])
+    each = once(lambda: link.arm("right").moving and link.time > started, lambda: link.boxes.update(KittingBox=moved))
+    assert carried_out(skills, link, PLACE, seconds=started + 60, each=each) == Status.SUCCESS, skills.reason
+    assert np.linalg.norm(link.boxes["YellowBox"].translation - moved.apply([0, 0, 0.022])) < 0.0015
+
+
+def test_an_arm_that_is_halted_has_not_arrived(link, skills):
+    assert carried_out(skills, link, PICK) == Status.SUCCESS
+    started = link.time
+    each = once(lambda: link.arm("left").moving and link.time > started + 0.3, lambda: link.halt("left"))
+    assert carried_out(skills, link, PLACE, seconds=started + 60, each=each) == Status.FAILURE
+    assert "halted" in skills.reason
+    assert link.seen().holding == "YellowBox"
+
+
+def test_fingers_that_close_on_nothing_are_a_failure(link, skills):
+    def vanish():
+        link.boxes["YellowBox"] = at(0.25, -0.3)
+
+    gone = once(lambda: skills.committed, vanish)
+    assert carried_out(skills, link, PICK, each=gone) == Status.FAILURE
+    assert "nothing" in skills.reason
+    assert link.openings["left"] == pytest.approx(yumi.OPENING, abs=0.002)
+
+
+def test_slow_readings_of_the_fingers_are_no_grasp(link, skills, monkeypatch):
+    """Fingers that tell for 0.2 s after a command where they were before it."""
+    told = []
+    true_arm = FollowingLink.arm
+
+    def late(self, arm):
+        state = true_arm(self, arm)
+        told.append((self.time, arm, state.opening))
+        old = [o for t, a, o in told if a == arm and t <= self.time - 0.2]
+        return dataclasses.replace(state, opening=old[-1] if old else state.opening)
+
+    monkeypatch.setattr(FollowingLink, "arm", late)
+    lifted_open = []
+    each = lambda: lifted_open.append(  # noqa: E731
+        skills.committed and link.arm("left").moving and link.openings["left"] > 0.045
+    )
+    assert carried_out(skills, link, PICK, each=each) == Status.SUCCESS
+    assert not any(lifted_open)
