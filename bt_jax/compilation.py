@@ -28,6 +28,7 @@ from bt_jax.files import write_atomic
 __all__ = ["keep_compiled", "kept_jit"]
 
 
+NOT_COMPILED = ("app", "deploy")  # parts of the package that nothing compiled depends on
 LOAD_EVENT = "/bt_jax/load_executable_duration"
 
 
@@ -106,8 +107,10 @@ def _load(name: str, key: Any, compile_: Callable[[], Any]) -> Callable:
 def _environment() -> str:
     """Everything besides its arguments that compiled code depends on."""
     source = hashlib.sha256()
-    for file in sorted(Path(__file__).parent.rglob("*.py")):
-        source.update(file.read_bytes())
+    package = Path(__file__).parent
+    for file in sorted(package.rglob("*.py")):
+        if file.relative_to(package).parts[0] not in NOT_COMPILED:
+            source.update(file.read_bytes())
     devices = [(device.platform, device.device_kind) for device in jax.devices()]
     flags = os.environ.get("XLA_FLAGS", ""), jax.config.jax_enable_x64, jax.config.jax_default_matmul_precision
     return repr((source.hexdigest(), jax.__version__, jax.lib.__version__, devices, flags, _processor()))

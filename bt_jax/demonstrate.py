@@ -1,4 +1,4 @@
-"""python -m bt_jax.demonstrate: record demonstrations in simulation from a script of what the person would do."""
+"""python -m bt_jax.demonstrate: record demonstrations in simulation from a script of what the person does; keep them."""
 
 from __future__ import annotations
 
@@ -51,8 +51,9 @@ class Arguments:
 
     folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
     """folder of demonstrations; new ones are added"""
-    script: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCRIPT")]
-    """the script, for instance "pick BlueBox; to (0, 0, 0.12) GreenBox; release", or a file with one"""
+    script: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="SCRIPT")] = None
+    """the script, for instance "pick BlueBox; to (0, 0, 0.12) GreenBox; release", or a file with one; without it, the
+    demonstrations in the folder are listed"""
     task: str | None = None
     """name of a task or YAML file (default: that of --after, or stack3)"""
     count: int = NEEDED
@@ -63,6 +64,10 @@ class Arguments:
     """standard deviation with which the person misses each place, along each axis, metres"""
     after: Path | None = None
     """run folder or tree that is executed first: the demonstration begins where it ends"""
+    rename: tuple[str, str] | None = None
+    """gives a demonstration another name: OLD NEW"""
+    delete: str | None = None
+    """removes the demonstration of this name"""
 
     def check(self) -> None:
         """Raises UserError for arguments that cannot work."""
@@ -72,6 +77,8 @@ class Arguments:
             raise UserError(f"--noise is {self.noise}; choose metres from 0 to 0.1")
         if self.seed is not None and self.seed < 0:
             raise UserError(f"--seed is {self.seed}; choose 0 or more")
+        if self.script is not None and (self.rename or self.delete):
+            raise UserError("--rename and --delete record nothing; leave out the script")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -170,13 +177,16 @@ def run(arguments: Arguments) -> None:
     """Records as the arguments say and prints what came of it."""
     arguments.check()
     console = Console(highlight=False, soft_wrap=True)
+    folder = DemonstrationFolder(arguments.folder)
+    if arguments.script is None:
+        _keep_house(console, folder, arguments)
+        return
     script = parse_script(_script_text(arguments.script))
     tree, task = None, load_task(arguments.task or "stack3")
     if arguments.after is not None:
         tree = baseline_from(arguments.after)
         if arguments.task is None and (arguments.after / "config.json").is_file():
             task = RunFolder(arguments.after).config().task
-    folder = DemonstrationFolder(arguments.folder)
     physics = MujocoPhysics(task, why="the C engine")
     seed = arguments.seed
     if seed is None:
@@ -193,6 +203,24 @@ def run(arguments: Arguments) -> None:
         )
     named = "" if task.name == "stack3" else f" --task {arguments.task or task.name}"
     console.print(f"learn from them with python -m bt_jax.learn {escape(str(folder.path))}{named}")
+
+
+def _keep_house(console: Console, folder: DemonstrationFolder, arguments: Arguments) -> None:
+    """Renames or deletes as the arguments say, and lists what is there then."""
+    folder.frames()
+    if arguments.rename is not None:
+        folder.rename(*arguments.rename)
+    if arguments.delete is not None:
+        folder.delete(arguments.delete)
+    if not folder.names():
+        console.print(f"{escape(str(folder.path))} holds no demonstration")
+        return
+    shown = folder.read()
+    for one in shown:
+        things = ", ".join(action.nearest(shown.frames.objects) for action in one.actions if action.kind == "pick")
+        console.print(f"[bold]{escape(one.name)}[/]: {len(one.actions)} actions, moves {escape(things)}")
+    for problem in shown.problems:
+        console.print(f"[yellow]{escape(problem)}[/]")
 
 
 def _script_text(given: str) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import sys
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -25,7 +26,7 @@ from bt_jax.encoding.walk import leaves
 from bt_jax.encoding.xml import to_xml
 from bt_jax.errors import UserError
 from bt_jax.files import unused, write_atomic
-from bt_jax.lessons import lesson_from
+from bt_jax.lessons import choose_frames, lesson_from
 from bt_jax.lfd import Lesson
 from bt_jax.lfd.explanation import (
     action_rows,
@@ -53,6 +54,9 @@ class Arguments:
     """folder with info.yaml and demoN/data_K.yaml"""
     task: str = "stack3"
     """name of a task or YAML file: the scene in which the tree is tried"""
+    frames: tuple[str, ...] = ()
+    """frames of your choice, as ACTION=FRAME with the number of the action, for instance 2=GreenBox; 2=auto takes that back.
+    They are kept with the demonstrations"""
     out: Path | None = None
     """folder for the results (default: runs/learn-FOLDER-DATE-TIME)"""
     layouts: int = 20
@@ -81,6 +85,8 @@ def run(arguments: Arguments) -> None:
     settings = Settings(level=arguments.level, test_layouts=arguments.layouts)
     task = load_task(arguments.task)
     lesson = lesson_from(arguments.folder, task)
+    if arguments.frames:
+        lesson = choose_frames(arguments.folder, lesson, _choices(arguments.frames))
     show(console, lesson)
     configure_jax("cpu")
     tried = try_out(lesson, settings)
@@ -92,6 +98,17 @@ def run(arguments: Arguments) -> None:
     console.print(f"results    {escape(str(out))}")
 
 
+def _choices(words: Sequence[str]) -> dict[int, str | None]:
+    """Index of an action and its frame, None for auto."""
+    found = {}
+    for word in words:
+        number, _, frame = word.partition("=")
+        if not number.isdecimal() or not frame:
+            raise UserError(f"--frames {word} is no choice; write ACTION=FRAME, for instance 2=GreenBox")
+        found[int(number) - 1] = None if frame == "auto" else frame
+    return found
+
+
 def show(console: Console, lesson: Lesson) -> None:
     """Prints what was inferred, from what, and the tree."""
     for problem in lesson.demonstrations.problems:
@@ -101,8 +118,8 @@ def show(console: Console, lesson: Lesson) -> None:
     if sentence := missing_sentence(lesson):
         console.print(f"[yellow]{escape(sentence)}[/]")
     console.print("actions, and what they are relative to")
-    for row in action_rows(lesson):
-        console.print(f"  [bold]{escape(row['what'])}[/]   {row['seen']}\n    {escape(row['why'])}")
+    for number, row in enumerate(action_rows(lesson), start=1):
+        console.print(f"  {number} [bold]{escape(row['what'])}[/]   {row['seen']}\n    {escape(row['why'])}")
     for i, one in enumerate(lesson.subtasks, start=1):
         which = "" if len(lesson.subtasks) == 1 else f" {i}, of {_names(lesson, one.subtask.demonstrations)}"
         console.print(f"goal{which}: {escape(goal_sentence(one.subtask.goal))}")
@@ -152,6 +169,7 @@ def as_data(lesson: Lesson, tried: Evaluation) -> dict[str, Any]:
             {
                 "behavior": str(inference.behavior),
                 "frame": inference.frame,
+                "chosen": inference.chosen,
                 "tolerance": round(inference.tolerance, 5),
                 "reason": inference.reason,
                 "candidates": [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
 
 from bt_jax.behaviors import Tree
@@ -13,7 +14,7 @@ from bt_jax.lfd import DemonstrationFolder, Lesson, learn, plan_task
 from bt_jax.run_folder import RunConfig
 from bt_jax.task import Task
 
-__all__ = ["Changes", "baseline_from", "lesson_from", "subgoal_name"]
+__all__ = ["Changes", "baseline_from", "choose_frames", "lesson_from", "subgoal_name"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,6 +71,21 @@ def lesson_from(folder: Path, task: Task) -> Lesson:
         return learn(demonstrations, task)
     except UserError as error:
         raise UserError(f"{folder}: {error}") from None
+
+
+def choose_frames(folder: Path, lesson: Lesson, frames: Mapping[int, str | None]) -> Lesson:
+    """What is learnt from a folder once a person has chosen frames, by the index of an inference in what was learnt so far;
+    None leaves it to the demonstrations again. The choices are kept with the demonstrations.
+
+    Raises UserError, and keeps nothing, where they cannot be meant.
+    """
+    count = len(lesson.inferences)
+    if wrong := [index + 1 for index in frames if not 0 <= index < count]:
+        raise UserError(f"there is no action {wrong[0]} to choose a frame for; choose one from 1 to {count}")
+    learn(lesson.demonstrations, lesson.task, frames={i: frame for i, frame in frames.items() if frame is not None})
+    for index, frame in frames.items():
+        DemonstrationFolder(folder).choose(lesson.demonstrations, lesson.inferences[index].moments, frame)
+    return lesson_from(folder, lesson.task)
 
 
 def subgoal_name(folder: Path) -> str:

@@ -89,13 +89,14 @@ class Target:
 @dataclasses.dataclass(frozen=True)
 class Layout:
     """How an episode starts. `kit` names a table or is "random"; `stack` lists boxes from the bottom up that start as
-    one stack, the others start at random places on the tables without the kit, centres at least `spacing` apart and
-    `margin` away from the table's edge."""
+    one stack, `fixed` names boxes that always start at the same place in the robot's frame, and the others start at random
+    places on the tables without the kit, centres at least `spacing` apart and `margin` away from the table's edge."""
 
     kit: str = "random"
     stack: tuple[str, ...] = ()
     spacing: float = 0.15
     margin: float = 0.125
+    fixed: tuple[Target, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -170,6 +171,25 @@ class Task:
     def frames(self) -> tuple[str, ...]:
         """Frames in the order of their index: boxes, then the kit, then the robot."""
         return (*self.box_names, self.kit.name, self.robot_frame)
+
+    @property
+    def right(self) -> Vec3:
+        """The world's horizontal axis that points to the right of a person who faces the robot across the tables."""
+        x, y, _ = self.away
+        return (y, 0.0 - x, 0.0)
+
+    @property
+    def away(self) -> Vec3:
+        """The world's horizontal axis that points from that person to the robot, across the row of tables."""
+        low, high = zip(*(self._extent(axis) for axis in (0, 1)), strict=True)
+        across = 1 if high[0] - low[0] >= high[1] - low[1] else 0
+        side = 1.0 if self.robot_position[across] >= (low[across] + high[across]) / 2 else -1.0
+        return (0.0, side, 0.0) if across else (side, 0.0, 0.0)
+
+    def _extent(self, axis: int) -> tuple[float, float]:
+        """Where the tables begin and end along an axis."""
+        edges = [(table.position[axis], table.size[axis] / 2) for table in self.tables]
+        return min(middle - half for middle, half in edges), max(middle + half for middle, half in edges)
 
     def with_targets(self, targets: Sequence[Target], *, source: str) -> Task:
         """This task with more targets, each in place of one that the same object has; `source` is named in errors."""
@@ -426,6 +446,7 @@ def _check_layout(task: Task, fail: Any) -> None:
             fail("layout.stack", f"there is no box '{name}'", f"use some of {', '.join(task.box_names)}")
     if len(set(task.layout.stack)) < len(task.layout.stack):
         fail("layout.stack", "a box stands in it twice", "name each box once")
+    _check_fixed(task, fail)
     free = [[edge - 2 * task.layout.margin for edge in table.size[:2]] for table in task.tables]
     if min(map(min, free)) < 0:
         fail("layout.margin", f"{task.layout.margin} m from every edge leaves nothing of a table", "lower it")
@@ -433,12 +454,45 @@ def _check_layout(task: Task, fail: Any) -> None:
         return
     # Half of what a square lattice would hold: then random placement finds room without trying long.
     lattices = [math.prod(1 + int(edge / task.layout.spacing) for edge in edges) for edges in free[1:]]
-    if sum(max(1, lattice // 2) for lattice in lattices) < len(task.boxes):
+    loose = len(task.boxes) - len(task.layout.fixed)
+    if sum(max(1, lattice // 2) for lattice in lattices) < loose:
         fail(
             "layout.spacing",
-            f"{len(task.boxes)} boxes do not fit {task.layout.spacing} m apart on the tables",
+            f"{loose} boxes do not fit {task.layout.spacing} m apart on the tables",
             "lower spacing or margin, or add tables",
         )
+
+
+def _check_fixed(task: Task, fail: Any) -> None:
+    sizes = {box.name: box.size for box in task.boxes}
+    fixed = task.layout.fixed
+    if fixed and task.layout.kit == "random":
+        fail("layout.kit", "the kit may come to stand where a box is fixed", "name the kit's table")
+    for i, place in enumerate(fixed):
+        key = f"layout.fixed[{i}]"
+        if place.object not in sizes:
+            fail(f"{key}.object", f"there is no box '{place.object}'", f"use one of {', '.join(sizes)}")
+        if place.object in task.layout.stack or place.object in [other.object for other in fixed[:i]]:
+            fail(f"{key}.object", f"{place.object} has a place already", "give each box one place")
+        if place.frame != task.robot_frame:
+            fail(f"{key}.frame", f"'{place.frame}' is not the robot's frame", f"use {task.robot_frame}")
+        for other in fixed[:i]:
+            gap = (sizes[place.object] + sizes[other.object]) / 2 - _apart(place.position, other.position)
+            if gap > 0.1 * sizes[place.object]:
+                fail(f"{key}.position", f"{place.object} would be inside {other.object}", "move it to free space")
+        x, y, z = (a + b for a, b in zip(place.position, task.robot_position, strict=True))
+        under = [
+            t
+            for t in task.tables
+            if abs(x - t.position[0]) <= t.size[0] / 2 and abs(y - t.position[1]) <= t.size[1] / 2
+        ]
+        if not any(z - sizes[place.object] / 2 > table.top - 0.1 * sizes[place.object] for table in under):
+            fail(f"{key}.position", f"{place.object} would be on no table", "move it over one")
+
+
+def _apart(a: Vec3, b: Vec3) -> float:
+    """Distance along the axis on which it is the largest."""
+    return max(abs(x - y) for x, y in zip(a, b, strict=True))
 
 
 def _check_targets(task: Task, fail: Any) -> None:

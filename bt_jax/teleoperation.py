@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,11 +16,14 @@ from bt_jax.lfd.demonstration import END_EFFECTOR_HEIGHT, Action, Demonstration,
 from bt_jax.mjx_env.physics import Physics
 from bt_jax.mjx_env.settling import Settler
 from bt_jax.mjx_env.skills import act, settled_world
-from bt_jax.mjx_env.statuses import Semantics
+from bt_jax.mjx_env.statuses import Semantics, reachable
+from bt_jax.mjx_env.surfaces import box_surfaces, fixed_surfaces, overlaps
 from bt_jax.mjx_env.world import World, frames, to_world
 from bt_jax.task import Task
 
-__all__ = ["Teleoperation"]
+__all__ = ["Landing", "Teleoperation"]
+
+SUNK = 0.1  # part of its size by which an object may be inside another where it is let go; it is set down on that one
 
 Vector = Sequence[float] | Float[np.ndarray, "3"]
 
@@ -33,10 +37,21 @@ class _Moment:
     actions: tuple[Action, ...]
 
 
+@dataclasses.dataclass(frozen=True)
+class Landing:
+    """What is below a carried object: where its centre would come to rest (world, metres) and `on` what, None for the floor;
+    `inside` is the object that it would be let go in, if any."""
+
+    position: Float[np.ndarray, "3"]
+    on: str | None
+    inside: str | None
+
+
 class Teleoperation:
     """A demonstration in the making, from a state at rest (a batch of one, NumPy; see `mjx_env.layouts.sample_layouts`).
 
-    Every input changes `world`; `undo` takes the last one back. Positions are metres.
+    Every input changes `world`; `undo` takes the last one back. Positions are metres. An input that raises UserError has
+    changed nothing.
     """
 
     def __init__(self, task: Task, physics: Physics, start: World) -> None:
@@ -90,13 +105,13 @@ class Teleoperation:
         self._push(_Moment(after, after.poses[0, index, :3].astype(float), (*self.actions, action)))
 
     def move(self, by: Vector) -> None:
-        """Carries the held object by a vector in the world's axes; not below the floor."""
+        """Carries the held object by a vector in the world's axes; not below the floor. Raises UserError out of reach."""
         self.move_to(
             self._in_frame(self._carried() + np.asarray(by, float), self.task.robot_frame), self.task.robot_frame
         )
 
     def move_to(self, position: Vector, frame: str) -> None:
-        """Carries the held object's centre to a position in a frame."""
+        """Carries the held object's centre to a position in a frame. Raises UserError out of reach."""
         self._carried()
         if frame not in self.task.frames or frame == self.held:
             others = ", ".join(name for name in self.task.frames if name != self.held)
@@ -109,23 +124,56 @@ class Teleoperation:
         )
         size = self.task.boxes[self.task.box_names.index(self.held)].size
         goal[2] = max(goal[2], self.task.floor + size / 2)
+        low, high = self._reach
+        if np.any(goal < low) or np.any(goal > high):
+            raise UserError(f"the gripper does not reach that far; carry {self.held} nearer to the tables")
         self._push(dataclasses.replace(self._now, position=goal))
 
+    def landing(self) -> Landing:
+        """What is below the held object. Raises UserError where nothing is held."""
+        centre, world, task = self._carried(), self._now.world, self.task
+        held = int(world.held[0])
+        half = np.float32(task.boxes[held].size / 2)
+        fixed, boxes = fixed_surfaces(task, world.kit), box_surfaces(task, world.poses)
+        names = [None, *(table.name for table in task.tables)]
+        names += [task.kit.name] * (fixed.top.shape[1] - len(names)) + list(task.box_names)
+        tops = np.concatenate([fixed.top[0], boxes.top[0]])
+        xy, reach = centre[None, :2].astype(np.float32), np.array([half])
+        under = np.concatenate([overlaps(fixed, xy, reach)[0], overlaps(boxes, xy, reach)[0]])
+        under[len(names) - len(task.boxes) + held] = False
+        foot = np.concatenate([np.full(fixed.top.shape[1], -np.inf), 2 * world.poses[0, :, 2] - boxes.top[0]])
+        sunk = under & (tops > centre[2] - half + 2 * half * SUNK) & (foot < centre[2] + half - 2 * half * SUNK)
+        best = int(np.argmax(np.where(under, tops, -np.inf)))
+        inside = names[int(np.argmax(np.where(sunk, tops, -np.inf)))] if sunk.any() else None
+        return Landing(np.array([*centre[:2], float(tops[best] + half)]), names[best], inside)
+
     def release(self) -> None:
-        """Lowers the held object to where it is meant to be, or until it touches something, and lets go."""
-        position = self._carried()
+        """Lowers the held object to where it is meant to be, or until it touches something, and lets go. Raises UserError
+        where it is inside another object, or where something would fall to the floor."""
+        position, landing = self._carried(), self.landing()
+        if landing.inside is not None:
+            raise UserError(
+                f"{self.held} would be inside {landing.inside}; raise it or carry it aside, then release it"
+            )
+        if landing.on is None:
+            raise UserError(self._lost(self.held))
         place = self._in_frame(position, self.task.robot_frame)
         action = Behavior("place", (self.held, tuple(float(x) for x in place), self.task.robot_frame))
         held = int(self._now.world.held[0])
         after, released = self._done(Semantics(self.task, Vocabulary.of([action])), self._now.world, action)
+        known, now = (reachable(world, self.task)[0] for world in (self._now.world, after))
+        if np.any(known & ~now):
+            raise UserError(self._lost(self.task.box_names[int(np.argmax(known & ~now))]))
         let_go = self._end_effector(self._now.world, released[held, :3].astype(float), moved=held)
         self._push(_Moment(after, None, (*self.actions, Action("place", let_go))))
 
-    def undo(self) -> bool:
-        """Takes the last input back; False where there is none."""
+    def undo(self, *, moves_together: bool = False) -> bool:
+        """Takes the last input back, or all moves since the pick at once; False where there is none."""
         if not self._past:
             return False
-        self._now = self._past.pop()
+        world, self._now = self._now.world, self._past.pop()
+        while moves_together and self._now.world is world and self._past and self._past[-1].world is world:
+            self._now = self._past.pop()
         return True
 
     def demonstration(self, name: str = "demo") -> Demonstration:
@@ -135,6 +183,19 @@ class Teleoperation:
         if not self.actions:
             raise UserError("nothing was demonstrated yet; pick an object and place it")
         return Demonstration(name, self.actions)
+
+    def _lost(self, name: str) -> str:
+        return f"{name} would fall to the floor, out of the gripper's reach; carry {self.held} over a table, then release it"
+
+    @functools.cached_property
+    def _reach(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+        """Lowest and highest coordinates [m]: the tables and the robot, and around them once the width of a table."""
+        task = self.task
+        width = max(max(table.size[:2]) for table in task.tables)
+        middles, sizes = (np.array([getattr(t, key)[:2] for t in task.tables]) for key in ("position", "size"))
+        corners = np.concatenate([middles - sizes / 2, middles + sizes / 2, [task.robot_position[:2]]])
+        highest = max(table.top for table in task.tables) + 2 * width
+        return np.array([*corners.min(0) - width, task.floor]), np.array([*corners.max(0) + width, highest])
 
     def _push(self, moment: _Moment) -> None:
         self._past.append(self._now)

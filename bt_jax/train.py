@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import signal
 import sys
 import time
+from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated
@@ -13,18 +15,20 @@ from typing import Annotated
 import tyro
 
 from bt_jax.console import Session, TrainingDisplay
+from bt_jax.encoding.text import one_line
 from bt_jax.errors import UserError
 from bt_jax.files import unused
 from bt_jax.gp.config import GPConfig
 from bt_jax.gp.evolution import Generation, State, best_of
 from bt_jax.lessons import Changes, baseline_from
 from bt_jax.plots import learning_curve
+from bt_jax.progress import Reporter
 from bt_jax.run_folder import Checkpoint, RunConfig, RunFolder, package_version
 from bt_jax.startup import CompileClock, Device, configure_jax, exit_code
 from bt_jax.task import load_task
 from bt_jax.training import Settings, Training
 
-__all__ = ["Arguments", "main"]
+__all__ = ["Arguments", "main", "parse", "run", "warm"]
 
 PROGRAM = "python -m bt_jax.train"
 CHECKPOINT_SECONDS = 2.0
@@ -64,6 +68,8 @@ class Arguments:
     """folder for the results (default: runs/TASK-DATE-TIME)"""
     device: Device = "auto"
     """where JAX computes"""
+    progress: bool = False
+    """keep RUN/progress.json up to date while it runs, for other programs that show it"""
 
 
 def main() -> None:
@@ -86,25 +92,44 @@ def run(arguments: Arguments) -> None:
     config, folder = _configuration(arguments)
     training = _training(config)
     _begin(folder, _pinned(config, training), resume=arguments.resume is not None)
+    with Reporter(folder.path if arguments.progress else None, config.gp.generations) as reporter:
+        _train(training, folder, config, arguments, reporter)
+
+
+def warm(arguments: Arguments, *, until: Callable[[], bool]) -> None:
+    """Compiles what `run` would need, by evolving two generations that are not kept; or less, where `until` says so."""
+    training = _training(_configuration(arguments)[0])
+    for state in itertools.islice(training.evolution.run(), 2):
+        training.evolution.describe(state)
+        training.best_tree(state)
+        if until():
+            break
+
+
+def _train(training: Training, folder: RunFolder, config: RunConfig, arguments: Arguments, reporter: Reporter) -> None:
+    """Evolves until it is done or stopped, and writes the results."""
     display = TrainingDisplay(training, folder.path)
     state, history = _restored(training, folder.load_checkpoint(), config)
     clock, began, stopped = CompileClock(), time.monotonic(), False
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with display:
-            state, history = _evolve(training, folder, display, state, history, arguments, config.phase)
+            state, history = _evolve(training, folder, display, reporter, state, history, arguments, config.phase)
     except KeyboardInterrupt:
         stopped = True
         state, history = display.last
         if state is None:
             raise UserError("stopped before the first generation was measured; nothing was learnt") from None
     session = Session(time.monotonic() - began, clock.seconds, training.num_broken, stopped)
+    reporter.update(history, lambda: one_line(training.best_tree(state)), now=True)
+    reporter.stage("testing")
     folder.save_checkpoint(Checkpoint(state, training.vocabulary.leaves, config.phase, history))
     folder.save_tree(training.best_tree(state), title=config.task.name)
     if stopped:
         # The interruption may have come in the middle of an entry into the table: the test starts from a new one.
         training = _training(config)
     _finish(training, folder, display, state, history, session)
+    reporter.stage("stopped" if stopped else "finished")
 
 
 def _training(config: RunConfig) -> Training:
@@ -197,6 +222,7 @@ def _evolve(
     training: Training,
     folder: RunFolder,
     display: TrainingDisplay,
+    reporter: Reporter,
     state: State | None,
     history: list[Generation],
     arguments: Arguments,
@@ -209,6 +235,7 @@ def _evolve(
         if state.generation not in known:
             history = [*history, *training.evolution.describe(state)]
         display.update(state, history)
+        reporter.update(history, lambda state=state: one_line(training.best_tree(state)))
         if time.monotonic() - saved >= wait:
             began = time.monotonic()
             folder.save_checkpoint(Checkpoint(state, training.vocabulary.leaves, phase, history))

@@ -68,12 +68,43 @@ def test_from_the_script_to_the_tree(tmp_path):
     assert (data["tree"], data["solved"], data["missing"]) == (str(tree), 5, 0)
 
 
+def test_demonstrations_are_kept_and_frames_chosen_on_the_command_line(tmp_path):
+    folder = DemonstrationFolder(tmp_path / "shown")
+    folder.create(Frames.of(TASK))
+    for one in record(TASK, Kinematic(TASK), parse_script(SCRIPT), noise=0.003):
+        folder.append(one)
+    done = command("bt_jax.demonstrate", folder.path, "--rename", "demo1", "the first", "--delete", "demo2")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == ["the first: 2 actions, moves BlueBox", "demo3: 2 actions, moves BlueBox"]
+    options = ("--level", "kinematic", "--layouts", 2, "--out")
+    done = command("bt_jax.learn", folder.path, "--frames", "2=GreenBox", "3=GreenBox", *options, tmp_path / "a")
+    assert done.returncode == 0, done.stderr
+    assert "chosen by hand" in done.stdout
+    assert "2 of 2" in done.stdout
+    assert learn(folder.read(), TASK).targets[0].frame == "GreenBox"  # kept with the demonstrations
+    for bad, remedy in [
+        ("9=auto", "choose one from 1 to 2"),
+        ("2=PinkBox", "choose KittingBox"),
+        ("x", "write ACTION=FRAME"),
+    ]:
+        done = command("bt_jax.learn", folder.path, "--frames", bad, *options, tmp_path / "b")
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+        assert remedy in done.stderr
+    done = command("bt_jax.learn", folder.path, "--frames", "2=auto", *options, tmp_path / "b")
+    assert done.returncode == 0, done.stderr
+    assert {place.frame for place in learn(folder.read(), TASK).placements} == {"base_link"}
+
+
 @pytest.mark.parametrize(
     ("arguments", "remedy"),
     [
         (("bt_jax.learn", "nowhere"), "give one with demonstrations"),
         (("bt_jax.demonstrate", "new", "jump"), "write pick BOX"),
         (("bt_jax.demonstrate", "new", "pick RedBox; release"), "use one of YellowBox"),
+        (("bt_jax.demonstrate", "new"), "there is no folder new"),
+        (("bt_jax.demonstrate", "new", "--delete", "demo1"), "there is no folder new"),
+        (("bt_jax.demonstrate", "new", SCRIPT, "--delete", "demo1"), "leave out the script"),
+        (("bt_jax.demonstrate", "new", "pick BlueBox; to (0, 0, 0) GreenBox; release"), "would be inside GreenBox"),
         (("bt_jax.demonstrate", "new", "pick BlueBox"), "release it, then finish"),
         (("bt_jax.demonstrate", "new", SCRIPT, "--count", 0), "choose 1 or more"),
         (("bt_jax.demonstrate", "new", SCRIPT, "--after", "nowhere.txt"), "give a run folder, or a tree"),

@@ -55,9 +55,25 @@ def in_frame(**frames):
     return {"targets": [{"object": o, "position": [0, 0, 0.1], "frame": f} for o, f in frames.items()]}
 
 
+def fixed(*places, kit="TableRight", **over):
+    entries = [{"object": o, "position": p, "frame": "base_link"} | over for o, p in places]
+    return {"layout": {"kit": kit, "fixed": entries}}
+
+
 @pytest.mark.parametrize(
     ("change", "key", "remedy"),
     [
+        (fixed(("YellowBox", [-1, -1, 0.75]), kit="random"), "layout.kit", "name the kit's table"),
+        (fixed(("RedBox", [-1, -1, 0.75])), "layout.fixed[0].object", "use one of YellowBox"),
+        (fixed(("YellowBox", [-1, -1, 0.75]), frame="GreenBox"), "layout.fixed[0].frame", "use base_link"),
+        (fixed(*[("YellowBox", [-1, -1, 0.75])] * 2), "layout.fixed[1].object", "one place"),
+        (
+            fixed(("YellowBox", [-1, -1, 0.75]), ("GreenBox", [-1, -0.95, 0.8])),
+            "layout.fixed[1].position",
+            "free space",
+        ),
+        (fixed(("YellowBox", [-1, -1, 0.4])), "layout.fixed[0].position", "move it over one"),
+        (fixed(("YellowBox", [-3, -1, 0.75])), "layout.fixed[0].position", "move it over one"),
         (target(object="RedBox"), "targets[0].object", "use one of YellowBox"),
         (target(frame="Shelf"), "targets[0].frame", "use one of YellowBox"),
         (target(frame="YellowBox"), "targets", "give one of them"),

@@ -108,3 +108,79 @@ def test_what_cannot_be_done_is_said_and_changes_nothing(inputs, remedy):
 def test_what_something_stands_on_cannot_be_picked():
     with pytest.raises(UserError, match="something stands on it"):
         session(task=RESTACK).pick("YellowBox")
+
+
+def carried(hand, name, position, frame):
+    hand.pick(name)
+    hand.move_to(position, frame)
+    return hand
+
+
+@given(
+    seed=st.integers(0, 1000),
+    x=st.floats(-0.045, 0.045),
+    y=st.floats(-0.045, 0.045),
+    height=st.floats(0.1, 0.4),
+)
+def test_what_lands_on_a_box_is_where_it_was_said(seed, x, y, height):
+    hand = carried(session(seed), "BlueBox", (x, y, height), "GreenBox")
+    landing = hand.landing()
+    assert (landing.on, landing.inside) == ("GreenBox", None)
+    hand.release()
+    np.testing.assert_allclose(hand.world.poses[0, 2, :3], landing.position, atol=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("position", "frame", "name"),
+    [
+        ((0.0, 0.0, 0.05), "GreenBox", "GreenBox"),
+        ((0.08, 0.08, -0.02), "GreenBox", "GreenBox"),
+        ((0.0, 0.0, -0.02), "KittingBox", "KittingBox"),
+        ((0.2, 0.0, 0.05), "KittingBox", "KittingBox"),  # in the wall
+        ((0.0, 0.0, 0.0), "GreenBox", "GreenBox"),
+    ],
+)
+def test_nothing_is_let_go_inside_another_object(position, frame, name):
+    hand = carried(session(), "BlueBox", position, frame)
+    before, recorded = hand.world, hand.actions
+    assert hand.landing().inside == name
+    with pytest.raises(UserError, match=f"BlueBox would be inside {name}; raise it"):
+        hand.release()
+    np.testing.assert_array_equal(hand.world.poses, before.poses)
+    assert (hand.held, hand.actions) == ("BlueBox", recorded)
+    hand.move((0.0, 0.0, 0.3))
+    hand.release()
+    assert hand.held is None
+
+
+def test_nothing_is_let_go_where_it_would_fall_to_the_floor():
+    hand = carried(session(), "BlueBox", (0.5, 0.0, 0.9), "base_link")
+    assert hand.landing().on is None
+    with pytest.raises(UserError, match=r"BlueBox would fall to the floor.*carry BlueBox over a table"):
+        hand.release()
+    assert hand.held == "BlueBox"
+
+
+def test_the_gripper_has_an_end_to_its_reach():
+    hand = session()
+    hand.pick("BlueBox")
+    for far in ((3.0, 0.0, 0.0), (0.0, -3.0, 0.0), (0.0, 0.0, 3.0)):
+        before = hand.position("base_link")
+        with pytest.raises(UserError, match="does not reach that far; carry BlueBox nearer"):
+            hand.move(far)
+        np.testing.assert_array_equal(hand.position("base_link"), before)
+
+
+def test_moves_can_be_undone_together():
+    hand = session()
+    start = hand.world
+    hand.pick("BlueBox")
+    picked = hand.world
+    for _ in range(5):
+        hand.move((0.0, 0.0, 0.05))
+    carried_to = hand.world
+    hand.release()
+    for expected in (carried_to, picked, start):
+        assert hand.undo(moves_together=True)
+        np.testing.assert_array_equal(hand.world.poses, expected.poses)
+    assert not hand.undo(moves_together=True)

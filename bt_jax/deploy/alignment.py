@@ -26,7 +26,8 @@ MARGIN = (
 )
 BLUR = (0.3, 0.12)  # of the pattern, modules: first to be caught, then to be exact
 ITERATIONS = (4, 6)
-DAMPING = 1e-9  # keeps a body without any edge in the image from being singular
+DAMPING = 1e-9  # keeps a motion that the image does not tell from being singular
+EDGELESS = 1e-6  # trace of the normal equations below which there is nothing in the image to align with
 PRECISION = 2e-5  # rad and m
 BIAS = 0.08  # pixels by which a corner is off whatever the residual, for sampling and blur: as measured in renderings
 ROBUST = 0.25  # residual, as a share of the contrast, from which points count less (Huber)
@@ -38,7 +39,8 @@ HIDDEN = (
 @dataclasses.dataclass(frozen=True)
 class Alignment:
     """`rotation` f64[3, 3] and `position` f64[3] [m]: the body's frame in the camera's; `residual`: root mean square, as a
-    share of the contrast; `sigma`: standard deviation of the position that follows from it and from coarse pixels [m]."""
+    share of the contrast; `sigma`: standard deviation of the position that follows from it, were points independent, and
+    from coarse pixels [m]. Both are inf where the image shows nothing."""
 
     rotation: np.ndarray
     position: np.ndarray
@@ -94,6 +96,8 @@ def align(
                 weights = np.minimum(1, ROBUST / np.maximum(np.abs(residuals), 1e-9))
             weighted = weights[:, None] * jacobian
             hessian = jacobian.T @ weighted
+            if np.trace(hessian) < EDGELESS:
+                return Alignment(rotation, position, math.inf, math.inf)
             step = -np.linalg.solve(hessian + DAMPING * np.eye(6) * np.trace(hessian), weighted.T @ residuals)
             rotation, position = cv2.Rodrigues(step[:3])[0] @ rotation, position + step[3:]
             if np.abs(step).max() < PRECISION:

@@ -101,6 +101,10 @@ class CellClearance:
         """The least of each pair's distance less the margin that it should keep [m]."""
         return self._least(left, right, opening)[1]
 
+    def slacks(self, left: np.ndarray, right: np.ndarray, *, opening: float = yumi.OPENING) -> np.ndarray:
+        """Each pair's distance less the margin that it should keep [m]; inf where a pair does not count."""
+        return self._distances(left, right, opening) - self._margins
+
     def nearest(self, left: np.ndarray, right: np.ndarray, *, opening: float = yumi.OPENING) -> str:
         """Which two shapes are nearest to what they may be, for messages."""
         _, slack, pair = self._least(left, right, opening)
@@ -109,15 +113,19 @@ class CellClearance:
         return f"{names[0]} and {names[1]} ({1000 * slack:.0f} mm)"
 
     def _least(self, left, right, opening) -> tuple[float, float, int]:
+        found = self._distances(left, right, opening)
+        slack = found - self._margins
+        worst = int(np.argmin(slack))
+        return float(found.min()), float(slack[worst]), worst
+
+    def _distances(self, left: np.ndarray, right: np.ndarray, opening: float) -> np.ndarray:
         for arm, joints in (("left", left), ("right", right)):
             self._q[self._columns[arm]] = (*joints, opening / 2, opening / 2)
         pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._geometry_data, self._q)
         pin.computeDistances(self._geometry, self._geometry_data)
         found = np.array([result.min_distance for result in self._geometry_data.distanceResults])
         found[~self._active] = np.inf
-        slack = found - self._margins
-        worst = int(np.argmin(slack))
-        return float(found.min()), float(slack[worst]), worst
+        return found
 
     def _column(self, joint: str) -> int:
         return self._model.joints[self._model.getJointId(joint)].idx_q

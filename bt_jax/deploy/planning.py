@@ -26,7 +26,8 @@ __all__ = ["Planner", "Reach", "Unplannable"]
 ABOVE = 0.08  # metres above the place where a straight path begins
 STEPS = 8  # of a straight path
 SOLUTIONS = 3  # of the inverse kinematics, tried for each pose
-LOOKS = 6000  # at clearance, after which a plan is given up; a count, so that equal questions have equal answers
+LOOKS = 8000  # at clearance, after which a plan is given up; a count, so that it does not depend on the machine
+TRIES = 150  # of a search for a way to one of the places
 SPOT = 0.02  # metres between places that are tried for setting a box down
 
 
@@ -81,11 +82,11 @@ class Planner:
         poses: Mapping[str, RigidTransform],
         joints: Mapping[str, np.ndarray],
         carried: Carried | None = None,
-        gripped: str | None = None,
     ) -> np.ndarray:
-        """Path [n, 7] to the arm's place of rest. Raises Unplannable."""
-        self._clearance.place(poses, carried=carried, gripped=gripped)
-        free = self._free(arm, joints, yumi.OPENING)
+        """Path [n, 7] to the arm's place of rest, around what is carried by either arm. Raises Unplannable."""
+        self._looks = 0
+        self._clearance.place(poses, carried=carried)
+        free = self._free(arm, joints)
         path = connect(joints[arm], yumi.HOME[arm], free, seed=self._next())
         if path is None:
             raise Unplannable(f"the {arm} arm finds no way home")
@@ -97,11 +98,12 @@ class Planner:
         return all(kinematics.solve(pose, yumi.HOME[arm]) is not None for pose in (tcp, raised(tcp, ABOVE)))
 
     def timed(self, arm: str, path: np.ndarray, pace: Pace, joints: Mapping[str, np.ndarray]) -> Trajectory:
-        """A path that was planned, as a trajectory; corners are only cut where there is room for it."""
+        """The path that was planned last, as a trajectory; corners are only cut where there is room for it."""
         trajectory = timed(path, pace, arm)
         if len(path) <= 2:
             return trajectory
-        free = self._free(arm, joints, yumi.OPENING)
+        self._looks = 0
+        free = self._free(arm, joints)
         if all(free(row) for row in trajectory.joints[::4]):
             return trajectory
         pieces = [timed(path[i : i + 2], pace, arm) for i in range(len(path) - 1)]
@@ -153,32 +155,33 @@ class Planner:
             raise Unplannable(f"no arm reaches the place to {what}")
         for _, arm, line, tcp in sorted(candidates, key=lambda candidate: candidate[0]):
             down()
-            free = self._free(arm, joints, yumi.OPENING)
+            free = self._free(arm, joints)
             hit = next((row for row in line if not free(row)), None)
             if hit is not None:
                 blocked = blocked or self._between(arm, joints, hit)
                 continue
             across()
-            free = self._free(arm, joints, yumi.OPENING)
-            path = connect(joints[arm], line[0], free, seed=self._next())
+            free = self._free(arm, joints)
+            path = connect(joints[arm], line[0], free, seed=self._next(), tries=TRIES)
             if path is not None:
                 return Reach(arm, path, line, tcp)
             blocked = blocked or "no path"
-            if self._looks > LOOKS:
-                break
         raise Unplannable(f"there is no free way to {what}: {blocked}")
 
-    def _free(self, arm: str, joints: Mapping[str, np.ndarray], opening: float):
-        """Is a configuration free? Where an arm already is, and not nearer to anything, it may be."""
+    def _free(self, arm: str, joints: Mapping[str, np.ndarray]) -> Callable[[np.ndarray], bool]:
+        """Is a configuration free? What an arm is too near to already, it may be as near to. Raises Unplannable after too
+        many questions for one plan."""
         other = next(name for name in yumi.ARMS if name != arm)
 
-        def slack(q: np.ndarray) -> float:
+        def slacks(q: np.ndarray) -> np.ndarray:
             self._looks += 1
+            if self._looks > LOOKS:
+                raise Unplannable(f"there is no way for the {arm} arm that would be found in time")
             left, right = (q, joints[other]) if arm == "left" else (joints[other], q)
-            return self._clearance.slack(left, right, opening=opening)
+            return self._clearance.slacks(left, right)
 
-        least = min(0.0, slack(joints[arm]) - 1e-4)
-        return lambda q: slack(q) >= least
+        least = np.minimum(0.0, slacks(joints[arm]) - 1e-4)
+        return lambda q: bool((slacks(q) >= least).all())
 
     def _between(self, arm: str, joints: Mapping[str, np.ndarray], q: np.ndarray) -> str:
         both = {**joints, arm: q}

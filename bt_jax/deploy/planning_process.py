@@ -1,16 +1,19 @@
-"""A planner in a process of its own, so that no plan, however long it takes, delays a tick or a look."""
+"""A planner in a process of its own, so that no plan delays a tick or a look."""
 
 from __future__ import annotations
 
 import multiprocessing
 from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 from bt_jax.deploy.planning import Planner
+from bt_jax.errors import UserError
 from bt_jax.task import Task
 
 __all__ = ["PlanningProcess"]
 
+START = 60.0  # seconds for the process to import what it needs
 _planners: list[Planner] = []  # of the worker: one
 
 
@@ -19,9 +22,14 @@ class PlanningProcess:
 
     def __init__(self, task: Task) -> None:
         self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin, (task,))
-        self._pool.submit(_ready)
+        self._ready = self._pool.submit(_nothing)
 
     def __enter__(self) -> PlanningProcess:
+        """Waits until the process can plan. Raises UserError where it cannot be started."""
+        try:
+            self._ready.result(START)
+        except (BrokenProcessPool, TimeoutError) as error:
+            raise UserError(f"the process that plans cannot be started ({error}); try again") from error
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -39,8 +47,8 @@ def _begin(task: Task) -> None:
     _planners.append(Planner(task))
 
 
-def _ready() -> None:
-    """The first job starts the process."""
+def _nothing() -> None:
+    """The first job, which starts the process."""
 
 
 def _plan(name: str, arguments: tuple[Any, ...]) -> Any:

@@ -6,7 +6,9 @@ One arm works, the other rests at home. Once the fingers close, or a box is bein
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Mapping
+from concurrent.futures.process import BrokenProcessPool
+from types import MappingProxyType
 from typing import TypeVar
 
 import numpy as np
@@ -17,13 +19,15 @@ from bt_jax.deploy import yumi
 from bt_jax.deploy.clearance import Carried
 from bt_jax.deploy.grasps import carried_pose, grasp_poses, put_poses, yaw_of
 from bt_jax.deploy.link import RobotLink
+from bt_jax.deploy.motion import Trajectory
 from bt_jax.deploy.observation import Observation
-from bt_jax.deploy.observer import SQUEEZE
-from bt_jax.deploy.paths import Pace
+from bt_jax.deploy.observer import FIT, SQUEEZE
+from bt_jax.deploy.paths import Pace, timed
 from bt_jax.deploy.planning import Planner, Reach, Unplannable
 from bt_jax.deploy.planning_process import PlanningProcess
 from bt_jax.deploy.safety import Rejected
 from bt_jax.encoding.status import Status
+from bt_jax.errors import UserError
 from bt_jax.task import Task
 
 __all__ = ["YumiSkills"]
@@ -31,9 +35,12 @@ __all__ = ["YumiSkills"]
 GRIP = 4 * SQUEEZE  # metres by which a grasp would close further than the box is wide
 FORCE = 15.0  # N
 PATIENCE = 4.0  # seconds for fingers to come to rest
-STILL = 0.0005  # metres that resting fingers move from tick to tick
+STILL = 0.0005  # metres that resting fingers move in the time they are given to react
+REACTION = 0.25  # seconds until a command to the fingers shows in their readings, over Robot Web Services
+ARRIVED = 0.01  # rad from the end of a path
 AT_HOME = 0.05  # rad
-SHIFTED = 0.006  # metres by which a box must have moved for a plan to be made anew
+SHIFTED = 0.006  # metres by which what is aimed at must have moved for a plan to be made anew
+ASIDE = 0.015  # the same for what is to be kept clear of
 REPLANS = 3
 SLOW = 0.3  # of the pace, straight down
 LET_GO = 0.0007  # metres above its place at which a box is let go
@@ -41,6 +48,10 @@ SPOTS = 25  # places tried for setting a box down
 
 Routine = Generator[None, None, None]
 Result = TypeVar("Result")
+Moved = Generator[None, None, bool]
+Goal = tuple[np.ndarray, float]  # where a box's centre should be, base frame [m], and the yaw of its edges [rad]
+Poses = Mapping[str, RigidTransform]
+NOWHERE: Poses = MappingProxyType({})
 
 
 class _Failed(Exception):
@@ -77,7 +88,7 @@ class YumiSkills:
         routines = {
             "open_gripper": self._open_all,
             "close_gripper": self._close_all,
-            "pick": lambda: self._pick(action.object, yumi.ARMS),
+            "pick": lambda: self._pick(action.object),
             "place": lambda: self._place(action.object, action.position, action.frame),
         }
         self._begin(routines[action.name]())
@@ -135,9 +146,14 @@ class YumiSkills:
         if self._background is None:
             return plan(*arguments)
         future = self._background.submit(plan.__name__, *arguments)
-        while not future.done():
-            yield
-        return future.result()
+        try:
+            while not future.done():
+                yield
+            return future.result()
+        except BrokenProcessPool as error:
+            raise UserError("the process that plans has ended; start the run again") from error
+        finally:
+            future.cancel()
 
     def _joints(self) -> dict[str, np.ndarray]:
         return {arm: self.link.arm(arm).commanded for arm in self.link.arms}
@@ -147,7 +163,7 @@ class YumiSkills:
         held = set(self.grasped.values())
         return {name: pose for name, pose in self._known.items() if name not in held}
 
-    def _pick(self, box: str, arms: Iterable[str]) -> Routine:
+    def _pick(self, box: str) -> Routine:
         if box not in self._known:
             raise _Failed(f"{box} was never seen")
         self._carried = {
@@ -157,29 +173,27 @@ class YumiSkills:
             yield from self._go_home(yumi.ARMS)
             yield from self._until_seen(box)
         for _ in range(REPLANS):
-            start = self._known[box]
-            reach = yield from self._plan_pick(box, arms)
-            if reach is None:
-                continue
-            yield from self._others_home(reach.arm)
+            reach, around = yield from self._plan_pick(box)
             self.link.grip(reach.arm, yumi.OPENING, FORCE)
-            moved = yield from self._follow(reach.arm, reach.approach, 1.0, watch=(box, start))
+            moved = yield from self._follow(reach.arm, reach.approach, watch=around, aim=box)
             if not moved:
                 yield from self._fingers(reach.arm, at_least=self._sizes[box] + 0.006)
-                yield from self._grasp(box, reach, start)
+                yield from self._grasp(box, reach, around[box])
                 return
-        raise _Failed(f"{box} does not stay where it is")
+        raise _Failed(f"things do not stay where they are on the way to {box}")
 
-    def _plan_pick(self, box: str, arms: Iterable[str]) -> Generator[None, None, Reach | None]:
-        """The arm that reaches best from where it is; one that should not comes last."""
+    def _plan_pick(self, box: str) -> Generator[None, None, tuple[Reach, Poses]]:
+        """A way for the arm that reaches best from where it is, one that should not comes last; and where things were."""
         last = self._avoid.get(box)
         side = "left" if self._known[box].translation[1] > 0 else "right"
-        order = sorted(arms, key=lambda arm: (arm == last, arm != side))
+        order = sorted(yumi.ARMS, key=lambda arm: (arm == last, arm != side))
         problem: Unplannable | None = None
         for arm in order:
             yield from self._others_home(arm)
+            around = self._obstacles()
             try:
-                return (yield from self._planned(self._planner.pick, box, self._obstacles(), self._joints(), [arm]))
+                reach = yield from self._planned(self._planner.pick, box, around, self._joints(), [arm])
+                return reach, around
             except Unplannable as error:
                 problem = problem or error
         assert problem is not None
@@ -188,24 +202,28 @@ class YumiSkills:
     def _grasp(self, box: str, reach: Reach, pose: RigidTransform) -> Routine:
         """Down, fingers around it, up. `pose` is the box's as it was seen before the hand came between it and the camera."""
         arm, size = reach.arm, self._sizes[box]
-        yield from self._follow(arm, reach.line, SLOW)
+        yield from self._straight(arm, reach.line)
         self.committed = True
         self.link.grip(arm, size - GRIP, FORCE)
         tcp = yumi.forward(arm, self.link.arm(arm).commanded)
         self._carried[arm] = Carried(arm, box, carried_pose(tcp, pose))
         yield from self._fingers(arm)
-        if self.link.arm(arm).opening < size - SQUEEZE:
+        if not self._around(arm, size):
             self._avoid[box] = arm
             self.link.grip(arm, yumi.OPENING, FORCE)
             del self._carried[arm]
             yield from self._fingers(arm)
-            yield from self._follow(arm, reach.line[::-1], SLOW)
+            yield from self._straight(arm, reach.line[::-1])
             raise _Failed(f"the {arm} fingers closed on nothing")
-        yield from self._follow(arm, reach.line[::-1], SLOW)
-        if self.link.arm(arm).opening < size - SQUEEZE:
+        yield from self._straight(arm, reach.line[::-1])
+        if not self._around(arm, size):
             self._avoid[box] = arm
             raise _Failed(f"{box} slipped out of the {arm} fingers")
         self._avoid.pop(box, None)
+
+    def _around(self, arm: str, size: float) -> bool:
+        """Are an arm's fingers as far apart as a box of this size would hold them?"""
+        return abs(self.link.arm(arm).opening - size) <= FIT
 
     def _place(self, box: str, position: tuple[float, float, float], frame: str) -> Routine:
         arm = self._arm_with(box)
@@ -214,33 +232,34 @@ class YumiSkills:
             yield from self._hand_over(box, arm, goal)
             return
         for _ in range(REPLANS):
-            goal, yaw = self._goal(position, frame)
-            moved = yield from self._put(arm, goal, yaw, self._below(goal, frame), watch=frame)
+            moved = yield from self._put(arm, lambda: self._goal(position, frame), self._below(frame), frame=frame)
             if not moved:
                 return
-        raise _Failed(f"{frame} does not stay where it is")
+        raise _Failed(f"things do not stay where they are on the way to {frame}")
 
-    def _put(self, arm: str, goal: np.ndarray, yaw: float, supports: Iterable[str], *, watch: str | None) -> Routine:
-        """Carries a box to its place and lets it go; gives True, with the box still in the hand, where what is watched has
-        moved meanwhile."""
+    def _put(self, arm: str, goal: Callable[[], Goal], supports: Iterable[str], *, frame: str = "") -> Moved:
+        """Carries a box to its place in a frame and lets it go; gives True, with the box still in the hand, where something
+        has moved meanwhile."""
         carried = self._carried[arm]
         yield from self._others_home(arm)
-        start = self._known.get(watch) if watch is not None else None
-        above = goal + np.array([0, 0, LET_GO])
+        around, (place, yaw) = self._obstacles(), goal()
+        above = place + np.array([0, 0, LET_GO])
         reach = yield from self._planned(
-            self._planner.put, carried, above, yaw, tuple(supports), self._obstacles(), self._joints()
+            self._planner.put, carried, above, yaw, tuple(supports), around, self._joints()
         )
-        watched = None if start is None else (watch, start)
-        moved = yield from self._follow(arm, reach.approach, 1.0, watch=watched, held=carried.box)
+        moved = yield from self._follow(arm, reach.approach, watch=around, aim=frame, held=carried.box)
         if moved:
             return True
-        yield from self._follow(arm, reach.line, SLOW, held=carried.box)
+        aimed = {name: pose for name, pose in around.items() if name == frame}
+        moved = yield from self._straight(arm, reach.line, watch=aimed, aim=frame, held=carried.box)
+        if moved:
+            return True
         self.committed = True
         self.link.grip(arm, yumi.OPENING, FORCE)
         del self._carried[arm]
         self._known[carried.box] = yumi.forward(arm, self.link.arm(arm).commanded) * carried.pose
         yield from self._fingers(arm, at_least=self._sizes[carried.box] + 0.006)
-        yield from self._follow(arm, reach.line[::-1], SLOW)
+        yield from self._straight(arm, reach.line[::-1])
         self.committed = False
         return False
 
@@ -263,8 +282,9 @@ class YumiSkills:
                 break
             if all(self._reaches(name, spot, 0.0) for name in arms):
                 try:
-                    yield from self._put(arm, spot, 0.0, tables, watch=None)
-                    return
+                    moved = yield from self._put(arm, lambda spot=spot: (spot, 0.0), tables)
+                    if not moved:
+                        return
                 except Unplannable:
                     continue
         raise _Failed(f"there is no free place to set {carried.box} down")
@@ -291,49 +311,60 @@ class YumiSkills:
         for arm in arms:
             joints = self._joints()
             if np.abs(joints[arm] - yumi.HOME[arm]).max() > AT_HOME:
-                path = yield from self._planned(
-                    self._planner.home, arm, self._obstacles(), joints, self._carried.get(arm)
-                )
-                yield from self._follow(arm, path, 1.0)
+                held = next(iter(self._carried.values()), None)
+                path = yield from self._planned(self._planner.home, arm, self._obstacles(), joints, held)
+                yield from self._follow(arm, path)
 
     def _others_home(self, arm: str) -> Routine:
         yield from self._go_home([other for other in self.link.arms if other != arm])
 
     def _follow(
-        self,
-        arm: str,
-        path: np.ndarray,
-        pace: float,
-        *,
-        watch: tuple[str, RigidTransform] | None = None,
-        held: str | None = None,
-    ) -> Generator[None, None, bool]:
-        """Moves along a path; True, at rest on it, where the watched thing is seen to have left its pose. Raises where what
-        is held is lost."""
-        trajectory = yield from self._planned(self._planner.timed, arm, path, self.pace.slowed(pace), self._joints())
+        self, arm: str, path: np.ndarray, *, watch: Poses = NOWHERE, aim: str = "", held: str | None = None
+    ) -> Moved:
+        """Moves freely along a path. True, at rest on it, where something watched, above all what it aims at, is seen to
+        have left its pose. Raises where what is held is lost, or the arm is halted by something else."""
+        trajectory = yield from self._planned(self._planner.timed, arm, path, self.pace, self._joints())
+        return (yield from self._move(arm, trajectory, watch, aim, held))
+
+    def _straight(
+        self, arm: str, line: np.ndarray, *, watch: Poses = NOWHERE, aim: str = "", held: str | None = None
+    ) -> Moved:
+        """The same slowly, along a straight line of the tool."""
+        return (yield from self._move(arm, timed(line, self.pace.slowed(SLOW), arm), watch, aim, held))
+
+    def _move(self, arm: str, trajectory: Trajectory, watch: Poses, aim: str, held: str | None) -> Moved:
+        if self._shifted(watch, aim):
+            return True
         motion = self.link.follow(arm, trajectory)
         yield
         while (state := self.link.arm(arm)).moving or state.motion != motion:
             if held is not None and self._dropped(arm, held):
                 raise _Failed(f"{held} was lost on the way")
-            if watch is not None and self._shifted(*watch):
+            if self._shifted(watch, aim):
                 self.link.halt(arm)
                 while self.link.arm(arm).moving:
                     yield
                 return True
             yield
+        if np.abs(state.commanded - trajectory.joints[-1]).max() > ARRIVED:
+            raise _Failed(f"the {arm} arm was halted on its way")
         return False
 
     def _fingers(self, arm: str, *, at_least: float | None = None) -> Routine:
-        """Until the fingers are as far apart, or rest. Raises where that takes too long."""
-        end, before = self.link.now() + PATIENCE, np.inf
+        """Until the fingers are as far apart, or rest: told by readings that are apart in time and later than the command.
+        Raises where that takes too long."""
+        began = self.link.now()
+        earlier: list[tuple[float, float]] = []
         while True:
             yield
-            opening = self.link.arm(arm).opening
-            if opening >= at_least if at_least is not None else abs(opening - before) < STILL:
+            now, opening = self.link.now(), self.link.arm(arm).opening
+            if at_least is not None and opening >= at_least:
                 return
-            before = opening
-            if self.link.now() > end:
+            earlier.append((now, opening))
+            before = [gap for then, gap in earlier if began + REACTION <= then <= now - REACTION]
+            if at_least is None and before and abs(opening - before[-1]) < STILL:
+                return
+            if now - began > PATIENCE:
                 raise _Failed(f"the {arm} fingers do not move as they should")
 
     def _until_seen(self, name: str) -> Routine:
@@ -346,9 +377,14 @@ class YumiSkills:
     def _dropped(self, arm: str, box: str) -> bool:
         return self.link.arm(arm).opening < self._sizes[box] - 2 * SQUEEZE or self._seen.holding != box
 
-    def _shifted(self, name: str, start: RigidTransform) -> bool:
-        pose = self._seen.poses.get(name)
-        return pose is not None and float(np.linalg.norm(pose.translation - start.translation)) > SHIFTED
+    def _shifted(self, watch: Poses, aim: str) -> bool:
+        """Is something seen that has left its pose?"""
+        seen = self._seen.poses
+        return any(
+            float(np.linalg.norm(seen[name].translation - pose.translation)) > (SHIFTED if name == aim else ASIDE)
+            for name, pose in watch.items()
+            if name in seen
+        )
 
     def _arm_with(self, box: str) -> str:
         for arm, carried in self._carried.items():
@@ -356,7 +392,7 @@ class YumiSkills:
                 return arm
         raise _Failed(f"no hand holds {box}")
 
-    def _goal(self, position: tuple[float, float, float], frame: str) -> tuple[np.ndarray, float]:
+    def _goal(self, position: tuple[float, float, float], frame: str) -> Goal:
         """Where the box's centre should be in the base frame, and along which direction its edges."""
         if frame == self.task.robot_frame:
             return np.array(position), 0.0
@@ -369,6 +405,6 @@ class YumiSkills:
         held = next(iter(self._carried.values())).pose if self._carried else RigidTransform.identity()
         return any(self._planner.can_reach(arm, pose) for pose in put_poses(goal, yaw, held))
 
-    def _below(self, goal: np.ndarray, frame: str) -> list[str]:
+    def _below(self, frame: str) -> list[str]:
         """What a box that is set down may touch: what it is placed in relation to, the kit and the tables."""
         return [frame, self.task.kit.name, *(table.name for table in self.task.tables)]

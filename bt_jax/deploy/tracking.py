@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import threading
 from collections.abc import Mapping
 from types import MappingProxyType
 
@@ -21,7 +22,7 @@ class TrackerSettings:
     """`max_age` [s]: older knowledge is none. `frames`: as many images in a row must agree on a place before it is believed.
     Two measurements agree within `position` [m] and `angle` [rad], and what `speed` [m/s] and `turn` [rad/s] allow between
     them; `still` and `still_angle` say within what a body counts as resting, so that measurements are averaged, each
-    weighted by the inverse of its variance, the last `window` of them or so."""
+    weighted by the inverse of its variance; each makes those before it count less by a part in `window`."""
 
     max_age: float = 1.0
     frames: int = 3
@@ -38,12 +39,8 @@ class TrackerSettings:
 class _Track:
     pose: RigidTransform
     time: float
-    sigma: float  # of the newest measurement, m
-    weight: float = dataclasses.field(init=False)  # of what was averaged
+    weight: float  # of what was averaged: the sum of inverse variances, older ones forgotten [1/m2]
     count: int = 1
-
-    def __post_init__(self) -> None:
-        self.weight = self.sigma**-2
 
 
 class Tracker:
@@ -54,38 +51,44 @@ class Tracker:
         self.settings = settings or TrackerSettings()
         self._known: dict[str, _Track] = {}
         self._suspected: dict[str, _Track] = {}
+        self._lock = threading.Lock()  # images come in one thread and are asked about in another
 
     def update(
         self, time: float, measured: Mapping[str, RigidTransform], sigmas: Mapping[str, float] = MappingProxyType({})
     ) -> None:
         """Takes in what one image shows, taken at `time` [s]; a time that has passed already is ignored. `sigmas`: standard
         deviations of the positions [m]."""
-        for name, pose in measured.items():
-            sigma = sigmas.get(name, SIGMA)
-            known = self._known.get(name)
-            if known is not None and time <= known.time:
-                continue
-            if known is not None and time - known.time <= self.settings.max_age and self._agree(known, time, pose):
-                self._absorb(known, time, pose, sigma)
-                self._suspected.pop(name, None)
-            else:
-                self._suspect(name, time, pose, sigma)
+        with self._lock:
+            for name, pose in measured.items():
+                self._take(name, time, pose, sigmas.get(name, SIGMA))
 
     def poses(self, time: float) -> dict[str, RigidTransform]:
         """What is known and fresh at `time` [s]."""
-        return {
-            name: track.pose
-            for name, track in self._known.items()
-            if time - track.time <= self.settings.max_age and not self._doubted(name)
-        }
+        with self._lock:
+            return {
+                name: track.pose
+                for name, track in self._known.items()
+                if time - track.time <= self.settings.max_age and not self._doubted(name)
+            }
 
     def last(self) -> dict[str, RigidTransform]:
         """Where every body was when it was last known, however long ago: where to look for it first."""
-        return {name: track.pose for name, track in self._known.items()}
+        with self._lock:
+            return {name: track.pose for name, track in self._known.items()}
 
     def age(self, name: str, time: float) -> float:
         """Seconds since the body was last seen where it is believed to be; infinite if it never was."""
         return time - self._known[name].time if name in self._known else float("inf")
+
+    def _take(self, name: str, time: float, pose: RigidTransform, sigma: float) -> None:
+        known = self._known.get(name)
+        if known is not None and time <= known.time:
+            return
+        if known is not None and time - known.time <= self.settings.max_age and self._agree(known, time, pose):
+            self._absorb(known, time, pose, sigma)
+            self._suspected.pop(name, None)
+        else:
+            self._suspect(name, time, pose, sigma)
 
     def _suspect(self, name: str, time: float, pose: RigidTransform, sigma: float) -> None:
         suspected = self._suspected.get(name)
@@ -95,8 +98,8 @@ class Tracker:
         if recent and self._agree(suspected, time, pose):
             self._absorb(suspected, time, pose, sigma)
         else:
-            repeated = suspected is not None and name in self._known
-            suspected = self._suspected[name] = _Track(pose, time, sigma)
+            repeated = recent and name in self._known
+            suspected = self._suspected[name] = _Track(pose, time, sigma**-2)
             if repeated:
                 del self._known[name]
         if suspected.count >= self.settings.frames:
@@ -116,18 +119,17 @@ class Tracker:
     def _absorb(self, track: _Track, time: float, pose: RigidTransform, sigma: float) -> None:
         """Averages where the body rests as far as this measurement can tell, else takes the measurement."""
         limits, weight = self.settings, sigma**-2
-        doubt = max(0.0, sigma - SIGMA)
-        still = (
-            _distance(track.pose, pose) < limits.still + DOUBT * doubt
-            and _angle(track.pose, pose) < limits.still_angle + DOUBT * doubt / LEVER
-        )
-        before = min(track.weight, (limits.window - 1) * max(weight, track.sigma**-2)) if still else 0.0
+        doubt = DOUBT * max(0.0, sigma - SIGMA)
+        still = _distance(track.pose, pose) < min(limits.still + doubt, limits.position) and _angle(
+            track.pose, pose
+        ) < min(limits.still_angle + doubt / LEVER, limits.angle)
+        before = track.weight * (1 - 1 / limits.window) if still else 0.0
         share = weight / (before + weight)
         turn = (pose.rotation * track.pose.rotation.inv()).as_rotvec()
         rotation = Rotation.from_rotvec(share * turn) * track.pose.rotation
         position = track.pose.translation + share * (pose.translation - track.pose.translation)
         track.pose = RigidTransform.from_components(position, rotation)
-        track.time, track.sigma, track.weight = time, sigma, before + weight
+        track.time, track.weight = time, before + weight
         track.count += 1
 
 

@@ -4,14 +4,19 @@ Control nodes are squares with → and ?, conditions ellipses, actions rounded b
 group of node i (prefix order) has the id `node-i` and one class for its status: success, failure, running or idle. To
 colour a live tree, change only that class. The colours are those of Okabe and Ito, which the colour-blind tell apart;
 besides, running is dashed and failure has a thick edge.
+
+For people who do not program, nodes carry words instead of symbols, and subtrees fold: then the group of a node that can
+be folded or unfolded has the class `foldable`, and the number of nodes that it hides stands at its corner.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import re
+import textwrap
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from html import escape
 
 from bt_jax.behaviors import Behavior, Control, Kind, Tree
@@ -20,7 +25,7 @@ from bt_jax.encoding.layout import Frame, Layout, Shape, lay_out
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import children, prefix
 
-__all__ = ["STYLE", "status_class", "to_svg"]
+__all__ = ["STYLE", "node_ids", "status_class", "to_svg"]
 
 FONT_SIZE = 13.0
 LINE_HEIGHT = 17.0
@@ -43,6 +48,10 @@ STYLE = """
 .bt .symbol { font-size: 22px; font-weight: bold; }
 .bt .shape { fill: #ffffff; stroke: #3b4754; stroke-width: 1.5; }
 .bt .condition .shape { fill: #fbf7ea; }
+.bt .foldable { cursor: pointer; }
+.bt .foldable:focus-visible .shape { stroke: #e69f00; stroke-width: 4; }
+.bt .badge { fill: #3b4754; }
+.bt .hidden-count { fill: #ffffff; font-size: 11px; font-weight: bold; }
 .bt .inner { fill: none; stroke: #3b4754; stroke-width: 1; }
 .bt .success .shape { fill: #bfe6d8; stroke: #009e73; }
 .bt .failure .shape { fill: #f6c8a8; stroke: #d55e00; stroke-width: 3.5; }
@@ -61,14 +70,18 @@ def to_svg(
     *,
     title: str = "",
     expand_genes: bool = False,
+    words: Callable[[Tree], str] | None = None,
+    folded: Collection[str] | None = None,
 ) -> str:
     """The tree as one SVG element with its own style, to be written to a file or put into a page.
 
     `statuses` has one entry for each node in prefix order, None where it was not ticked. `expand_genes` draws the
     subtree of each gene in a frame; numbers stay those of the tree as given: the root of the subtree has the id
-    `node-i` and the status of the gene, and the nodes under it are `node-i-1`, `node-i-2`, ...
+    `node-i` and the status of the gene, and the nodes under it are `node-i-1`, `node-i-2`, ... (`node_ids`). `words` says
+    what stands in a node; its symbol is then what a pointer over it shows. `folded` are the ids of nodes, genes among
+    them, of which nothing below is drawn; all other genes are expanded.
     """
-    nodes = _nodes(tree, expand_genes)
+    nodes = _nodes(tree, expand_genes, words, folded)
     layout = lay_out(_shape(nodes))
     top = MARGIN + (TITLE_HEIGHT if title else 0.0)
     width = max(layout.width, _text_width(title) * 17 / FONT_SIZE) + 2 * MARGIN
@@ -91,52 +104,87 @@ def to_svg(
     return "\n".join([*parts, "</g>", "</svg>"]) + "\n"
 
 
+def node_ids(tree: Tree) -> list[str]:
+    """Ids of the nodes of `expand(tree)` in prefix order, where `to_svg(tree)` draws them."""
+    ids: list[str] = []
+    for i, node in enumerate(prefix(tree)):
+        below = prefix(node.subtree) if isinstance(node, Behavior) and node.subtree is not None else [node]
+        ids += [f"node-{i}", *(f"node-{i}-{j}" for j in range(1, len(below)))]
+    return ids
+
+
 @dataclasses.dataclass(frozen=True)
 class _Node:
-    """A node to be drawn; `index` is its number, or None inside a gene; `gene` is the gene whose root it is."""
+    """A node to be drawn; `index` is its number, or None inside a gene; `gene` is the gene whose root it is; `hides` is
+    the number of nodes below that are not drawn, `folds` whether a person may change that."""
 
     tree: Tree
     id: str
     index: int | None
     children: tuple[_Node, ...]
     gene: Behavior | None = None
+    words: Callable[[Tree], str] | None = None
+    hides: int = 0
+    folds: bool = False
 
     @property
     def lines(self) -> list[str]:
+        if self.words is not None:
+            symbol = f"{SYMBOLS[self.tree.kind]} " if isinstance(self.tree, Control) else ""
+            return _wrapped(symbol + self.words(self.tree))
         return [] if isinstance(self.tree, Control) else _broken(self.tree.label)
 
     @property
     def size(self) -> tuple[float, float]:
-        if isinstance(self.tree, Control):
+        if not self.lines:
             return SYMBOL_SIZE, SYMBOL_SIZE
         wide, high = max(map(_text_width, self.lines)), LINE_HEIGHT * len(self.lines)
         # An ellipse is wider than the text in it, by less than the square root of two since text has no full corners.
         return (1.3 * wide + 16, 1.3 * high + 14) if self.tree.kind == Kind.CONDITION else (wide + 24, high + 18)
 
 
-def _nodes(tree: Tree, expand_genes: bool) -> _Node:
+def _nodes(
+    tree: Tree, expand_genes: bool, words: Callable[[Tree], str] | None, folded: Collection[str] | None
+) -> _Node:
     count = 0
 
     def visit(node: Tree) -> _Node:
         nonlocal count
         index, count = count, count + 1
-        if expand_genes and isinstance(node, Behavior) and node.subtree is not None:
-            return _gene(node, node.subtree, index)
-        return _Node(node, f"node-{index}", index, tuple(visit(child) for child in children(node)))
+        gene = isinstance(node, Behavior) and node.subtree is not None
+        if gene and (expand_genes if folded is None else f"node-{index}" not in folded):
+            return _gene(node, node.subtree, index, words, folded)
+        found = _Node(node, f"node-{index}", index, tuple(map(visit, children(node))), words=words)
+        return _folded(found, folded, len(prefix(node.subtree)) - 1 if gene else 0)
 
     return visit(tree)
 
 
-def _gene(gene: Behavior, subtree: Tree, index: int) -> _Node:
+def _gene(
+    gene: Behavior,
+    subtree: Tree,
+    index: int,
+    words: Callable[[Tree], str] | None,
+    folded: Collection[str] | None,
+) -> _Node:
     count = 0
 
     def visit(node: Tree) -> _Node:
         nonlocal count
-        count += 1
-        name = f"node-{index}-{count - 1}"
-        return _Node(node, name, None, tuple(visit(child) for child in children(node)))
+        name, count = f"node-{index}-{count}" if count else f"node-{index}", count + 1
+        found = _Node(node, name, None, tuple(map(visit, children(node))), words=words)
+        return found if name == f"node-{index}" else _folded(found, folded, 0)
 
-    return dataclasses.replace(visit(subtree), id=f"node-{index}", index=index, gene=gene)
+    return dataclasses.replace(visit(subtree), index=index, gene=gene, folds=folded is not None)
+
+
+def _folded(node: _Node, folded: Collection[str] | None, inside: int) -> _Node:
+    """Without what is below it where it is folded; `inside` is what a gene hides."""
+    if folded is None or not (node.children or inside):
+        return node
+    if node.id not in folded:
+        return dataclasses.replace(node, folds=True)
+    return dataclasses.replace(node, children=(), hides=inside or len(_prefix(node)) - 1, folds=True)
 
 
 def _prefix(node: _Node) -> list[_Node]:
@@ -148,11 +196,21 @@ def _shape(node: _Node) -> Shape:
     below = tuple(map(_shape, node.children))
     if node.gene is None:
         return Shape(width, height, below)
-    return Shape(width, height, below, framed=True, caption=_text_width(_caption(node.gene)) + 16)
+    return Shape(width, height, below, framed=True, caption=_text_width(_caption(node)) + 16)
 
 
-def _caption(gene: Behavior) -> str:
-    return gene.label if gene.name == "subtask" else gene.name
+def _caption(node: _Node) -> str:
+    assert node.gene is not None
+    if node.words is not None:
+        return node.words(node.gene)
+    return node.gene.label if node.gene.name == "subtask" else node.gene.name
+
+
+def _wrapped(text: str) -> list[str]:
+    """Words in as few lines as they need, all about as long."""
+    wrap = functools.partial(textwrap.wrap, text, break_long_words=False)
+    count = len(wrap(LINE_LENGTH))
+    return next(lines for width in range(1, LINE_LENGTH + 1) if len(lines := wrap(width)) <= count)
 
 
 def _text_width(text: str) -> float:
@@ -174,9 +232,7 @@ def _broken(label: str) -> list[str]:
 def _frame(frame: Frame, node: _Node) -> str:
     assert node.gene is not None
     where = f'x="{frame.left:g}" y="{frame.top:g}" width="{frame.width:g}" height="{frame.height:g}"'
-    caption = (
-        f'<text class="caption" x="{frame.left + 8:g}" y="{frame.top + 16:g}">{escape(_caption(node.gene))}</text>'
-    )
+    caption = f'<text class="caption" x="{frame.left + 8:g}" y="{frame.top + 16:g}">{escape(_caption(node))}</text>'
     return f'<g><title>{escape(str(node.gene))}</title><rect class="frame" {where} rx="10"/>{caption}</g>'
 
 
@@ -206,7 +262,7 @@ def _node(node: _Node, x: float, top: float, status: Status | None) -> str:
         shapes = _box("shape", x, top, width, height, 3.0 if isinstance(node.tree, Control) else 9.0)
     if kind == Kind.GENE:
         shapes += _box("inner", x, top + 4, width - 8, height - 8, 6.0)
-    if isinstance(node.tree, Control):
+    if not node.lines:
         label = f'<text class="symbol" x="{x:g}" y="{middle + 8:g}">{SYMBOLS[kind]}</text>'
     else:
         first = middle - LINE_HEIGHT * (len(node.lines) - 1) / 2 + 4.5
@@ -214,9 +270,22 @@ def _node(node: _Node, x: float, top: float, status: Status | None) -> str:
             f'<text x="{x:g}" y="{first + LINE_HEIGHT * i:g}">{escape(line)}</text>'
             for i, line in enumerate(node.lines)
         )
-    tip = kind.name.title() if isinstance(node.tree, Control) else str(node.tree)
-    classes = f"node {kind.name.lower()} {status_class(status)}"
-    return f'<g id="{node.id}" class="{classes}"><title>{escape(tip)}</title>{shapes}{label}</g>'
+    if node.hides:
+        label += _badge(node.hides, x + width / 2, top + height)
+    name = kind.name.title() if isinstance(node.tree, Control) else str(node.tree)
+    tip = f"{node.words(node.tree)}\n{name}" if node.words is not None else name
+    classes = f"node {kind.name.lower()} {status_class(status)}{' foldable' if node.folds else ''}"
+    role = f' tabindex="0" role="button" aria-expanded="{"false" if node.hides else "true"}"' if node.folds else ""
+    return f'<g id="{node.id}" class="{classes}"{role}><title>{escape(tip)}</title>{shapes}{label}</g>'
+
+
+def _badge(count: int, x: float, y: float) -> str:
+    """How many nodes are hidden, at the corner of their node."""
+    text = f"+{count}"
+    width = _text_width(text) + 8
+    where = f'x="{x - width + 6:g}" y="{y - 9:g}" width="{width:g}" height="16"'
+    rect = f'<rect class="badge" {where} rx="8"/>'
+    return f'{rect}<text class="hidden-count" x="{x - width / 2 + 6:g}" y="{y + 3:g}">{text}</text>'
 
 
 def _box(name: str, x: float, top: float, width: float, height: float, radius: float) -> str:

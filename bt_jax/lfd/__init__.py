@@ -1,6 +1,7 @@
 """Learning from demonstration: frames, goals and orders inferred from a few demonstrations, and a tree planned from them."""
 
-from bt_jax.lfd.demonstration import Action, Demonstration, DemonstrationFolder, Demonstrations, Frames, Pose
+from bt_jax.lfd.demonstration import Action, Demonstration, Demonstrations, Frames, Moment, Pose
+from bt_jax.lfd.demonstration_folder import DemonstrationFolder
 from bt_jax.lfd.learning import Lesson, learn
 from bt_jax.lfd.planner import plan, plan_task
 
@@ -11,6 +12,7 @@ __all__ = [
     "Demonstrations",
     "Frames",
     "Lesson",
+    "Moment",
     "Pose",
     "learn",
     "plan",

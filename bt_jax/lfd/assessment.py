@@ -13,8 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from bt_jax.behaviors import Behavior
-from bt_jax.lfd.clustering import Inference, Moment
-from bt_jax.lfd.demonstration import Demonstrations, Frames
+from bt_jax.lfd.clustering import Inference
+from bt_jax.lfd.demonstration import Demonstrations, Frames, Moment
 from bt_jax.lfd.learning import Lesson
 from bt_jax.lfd.synthetic import demonstrate, random_truth, reordered
 from bt_jax.task import Target, Task

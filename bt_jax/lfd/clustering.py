@@ -20,9 +20,9 @@ from jaxtyping import Float
 from sklearn.cluster import DBSCAN
 
 from bt_jax.behaviors import Behavior
-from bt_jax.lfd.demonstration import Action, Demonstrations, Frames, Kind
+from bt_jax.lfd.demonstration import Action, Demonstrations, Frames, Kind, Moment
 
-__all__ = ["NEEDED", "Candidate", "Inference", "Moment", "infer"]
+__all__ = ["NEEDED", "SAME_PLACE", "SPREAD_FLOOR", "Candidate", "Inference", "infer"]
 
 NEEDED = 3  # demonstrations from which a frame can be told
 EPS = 0.2  # DBSCAN: how far neighbours in a cluster may be apart, metres
@@ -31,14 +31,6 @@ GOOD_SPREAD = 0.05  # metres; what agrees within this may be meant in a frame, h
 SAME_PLACE = 0.03  # metres; with too few demonstrations, what lies closer together counts as one place
 
 Vec3 = tuple[float, float, float]
-
-
-@dataclasses.dataclass(frozen=True)
-class Moment:
-    """Which action of which demonstration, both counted from 0."""
-
-    demonstration: int
-    index: int
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,7 +74,7 @@ class Inference:
 
     `position` is the target of the object's centre in `frame` [m, rounded to mm], the mean over the `moments`;
     `tolerance` the largest distance from it. `candidates` are the frames as seen by the first moment, the best first;
-    `reason` is a sentence.
+    `reason` is a sentence; `chosen`: a person has said that it is this frame.
     """
 
     kind: Kind
@@ -93,6 +85,7 @@ class Inference:
     moments: tuple[Moment, ...]
     candidates: tuple[Candidate, ...]
     reason: str
+    chosen: bool = False
 
     @property
     def behavior(self) -> Behavior:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from bt_jax.behaviors import Behavior
 from bt_jax.lfd.clustering import NEEDED, Inference
@@ -34,22 +35,22 @@ def missing_sentence(lesson: Lesson) -> str:
     )
 
 
-def order_sentences(lesson: Lesson, one: LearntSubtask) -> list[str]:
-    """Which placement comes before which other, and in how many demonstrations that was seen."""
+def order_sentences(lesson: Lesson, one: LearntSubtask, *, say: Callable[[Behavior], str] = str) -> list[str]:
+    """Which placement comes before which other, and in how many demonstrations that was seen. `say` names an action."""
     places = {step for step, inference in enumerate(lesson.inferences) if inference.kind == "place"}
     found = []
     for order in one.constraints:
         if order.before in places and order.after in places:
-            before, after = (lesson.inferences[step].behavior for step in (order.before, order.after))
+            before, after = (say(lesson.inferences[step].behavior) for step in (order.before, order.after))
             count = f"in all {order.seen} demonstrations" if order.seen > 1 else "in the one demonstration"
             found.append(f"{before} before {after}: {count} that have both")
     return found
 
 
-def precondition_sentences(one: LearntSubtask) -> list[str]:
-    """What an action waits for besides its own preconditions."""
+def precondition_sentences(one: LearntSubtask, *, say: Callable[[Behavior], str] = str) -> list[str]:
+    """What an action waits for besides its own preconditions. `say` names actions and conditions."""
     return [
-        f"{action} waits for {', '.join(map(str, conditions))}"
+        f"{say(action)} waits for {', '.join(map(say, conditions))}"
         for action, conditions in one.preconditions.items()
         if conditions and action.name == "place"
     ]

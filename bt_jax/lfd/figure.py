@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from bt_jax.lfd.clustering import Candidate, Inference
 from bt_jax.lfd.learning import Lesson
 
-__all__ = ["cluster_figure"]
+__all__ = ["LEAST", "cluster_figure", "cluster_points"]
 
 CHOSEN, OTHER, BESIDES = "#0072b2", "#999999", "#d55e00"
 ROWS = 12  # drawn at most; placements first
@@ -45,7 +45,7 @@ def _panel(axes: Axes, lesson: Lesson, inference: Inference, frame: str) -> None
         axes.set_title(f"{frame}\n(itself)", fontsize=9)
         return
     candidate = next((one for one in inference.candidates if one.frame == frame), None)
-    own, others = _points(lesson, inference, frame)
+    own, others = cluster_points(lesson, inference, frame)
     chosen = frame == inference.frame
     centre = own.mean(axis=0) if candidate is None else np.array(candidate.mean)
     axes.scatter(*others[:, :2].T, color=BESIDES, marker="x", s=28)
@@ -64,8 +64,9 @@ def _panel(axes: Axes, lesson: Lesson, inference: Inference, frame: str) -> None
             spine.set(color=CHOSEN, linewidth=2)
 
 
-def _points(lesson: Lesson, inference: Inference, frame: str) -> tuple[np.ndarray, np.ndarray]:
-    """Where the object was at the moments of an action, and at those of other actions of its kind, in a frame."""
+def cluster_points(lesson: Lesson, inference: Inference, frame: str) -> tuple[np.ndarray, np.ndarray]:
+    """Where the object was at the moments of an action, and at those of other actions of its kind, in a frame:
+    two arrays [n, 3], metres."""
     demonstrations = lesson.demonstrations.demonstrations
     same = [one for one in lesson.inferences if one.kind == inference.kind and one.object == inference.object]
 

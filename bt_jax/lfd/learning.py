@@ -8,9 +8,10 @@ from collections.abc import Mapping, Sequence
 from bt_jax.behaviors import Behavior, Control, Kind, Tree
 from bt_jax.encoding.walk import children, leaves
 from bt_jax.errors import UserError
+from bt_jax.lfd.choice import with_chosen
 from bt_jax.lfd.clustering import NEEDED, Inference, infer
 from bt_jax.lfd.constraints import Order, check_acyclic, orders, preconditions
-from bt_jax.lfd.demonstration import Demonstrations
+from bt_jax.lfd.demonstration import Demonstrations, Moment
 from bt_jax.lfd.goals import Step, Subtask, sequences, subtasks
 from bt_jax.lfd.planner import plan
 from bt_jax.lfd.subgoals import derive_subgoal
@@ -87,16 +88,23 @@ class Lesson:
         return Behavior("subtask", (name, Control.fallback(Behavior("reached", (name,)), self.tree)))
 
 
-def learn(demonstrations: Demonstrations, task: Task) -> Lesson:
+def learn(demonstrations: Demonstrations, task: Task, *, frames: Mapping[int, str] | None = None) -> Lesson:
     """Learns a tree from demonstrations recorded in a task's scene.
 
+    `frames` chooses the frame of inferences by hand, by their index in what is learnt without it, besides what has been
+    `chosen` in the demonstrations.
+
     A demonstration that moves what the robot cannot is left out, with a sentence among the problems. Raises UserError where
-    the frames are not those of the task, the demonstrations contradict each other in a circle, or no tree achieves what they
-    do.
+    the frames or boxes are not those of the task, the demonstrations contradict each other in a circle, or no tree achieves
+    what they do.
     """
-    _check_frames(demonstrations, task)
+    _check_scene(demonstrations, task)
     demonstrations = _usable(demonstrations, task)
-    inferences = infer(demonstrations, movable=task.box_names)
+    inferred = infer(demonstrations, movable=task.box_names)
+    inferences = with_chosen(inferred, demonstrations, demonstrations.chosen)
+    if frames:
+        demonstrations = _with_frames(demonstrations, inferences, frames)
+        inferences = with_chosen(inferred, demonstrations, demonstrations.chosen)
     steps = sequences(demonstrations, inferences)
     learnt = []
     for subtask in subtasks(inferences, steps):
@@ -116,7 +124,7 @@ def _either(trees: Sequence[Tree]) -> Tree:
     return Control.fallback(*parts)
 
 
-def _check_frames(demonstrations: Demonstrations, task: Task) -> None:
+def _check_scene(demonstrations: Demonstrations, task: Task) -> None:
     frames = demonstrations.frames
     for name in frames.names:
         if name not in task.frames:
@@ -129,20 +137,37 @@ def _check_frames(demonstrations: Demonstrations, task: Task) -> None:
             raise UserError(f"the demonstrations lack the frame {name} of task {task.name}; record them in that task")
     if frames.robot != task.robot_frame:
         raise UserError(f"the robot's frame is {frames.robot} in the demonstrations and {task.robot_frame} in the task")
+    if frames.scene is not None and (difference := frames.scene.difference(task)) is not None:
+        raise UserError(
+            f"the demonstrations do not fit: {difference}; choose task {frames.scene.task}, or record them anew"
+        )
+
+
+def _with_frames(
+    demonstrations: Demonstrations, inferences: Sequence[Inference], frames: Mapping[int, str]
+) -> Demonstrations:
+    chosen = dict(demonstrations.chosen)
+    for index, frame in frames.items():
+        if not 0 <= index < len(inferences):
+            raise UserError(
+                f"there is no action {index + 1} to choose a frame for; choose one from 1 to {len(inferences)}"
+            )
+        chosen |= dict.fromkeys(inferences[index].moments, frame)
+    return dataclasses.replace(demonstrations, chosen=chosen)
 
 
 def _usable(demonstrations: Demonstrations, task: Task) -> Demonstrations:
     """The demonstrations that move boxes only. Raises UserError where none does."""
-    good, problems = [], []
-    for one in demonstrations:
+    good, problems, chosen = [], [], {}
+    for d, one in enumerate(demonstrations):
         picked = [action.nearest(demonstrations.frames.objects) for action in one.actions if action.kind == "pick"]
         wrong = next((name for name in picked if name not in task.box_names), None)
         if wrong is None:
+            chosen |= {Moment(len(good), m.index): f for m, f in demonstrations.chosen.items() if m.demonstration == d}
             good.append(one)
         else:
             problems.append(f"{one.name} is left out: it picks {wrong}, which the robot cannot move; record it again.")
     if not good:
         raise UserError(" ".join(problems) if problems else "there are no demonstrations; record some")
-    return dataclasses.replace(
-        demonstrations, demonstrations=tuple(good), problems=(*demonstrations.problems, *problems)
-    )
+    problems = (*demonstrations.problems, *problems)
+    return dataclasses.replace(demonstrations, demonstrations=tuple(good), problems=problems, chosen=chosen)

@@ -16,9 +16,10 @@ from bt_jax.mjx_env.render import GripperPose
 from bt_jax.mjx_env.scene import GRAVITY, REFERENCE_SIZE, compile_scene
 from bt_jax.mjx_env.skills import Released, act
 from bt_jax.mjx_env.statuses import Semantics
+from bt_jax.mjx_env.world import World
 from bt_jax.task import Task
 
-__all__ = ["Shot", "shots"]
+__all__ = ["Shot", "Stage", "shots"]
 
 WIDE = 1.25  # opening of the empty gripper, in sizes of the box that it is to take
 FINGER = 0.07  # half the thickness of a finger, in sizes of the largest box
@@ -41,31 +42,38 @@ class Shot:
 
 def shots(semantics: Semantics, playback: Playback, *, fps: float) -> list[Shot]:
     """The frames of a playback; motions of boxes run at their real pace."""
-    stage = _Stage(semantics, playback, fps)
+    stage = Stage(semantics, playback.start, fps=fps)
     stage.hold(PAUSE_SECONDS)
     for i, tick in enumerate(playback.ticks):
-        if tick.command is not None:
-            stage.run(tick, playback.ticks[i + 1 :])
-    if stage.held is None:
-        stage.travel(stage.home, stage.yaw, stage.opening)
+        stage.run(tick, playback.ticks[i + 1 :])
+    stage.leave()
     stage.hold(END_SECONDS)
     return stage.shots
 
 
-class _Stage:
-    """The scene as it is in the last shot; every method adds shots."""
+class Stage:
+    """The scene as it is in the last of its `shots`; every method adds some.
 
-    def __init__(self, semantics: Semantics, playback: Playback, fps: float) -> None:
+    It begins in `start`, a batch of one state (NumPy), and with the gripper where it is, at home or at the box that it
+    holds unless told otherwise.
+    """
+
+    def __init__(self, semantics: Semantics, start: World, *, fps: float, gripper: GripperPose | None = None) -> None:
         self.semantics, self.task, self.fps = semantics, semantics.task, fps
-        self.kit = playback.start.kit[0]
-        self.poses = playback.start.poses[0].astype(float)
+        self.poses = start.poses[0].astype(float)
         self.sizes = np.array([box.size for box in self.task.boxes])
         self.scale = math.sqrt(self.sizes.max() / REFERENCE_SIZE)
         self.top = max(table.top for table in self.task.tables)
         self.home = self._home()
         self.tip, self.yaw = self.home, 0.0
         self.held: int | None = None
-        self.opening = WIDE * self.sizes.max() if playback.start.opened[0] else 0.0
+        self.opening = WIDE * self.sizes.max() if start.opened[0] else 0.0
+        if start.held[0] >= 0:
+            self.held = int(start.held[0])
+            self.tip, self.opening = self.poses[self.held, :3].copy(), self.sizes[self.held]
+            self.yaw = next(_face_yaws(self.poses[self.held]))
+        if gripper is not None:
+            self.tip, self.opening, self.yaw = np.array(gripper.position, float), gripper.opening, gripper.yaw
         self.shots: list[Shot] = []
         self.shoot()
 
@@ -77,8 +85,10 @@ class _Stage:
         self.shots += [self.shots[-1]] * round(seconds * self.fps)
 
     def run(self, tick: Tick, later: Sequence[Tick]) -> None:
-        """One command."""
+        """The command of a tick, if there is one; `later` ticks tell where a box that is taken will be put."""
         command = tick.command
+        if command is None:
+            return
         released = self._released(tick)
         motion = _fall(self.task, released, tick.after.poses[0].astype(float), self.fps)
         box = None if command.object is None else self.task.box_names.index(command.object)
@@ -96,6 +106,11 @@ class _Stage:
             case "close_gripper":
                 self.grip(0.0)
         self.poses = tick.after.poses[0].astype(float)
+
+    def leave(self) -> None:
+        """An empty gripper goes back to where it hides nothing."""
+        if self.held is None:
+            self.travel(self.home, self.yaw, self.opening)
 
     def move(
         self,

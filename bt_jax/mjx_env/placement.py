@@ -19,11 +19,14 @@ def draw_kit_table(task: Task, rng: np.random.Generator) -> int:
 
 
 def draw_places(task: Task, rng: np.random.Generator, kit_table: int) -> np.ndarray:
-    """Centres [B, 3]: a stack counts as one box at a random place."""
+    """Centres [B, 3] in the world: a stack counts as one box at a random place."""
     tables = [table for i, table in enumerate(task.tables) if i != kit_table]
     names, centres = task.box_names, np.zeros((len(task.boxes), 3))
     stack = [names.index(name) for name in task.layout.stack]
-    single = [i for i in range(len(names)) if i not in stack]
+    fixed = [names.index(place.object) for place in task.layout.fixed]
+    for i, place in zip(fixed, task.layout.fixed, strict=True):
+        centres[i] = np.add(place.position, task.robot_position)
+    single = [i for i in range(len(names)) if i not in (*stack, *fixed)]
     groups = [group for group in ([stack] if stack else []) + [[i] for i in single]]
     for _ in range(TRIES):
         spots: list[np.ndarray] = []
@@ -36,7 +39,7 @@ def draw_places(task: Task, rng: np.random.Generator, kit_table: int) -> np.ndar
                 centres[i] = (*spot, height + task.boxes[i].size / 2)
                 height += task.boxes[i].size
             spots.append(spot)
-        gaps = [np.linalg.norm(a - b) for i, a in enumerate(spots) for b in spots[:i]]
+        gaps = [np.linalg.norm(a - b) for i, a in enumerate(spots) for b in (*spots[:i], *centres[fixed, :2])]
         if not gaps or min(gaps) >= task.layout.spacing:
             return centres
     raise UserError(

@@ -17,7 +17,7 @@ from bt_jax.mjx_env.skills import act, settled_world
 from bt_jax.mjx_env.statuses import COMMAND_BITS, Semantics
 from bt_jax.mjx_env.world import World
 
-__all__ = ["Playback", "Tick", "play"]
+__all__ = ["Episode", "Playback", "Tick", "play"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,33 +53,56 @@ class Playback:
         return self.ticks[-1].after
 
 
-def play(semantics: Semantics, settler: Settler, tree: Tree, layout: World) -> Playback:
-    """Runs a tree in a layout, a batch of one state (NumPy), by the rules of `evaluate.TableEvaluator`.
+@dataclasses.dataclass(frozen=True)
+class Episode:
+    """A tree at work in a scene, between two ticks, by the rules of `evaluate.TableEvaluator`. An episode with another
+    `world` and otherwise only the first three fields is one that begins there."""
 
-    Raises UserError where a leaf is not in the vocabulary of `semantics`.
-    """
-    rules = semantics.task.episode
-    world, ticks, ending = layout, [], Ending.OPEN
-    successes, last, runs = 0, None, 0
-    while ending == Ending.OPEN:
-        ticked, command = _tick(semantics, tree, world, exhausted=last if runs >= rules.action_ticks else None)
-        after, sane = world, True
+    semantics: Semantics
+    settler: Settler
+    tree: Tree
+    world: World  # a batch of one state (NumPy)
+    ending: Ending = Ending.OPEN
+    count: int = 0  # ticks so far
+    successes: int = 0  # in how many of the last ticks in a row the tree returned SUCCESS
+    command: int | None = None  # what ran in the last tick
+    runs: int = 0  # in how many of the last ticks in a row it ran
+
+    def tick(self) -> tuple[Tick, Episode]:
+        """The next tick, and the episode after it. Raises UserError where a leaf is not in the vocabulary."""
+        rules = self.semantics.task.episode
+        exhausted = self.command if self.runs >= rules.action_ticks else None
+        statuses, command = _tick(self.semantics, self.tree, self.world, exhausted=exhausted)
+        after, sane = self.world, True
         if command is not None:
-            after, sane = _execute(semantics, settler, world, command)
-        ticks.append(Tick(ticked, None if command is None else semantics.commands[command], world, after))
-        status = ticked[0]
-        successes = successes + 1 if status == Status.SUCCESS else 0
-        runs = 0 if command is None else runs + 1 if command == last else 1
-        world, last = after, command
+            after, sane = _execute(self.semantics, self.settler, self.world, command)
+        status, count = statuses[0], self.count + 1
+        successes = self.successes + 1 if status == Status.SUCCESS else 0
+        ending = Ending.OPEN
         if not sane:
             ending = Ending.BROKEN
         elif status == Status.FAILURE:
             ending = Ending.FAILURE
         elif successes >= rules.success_ticks:
             ending = Ending.SUCCESS
-        elif len(ticks) >= rules.max_ticks:
+        elif count >= rules.max_ticks:
             ending = Ending.TIMEOUT
-    return _playback(semantics, tree, layout, ticks, ending)
+        runs = 0 if command is None else self.runs + 1 if command == self.command else 1
+        done = Tick(statuses, None if command is None else self.semantics.commands[command], self.world, after)
+        changes = {"world": after, "ending": ending, "count": count, "successes": successes, "runs": runs}
+        return done, dataclasses.replace(self, command=command, **changes)
+
+
+def play(semantics: Semantics, settler: Settler, tree: Tree, layout: World) -> Playback:
+    """Runs a tree in a layout, a batch of one state (NumPy), to the end of the episode.
+
+    Raises UserError where a leaf is not in the vocabulary of `semantics`.
+    """
+    episode, ticks = Episode(semantics, settler, tree, layout), []
+    while episode.ending == Ending.OPEN:
+        tick, episode = episode.tick()
+        ticks.append(tick)
+    return _playback(semantics, tree, layout, ticks, episode.ending)
 
 
 def _tick(

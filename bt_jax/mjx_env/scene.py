@@ -229,18 +229,14 @@ def _cameras_and_lights(task: Task) -> str:
     sizes = np.array([table.size for table in task.tables])
     low, high = (positions - sizes / 2).min(axis=0), (positions + sizes / 2).max(axis=0)
     centre = (low + high) / 2
-    row = int(np.argmax((high - low)[:2]))
-    toward = np.zeros(3)
-    toward[1 - row] = 1.0 if task.robot_position[1 - row] >= centre[1 - row] else -1.0
-    up = np.array([0.0, 0.0, 1.0])
-    right = np.cross(toward, up)
-    width = (high - low)[row]
+    right, toward, up = np.array(task.right), np.array(task.away), np.array([0.0, 0.0, 1.0])
+    width = abs(right @ (high - low))
     height = max(table.top for table in task.tables)
     target = np.array([centre[0], centre[1], height - 0.02 * width])
     view = 0.87 * toward - 0.5 * up - 0.12 * right
     view /= np.linalg.norm(view)
     across = np.cross(view, up) / np.linalg.norm(np.cross(view, up))
-    distance = 0.53 * width / math.tan(math.radians(FIELD_OF_VIEW / 2)) + 0.55 * (high - low)[1 - row]
+    distance = 0.53 * width / math.tan(math.radians(FIELD_OF_VIEW / 2)) + 0.55 * abs(toward @ (high - low))
     eye = target - view * distance
     fovy = math.degrees(2 * math.atan(math.tan(math.radians(FIELD_OF_VIEW / 2)) * 9 / 16))
     key = target + width * (-0.6 * right - 0.45 * toward + 1.4 * up)

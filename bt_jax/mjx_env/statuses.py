@@ -29,7 +29,7 @@ from bt_jax.errors import UserError
 from bt_jax.mjx_env.world import Array, World, distances, frames, namespace, to_world
 from bt_jax.task import Task
 
-__all__ = ["COMMAND_BITS", "Semantics", "see_subgoals"]
+__all__ = ["COMMAND_BITS", "Semantics", "reachable", "see_subgoals"]
 
 COMMAND_BITS = 2  # an outcome is command << COMMAND_BITS | status, in 16 bits
 MAX_COMMANDS = 1 << (15 - COMMAND_BITS)
@@ -186,7 +186,7 @@ class Semantics:
                 (away < np.float32(self.task.episode.tolerance)) & ~carried,
                 holding,
                 gripper,
-                _reachable(world, self.task),
+                reachable(world, self.task),
                 ~xp.any(_rests_on(world, self.task), axis=-2),
                 world.reached,
             ],
@@ -212,7 +212,7 @@ def _subgoal_columns(task: Task) -> tuple[Semantics, list[np.ndarray]]:
     return semantics, [np.array([semantics._columns[condition] for condition in meaning]) for meaning in meanings]
 
 
-def _reachable(world: World, task: Task) -> Bool[Array, "S B"]:
+def reachable(world: World, task: Task) -> Bool[Array, "S B"]:
     """The gripper reaches what is not below the lowest table's top, that is, what has not fallen to the floor."""
     sizes = np.array([[box.size for box in task.boxes]], np.float32)
     lowest = np.float32(min(table.top for table in task.tables))

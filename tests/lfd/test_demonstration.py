@@ -2,6 +2,7 @@ import dataclasses
 import math
 import re
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,10 @@ from made import STACK3, STACKING, demonstrations, one_demonstration
 from scipy.spatial.transform import Rotation
 
 from bt_jax.errors import UserError
-from bt_jax.lfd import Action, Demonstration, DemonstrationFolder, Frames, Pose
+from bt_jax.files import write_atomic
+from bt_jax.lfd import Action, Demonstration, DemonstrationFolder, Frames, Moment, Pose, learn
+from bt_jax.lfd.demonstration import Scene
+from bt_jax.task import load_task
 
 FRAMES = Frames.of(STACK3)
 numbers = st.floats(-5, 5).map(lambda x: round(x, 5) + 0.0)
@@ -275,4 +279,91 @@ def test_a_missing_or_empty_folder_is_named(tmp_path):
         folder.read()
     folder.create(Frames(("KittingBox", "base_link"), "base_link", "base_link"))
     with pytest.raises(UserError, match="none holds no demonstration; record some"):
+        folder.read()
+
+
+def test_a_new_name_keeps_the_place_in_the_order(folder):
+    shown = [one.actions for one in folder.read()]
+    folder.rename("demo1", "z last")
+    folder.rename("demo3", "a first")
+    assert folder.names() == ["z last", "demo2", "a first"]
+    assert [one.actions for one in folder.read()] == shown
+    folder.delete("demo2")
+    assert folder.append(one_demonstration(STACK3)).name == "demo1"
+    assert folder.names() == ["z last", "a first", "demo1"]
+
+
+@pytest.mark.parametrize("change", [lambda f: f.rename("demo2", "better"), lambda f: f.delete("demo2")])
+@pytest.mark.parametrize("step", range(4))
+def test_a_change_that_is_cut_off_loses_nothing(folder, monkeypatch, change, step):
+    """Whatever the process had come to when it was killed: every demonstration is whole, there or gone."""
+    before = {one.name: one.actions for one in folder.read()}
+    folder.choose(folder.read(), [Moment(1, 1)], "KittingBox")
+    left = iter(range(step))
+
+    def counted(function):
+        def call(*arguments, **options):
+            if next(left, None) is None:
+                raise KeyboardInterrupt
+            return function(*arguments, **options)
+
+        return call
+
+    with monkeypatch.context() as patch:
+        patch.setattr("bt_jax.lfd.demonstration_folder.write_atomic", counted(write_atomic))
+        patch.setattr("pathlib.Path.rename", counted(Path.rename))
+        patch.setattr("shutil.rmtree", counted(shutil.rmtree))
+        try:
+            change(folder)
+        except KeyboardInterrupt:
+            assert step < 4
+    after = folder.read()
+    actions = [one.actions for one in after]
+    assert actions in ([*before.values()], [before["demo1"], before["demo3"]])
+    assert {"demo1", "demo3"} <= {one.name for one in after}
+    if len(actions) == 3:
+        assert after.chosen == {Moment(1, 1): "KittingBox"}
+
+
+def test_chosen_frames_follow_their_demonstration(folder):
+    read = folder.read()
+    folder.choose(read, [Moment(0, 1), Moment(2, 3)], "KittingBox")
+    folder.choose(read, [Moment(1, 1)], "base_link")
+    assert folder.read().chosen == {
+        Moment(0, 1): "KittingBox", Moment(2, 3): "KittingBox", Moment(1, 1): "base_link"
+    }  # fmt: skip
+    folder.rename("demo1", "one")
+    folder.delete("demo2")
+    assert folder.read().chosen == {Moment(0, 1): "KittingBox", Moment(1, 3): "KittingBox"}
+    folder.choose(folder.read(), [Moment(0, 1), Moment(1, 3)], None)
+    assert folder.read().chosen == {}
+    with pytest.raises(UserError, match="no frame 'PinkBox'; use one of"):
+        folder.choose(folder.read(), [Moment(0, 1)], "PinkBox")
+    with pytest.raises(UserError, match="no demonstration 'demo2'"):
+        folder.choose(read, [Moment(1, 1)], "base_link")
+
+
+def test_it_is_known_in_which_task_was_recorded(folder, tmp_path):
+    assert folder.frames().scene == Scene("stack3", {"YellowBox": 0.1, "GreenBox": 0.1, "BlueBox": 0.1})
+    yumi = load_task("yumi_stack")
+    with pytest.raises(UserError, match="boxes of other sizes; choose another folder"):
+        folder.create(Frames.of(yumi))
+    folder.create(Frames.of(load_task("stack")))  # has the same boxes
+    with pytest.raises(
+        UserError, match=r"YellowBox measures 0\.1 m in task stack3 and 0\.04 m in yumi_stack; choose task"
+    ):
+        learn(folder.read(), yumi)
+    published = DemonstrationFolder(tmp_path / "published")
+    published.create(dataclasses.replace(FRAMES, scene=None))
+    assert "task" not in (published.path / "info.yaml").read_text()
+    published.append(demonstrations(STACK3, STACKING).demonstrations[0])
+    assert published.frames().scene is None
+    learn(published.read(), yumi)
+
+
+@pytest.mark.parametrize("bad", [{"task": 3}, {"boxes": [0.1]}, {"boxes": {"YellowBox": "large"}}, {"task": None}])
+def test_a_damaged_scene_is_named(folder, bad):
+    source = folder.path / "info.yaml"
+    source.write_text(yaml.safe_dump({**yaml.safe_load(source.read_text()), **bad}))
+    with pytest.raises(UserError, match=r"info\.yaml: task must be a name and boxes the size of each; mend both"):
         folder.read()

@@ -10,7 +10,7 @@ from samples import assert_same
 
 from bt_jax.errors import UserError
 from bt_jax.mjx_env.layouts import sample_layouts
-from bt_jax.task import load_task, task_names
+from bt_jax.task import Target, load_task, task_names
 
 COUNT = 200
 POSITION_ERROR = 1e-4
@@ -74,3 +74,15 @@ def test_boxes_that_find_no_room_are_reported():
     tight = dataclasses.replace(task, layout=dataclasses.replace(task.layout, spacing=5.0))
     with pytest.raises(UserError, match=r"no room.*lower layout.spacing"):
         sample_layouts(tight, 0, 1)
+
+
+def test_fixed_boxes_start_where_the_task_says_and_the_others_keep_away():
+    task = load_task("stack")
+    places = (Target("BlueBox", (-1.1, -1.0, 0.75), "base_link"), Target("YellowBox", (-1.1, -1.0, 0.85), "base_link"))
+    task = dataclasses.replace(task, layout=dataclasses.replace(task.layout, kit="TableRight", fixed=places))
+    layouts = sample_layouts(task, 1, COUNT)
+    np.testing.assert_allclose(layouts.poses[:, 2, :3], np.tile([-1.1, 0, 0.8], (COUNT, 1)), atol=POSITION_ERROR)
+    np.testing.assert_allclose(layouts.poses[:, 0, :3], np.tile([-1.1, 0, 0.9], (COUNT, 1)), atol=POSITION_ERROR)
+    away = np.linalg.norm(layouts.poses[:, 1, :2] - layouts.poses[:, 2, :2], axis=-1)
+    assert away.min() >= task.layout.spacing - 2e-4
+    assert np.ptp(layouts.poses[:, 1, :2], axis=0).min() > 0.3

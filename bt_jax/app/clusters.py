@@ -1,0 +1,69 @@
+"""Where the demonstrations put an object, seen from above in one frame, as a small drawing."""
+
+from __future__ import annotations
+
+from html import escape
+
+import numpy as np
+
+from bt_jax.lfd import Lesson
+from bt_jax.lfd.clustering import Candidate, Inference
+from bt_jax.lfd.figure import LEAST, cluster_points
+from bt_jax.task import Task
+
+__all__ = ["cluster_svg", "scores"]
+
+SIDE, MARGIN = 96.0, 8.0  # pixels
+ROOM = 1.3  # by which a drawing is larger than the cluster in it
+BARS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0)  # lengths of the scale, metres
+
+
+def cluster_svg(lesson: Lesson, inference: Inference, frame: str, *, task: Task) -> str:
+    """The places of an action as dots, one a demonstration, their mean as a cross, and other places of the same object as
+    crosses; to the right is what is right for a person before the scene, and a bar says how large it is."""
+    own, others = (_seen(points, task) for points in cluster_points(lesson, inference, frame))
+    centre = own.mean(axis=0)
+    reach = max(LEAST, ROOM * float(np.abs(own - centre).max()))
+    scale = (SIDE / 2 - MARGIN) / reach
+
+    def at(point: np.ndarray) -> tuple[float, float]:
+        x, y = (point - centre) * scale
+        return SIDE / 2 + float(x), SIDE / 2 - float(y)
+
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {SIDE:g} {SIDE + 14:g}" width="{SIDE:g}" '
+        f'height="{SIDE + 14:g}" role="img"><title>{escape(f"{inference.object}, seen from {frame}")}</title>',
+        f'<rect class="cluster-area" x="0.5" y="0.5" width="{SIDE - 1:g}" height="{SIDE - 1:g}" rx="3"/>',
+    ]
+    for point in others:
+        x, y = at(point)
+        if 0 < x < SIDE and 0 < y < SIDE:
+            parts.append(f'<path class="cluster-other" d="M{x - 3:.1f} {y - 3:.1f}l6 6m0 -6l-6 6"/>')
+    names = [one.name for one in lesson.demonstrations]
+    for moment, point in zip(inference.moments, own, strict=True):
+        x, y = at(point)
+        away = 100 * np.linalg.norm(point - centre)
+        title = escape(f"{names[moment.demonstration]}: {away:.1f} cm from the mean")
+        parts.append(f'<circle class="cluster-own" cx="{x:.1f}" cy="{y:.1f}" r="4.5"><title>{title}</title></circle>')
+    x, y = at(centre)
+    parts.append(f'<path class="cluster-mean" d="M{x - 4:.1f} {y:.1f}h8m-4 -4v8"/>')
+    bar = max((length for length in BARS if length <= reach), default=BARS[0])
+    size, end = f"{bar:g} m" if bar >= 1 else f"{100 * bar:g} cm", 2 + bar * scale
+    parts.append(f'<path class="cluster-bar" d="M2 {SIDE + 4:g}v4H{end:.1f}v-4"/>')
+    parts.append(f'<text class="cluster-text" x="{end + 4:.1f}" y="{SIDE + 10:g}">{size}</text>')
+    return "".join([*parts, "</svg>"])
+
+
+def scores(lesson: Lesson, inference: Inference) -> dict[str, Candidate | None]:
+    """The frames in which an action may be meant, the best first, with what was weighed; None where too few
+    demonstrations were there to weigh anything."""
+    found: dict[str, Candidate | None] = {one.frame: one for one in inference.candidates}
+    for frame in lesson.demonstrations.frames.names:
+        if frame != inference.object:
+            found.setdefault(frame, None)
+    return found
+
+
+def _seen(points: np.ndarray, task: Task) -> np.ndarray:
+    """Points [n, 3] as [n, 2]: how far to the right and how far away for a person before the scene."""
+    return points @ np.array([task.right, task.away]).T

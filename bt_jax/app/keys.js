@@ -1,0 +1,21 @@
+// Keys for the gripper go to the server as event "teach_key", but only while the element with data-teach-keys is to be seen
+// and nobody is typing. They neither scroll the page nor move the focus then.
+document.addEventListener(
+  "keydown",
+  (event) => {
+    const area = document.querySelector("[data-teach-keys]");
+    if (!area || area.offsetParent === null) return;
+    if (event.target.closest("input, textarea, select, [contenteditable=true], .q-menu, .q-dialog")) return;
+    const undo = (event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z";
+    if (!undo && (event.ctrlKey || event.metaKey || event.altKey)) return;
+    const key = undo ? "undo" : event.key.length === 1 ? event.key.toLowerCase() : event.key;
+    if (!undo && !area.dataset.teachKeys.split(" ").includes(key)) return;
+    event.preventDefault();
+    event.stopPropagation();
+    const held = event.repeat && !/^(Arrow|Page)/.test(key);
+    if (held || (event.repeat && event.timeStamp - (window.lastTeachKey ?? 0) < 60)) return;
+    window.lastTeachKey = event.timeStamp;
+    emitEvent("teach_key", key);
+  },
+  true,
+);

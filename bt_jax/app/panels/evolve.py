@@ -1,0 +1,157 @@
+"""Step 2: evolve a tree for the task; start, pause, resume, stop, go on, and see what it finds while it does."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING
+
+from nicegui import ui
+
+from bt_jax.app.curve import Curve, curve_options
+from bt_jax.app.evolution import Evolution
+from bt_jax.app.panels.parts import button, heading
+from bt_jax.app.record import tested
+from bt_jax.app.studio import Studio
+from bt_jax.app.tree_view import TreeView
+from bt_jax.errors import UserError
+from bt_jax.gp.config import GPConfig
+
+if TYPE_CHECKING:
+    from bt_jax.app.page import Page
+
+__all__ = ["build"]
+
+NOTHING = "\N{EN DASH}"
+COLORS = {
+    "finished": "positive",
+    "failed": "negative",
+    "killed": "negative",
+    "vanished": "negative",
+    "paused": "warning",
+}
+
+
+def build(studio: Studio, page: Page) -> None:
+    """Controls on top, then numbers, the learning curve and the best tree."""
+    _Evolve(studio, page)
+
+
+class _Evolve:
+    def __init__(self, studio: Studio, page: Page) -> None:
+        self.studio, self.page = studio, page
+        with ui.element("div").classes("evolve"):
+            with ui.row().classes("items-center gap-2"):
+                self.population = _number("Population", "evolve-population", studio.gp.population, 8, 100_000)
+                self.generations = _number("Generations", "evolve-generations", studio.gp.generations, 1, 100_000)
+                self.seed = _number("Seed", "evolve-seed", studio.gp.seed, 0, 2**32 - 1)
+                self.start = button("Start", "evolve-start", "play_arrow", page.guard(self._start))
+                self.pause = button("Pause", "evolve-pause", "pause", page.guard(self._pause))
+                self.resume = button("Resume", "evolve-resume", "play_arrow", page.guard(self._resume))
+                self.stop = button("Stop", "evolve-stop", "stop", page.guard(self._stop))
+            with ui.row().classes("items-center gap-3 w-full no-wrap"):
+                self.bar = ui.linear_progress(0, show_value=False).props("data-testid=evolve-bar aria-label=Progress")
+                self.stage = ui.badge().props("data-testid=evolve-stage")
+            with ui.row().classes("items-center gap-2 w-full no-wrap evolve-state"):
+                self.sentence = ui.label().classes("flex-1").props("data-testid=evolve-sentence")
+                with ui.row().classes("items-center gap-2 no-wrap") as self.onward:
+                    self.more = _number("More generations", "evolve-more-generations", 50, 1, 100_000)
+                    self.go_on = button("Go on", "evolve-more", "fast_forward", page.guard(self._more))
+            with ui.row().classes("gap-6 evolve-figures"):
+                self.generation = _figure("generation", "evolve-generation")
+                self.best = _figure("best fitness (the closer to 0, the better)", "evolve-best")
+                self.mean = _figure("mean of the population", "evolve-mean")
+                self.episodes = _figure("trees tried", "evolve-episodes")
+            self.chart = ui.echart(curve_options([])).classes("evolve-chart").props("data-testid=evolve-chart")
+            heading("Best tree so far")
+            with ui.element("div").classes("evolve-tree"):
+                self.tree = TreeView(page, testid="evolve-tree")
+        page.on("evolution", self._refresh)
+        page.on_step(lambda step: self._refresh())
+
+    def _gp(self) -> GPConfig:
+        """The settings as they stand in the fields. Raises UserError for one that cannot work."""
+        values = {}
+        for field, name in ((self.population, "population"), (self.generations, "generations"), (self.seed, "seed")):
+            values[name] = _whole(field.value, name)
+        gp = dataclasses.replace(self.studio.gp, **values)
+        gp.check()
+        return gp
+
+    def _start(self) -> None:
+        self.studio.start_evolution(self._gp())
+
+    def _pause(self) -> None:
+        self.studio.evolution.pause()
+        self.studio.watch()
+
+    def _resume(self) -> None:
+        self.studio.evolution.resume()
+        self.studio.watch()
+
+    def _stop(self) -> None:
+        self.studio.evolution.stop()
+        self.studio.watch()
+
+    def _more(self) -> None:
+        self.studio.evolution.more(_whole(self.more.value, "more generations"))
+        self.studio.changed("evolution")
+
+    def _refresh(self) -> None:
+        if self.page.step != "evolve":
+            return
+        evolution = self.studio.evolution
+        stage, progress, running = evolution.stage, evolution.progress, evolution.running
+        if progress is not None and progress.best is None:
+            progress = None  # nothing was measured yet
+        self.start.set_enabled(not running)
+        self.pause.set_visibility(stage != "paused")
+        self.resume.set_visibility(stage == "paused")
+        self.pause.set_enabled(stage == "evolving")
+        self.stop.set_enabled(running and stage not in ("stopping", "testing"))
+        self.onward.set_visibility(not running and progress is not None and stage != "vanished")
+        self.stage.set_text(stage if stage != "none" else "not started")
+        self.stage.props(f"color={COLORS.get(stage, 'primary')}")
+        self.sentence.set_text(f"{evolution.sentence} {_tested(evolution)}")
+        self.generation.set_text(f"{progress.generation} of {progress.generations}" if progress else NOTHING)
+        self.best.set_text(_fitness(progress and progress.best))
+        self.mean.set_text(_fitness(progress and progress.mean))
+        self.episodes.set_text(f"{progress.episodes:,}" if progress else NOTHING)
+        self.bar.set_value(progress.generation / max(progress.generations, 1) if progress else 0)
+        curves = [Curve("", progress.history, evolution.phases)] if progress and progress.history else []
+        self.chart.options.clear()
+        self.chart.options.update(curve_options(curves, generations=progress.generations if progress else 0))
+        self.chart.update()
+        self.tree.show(evolution.tree, self.studio.task)
+
+
+def _number(label: str, testid: str, value: int, low: int, high: int) -> ui.number:
+    return (
+        ui.number(label, value=value, min=low, max=high, precision=0, step=1)
+        .props(f"dense outlined data-testid={testid}")
+        .classes("evolve-number")
+    )
+
+
+def _figure(name: str, testid: str) -> ui.label:
+    """A number with what it is below it."""
+    with ui.column().classes("gap-0"):
+        value = ui.label(NOTHING).classes("evolve-figure").props(f"data-testid={testid}")
+        ui.label(name).classes("evolve-caption")
+    return value
+
+
+def _whole(value: float | None, name: str) -> int:
+    if value is None or value != int(value):
+        raise UserError(f"{name} is no whole number; write one into its field")
+    return int(value)
+
+
+def _fitness(value: float | None) -> str:
+    return NOTHING if value is None else f"{value:,.1f}".replace("-", "\N{MINUS SIGN}")
+
+
+def _tested(evolution: Evolution) -> str:
+    """How often the tree works where it was not trained."""
+    if evolution.result is None:
+        return ""
+    return f"Its best tree works in {tested(evolution.result)} layouts that it has never seen."

@@ -1,0 +1,180 @@
+"""Step 7: the runs of the workspace; open one, compare two, take trees and films away."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING
+
+from nicegui import ui
+
+from bt_jax.app.curve import Curve, curve_options
+from bt_jax.app.filming import film_run
+from bt_jax.app.panels.parts import ask, button
+from bt_jax.app.record import Record, read_record, tested
+from bt_jax.app.studio import Studio
+from bt_jax.app.tree_view import TreeView
+from bt_jax.encoding.svg import to_svg
+from bt_jax.encoding.text import format_tree
+from bt_jax.encoding.xml import to_xml
+from bt_jax.errors import UserError
+
+if TYPE_CHECKING:
+    from bt_jax.app.page import Page
+
+__all__ = ["build"]
+
+COLUMNS = [
+    {"name": "run", "label": "run", "field": "run", "align": "left", "sortable": True},
+    {"name": "task", "label": "task", "field": "task", "align": "left", "sortable": True},
+    {"name": "generation", "label": "generations", "field": "generation", "sortable": True},
+    {"name": "best", "label": "best fitness", "field": "best", "sortable": True},
+    {"name": "tested", "label": "works in", "field": "tested"},
+]
+FORMATS = {"xml": to_xml, "svg": to_svg, "txt": format_tree}
+NOTHING = "\N{EN DASH}"
+
+
+def build(studio: Studio, page: Page) -> None:
+    """The list of runs, what one can do with the ticked ones, and below it their curves and trees."""
+    _Keep(studio, page)
+
+
+class _Keep:
+    def __init__(self, studio: Studio, page: Page) -> None:
+        self.studio, self.page = studio, page
+        self.records: dict[str, Record] = {}
+        self.chosen: list[str] = []
+        with ui.element("div").classes("keep"):
+            self.hint = ui.label().props("data-testid=keep-hint")
+            self.table = (
+                ui.table(columns=COLUMNS, rows=[], row_key="run", selection="multiple", on_select=self._select)
+                .props("dense flat bordered hide-selected-banner data-testid=keep-runs")
+                .classes("keep-runs")
+            )
+            with ui.row().classes("items-center gap-2"):
+                self.buttons = [
+                    button("Open", "keep-open", "folder_open", page.guard(self._open)),
+                    button("XML", "keep-xml", "download", page.guard(lambda: self._download("xml"))),
+                    button("SVG", "keep-svg", "download", page.guard(lambda: self._download("svg"))),
+                    button("Text", "keep-txt", "download", page.guard(lambda: self._download("txt"))),
+                    button("Film", "keep-film", "movie", page.guard(self._film)),
+                    button("Delete", "keep-delete", "delete", page.guard(self._delete)),
+                ]
+            self.chart = ui.echart(curve_options([])).classes("evolve-chart").props("data-testid=keep-chart")
+            with ui.row().classes("w-full no-wrap gap-2 keep-trees"):
+                self.trees = [_Side(page, number) for number in range(2)]
+        page.on("runs", page.guard(self._list), now=False)
+        page.on_step(page.guard(self._list))
+
+    async def _list(self, *_: object) -> None:
+        """Reads the runs anew, where the step is shown."""
+        if self.page.step != "keep":
+            return
+        self.records = await asyncio.to_thread(_records, self.studio)
+        self.chosen = [name for name in self.chosen if name in self.records]
+        self.table.rows = [_row(record) for record in self.records.values()]
+        self.table.selected = [row for row in self.table.rows if row["run"] in self.chosen]
+        self._show()
+
+    def _select(self) -> None:
+        """At most two are ticked: the two that were ticked last."""
+        ticked = [row["run"] for row in self.table.selected]
+        self.chosen = [*(name for name in self.chosen if name in ticked), *(n for n in ticked if n not in self.chosen)][
+            -2:
+        ]
+        self.table.selected = [row for row in self.table.rows if row["run"] in self.chosen]
+        self._show()
+
+    def _show(self) -> None:
+        shown = [self.records[name] for name in self.chosen]
+        if not self.records:
+            self.hint.set_text("There is no run yet; start an evolution in step 2.")
+        else:
+            self.hint.set_text("Tick one run to open it or to take its tree away, two to compare them.")
+        for one in self.buttons:
+            one.set_enabled(len(shown) == 1)
+        curves = [Curve(one.name, one.progress.history, one.phases) for one in shown if one.progress is not None]
+        self.chart.options.clear()
+        self.chart.options.update(curve_options(curves))
+        self.chart.update()
+        self.chart.set_visibility(bool(curves))
+        for number, side in enumerate(self.trees):
+            side.show(shown[number] if number < len(shown) else None)
+
+    def _one(self) -> Record:
+        """The ticked run, as it is now. Raises UserError where it has gone."""
+        if len(self.chosen) != 1:
+            raise UserError("tick exactly one run in the list")
+        return read_record(self.studio.workspace.run(self.chosen[0]))
+
+    async def _open(self) -> None:
+        record = self._one()
+        self.studio.open_run(record.name)
+        self.studio.say(f"The run {record.name} is open: run its tree in step 6, or go on evolving it in step 2.")
+
+    def _download(self, kind: str) -> None:
+        record = self._one()
+        if record.tree is None:
+            raise UserError(f"{record.name} has no tree yet; let it evolve a generation")
+        ui.download.content(FORMATS[kind](record.tree), f"{record.name}.{kind}")
+        self.studio.say(f"The tree of {record.name} is in your downloads, as {record.name}.{kind}.")
+
+    async def _film(self) -> None:
+        record = self._one()
+        folder = self.studio.workspace.run(record.name).path
+        self.studio.say(f"Filming {record.name}; this takes a while, and you can go on.")
+        await film_run(folder.resolve(), folder.resolve() / "film.mp4")
+        ui.download.file(folder / "film.mp4", f"{record.name}.mp4")
+        self.studio.say(f"The film of {record.name} is in your downloads, and in its folder.")
+
+    async def _delete(self) -> None:
+        name = self._one().name
+        evolution = self.studio.evolution
+        if evolution.running and evolution.run == name:
+            raise UserError(f"{name} is evolving; stop it before you delete it")
+        question = f"Delete the run {name} for good, with its trees and curves?"
+        if await ask(question, yes="Delete", testid="keep-delete"):
+            self.studio.workspace.delete_run(name)
+            self.studio.say(f"The run {name} is deleted.")
+            self.studio.changed("runs")
+
+
+class _Side:
+    """Name and best tree of one run."""
+
+    def __init__(self, page: Page, number: int) -> None:
+        with ui.column().classes("gap-1 keep-side") as self.area:
+            self.name = ui.label().classes("text-bold").props(f"data-testid=keep-name-{number}")
+            self.tree = TreeView(page, testid=f"keep-tree-{number}")
+
+    def show(self, record: Record | None) -> None:
+        self.area.set_visibility(record is not None)
+        if record is None:
+            return
+        best = record.progress and record.progress.best
+        self.name.set_text(
+            record.name if best is None else f"{record.name}: {best:.1f}".replace(": -", ": \N{MINUS SIGN}")
+        )
+        self.tree.show(record.tree, record.config.task)
+
+
+def _records(studio: Studio) -> dict[str, Record]:
+    """All runs that can be read, the newest first."""
+    found = {}
+    for name in studio.workspace.run_names():
+        try:
+            found[name] = read_record(studio.workspace.run(name))
+        except UserError:
+            continue
+    return found
+
+
+def _row(record: Record) -> dict[str, object]:
+    progress = record.progress
+    return {
+        "run": record.name,
+        "task": record.config.task.name,
+        "generation": progress.generation if progress else 0,
+        "best": progress.best if progress and progress.best is not None else NOTHING,
+        "tested": f"{tested(record.result)} layouts" if record.result else NOTHING,
+    }

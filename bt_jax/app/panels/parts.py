@@ -1,0 +1,50 @@
+"""Pieces that panels are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from nicegui import ui
+
+__all__ = ["ask", "ask_for", "button", "heading"]
+
+
+def button(text: str, testid: str, icon: str, handler: Callable[..., Any], *, more: str = "") -> ui.button:
+    """A button with an icon; `more` are further Quasar props."""
+    made = ui.button(text or None, icon=icon, on_click=handler).classes("part-button" if text else "")
+    return made.props(f"no-caps unelevated dense data-testid={testid} {more}")
+
+
+def heading(text: str) -> ui.label:
+    """The title of a part of a panel."""
+    return ui.label(text).classes("part-heading").props("role=heading aria-level=2")
+
+
+async def ask(question: str, *, yes: str, testid: str) -> bool:
+    """Whether a person says yes to something that cannot be taken back."""
+    with ui.dialog() as dialog, ui.card():
+        ui.label(question)
+        with ui.row().classes("self-end gap-2"):
+            ui.button("Cancel", on_click=lambda: dialog.submit(False)).props("no-caps flat autofocus")
+            ui.button(yes, on_click=lambda: dialog.submit(True)).props(f"no-caps unelevated data-testid={testid}-yes")
+    answer = await dialog
+    dialog.delete()
+    return bool(answer)
+
+
+async def ask_for(question: str, *, value: str, yes: str, testid: str) -> str | None:
+    """A name that a person types, None where they would rather not."""
+    with ui.dialog() as dialog, ui.card():
+        field = ui.input(question, value=value).props(
+            f"autofocus outlined dense data-testid={testid}-name maxlength=64"
+        )
+        field.classes("w-64").on("keydown.enter", lambda: dialog.submit(field.value))
+        with ui.row().classes("self-end gap-2"):
+            ui.button("Cancel", on_click=lambda: dialog.submit(None)).props("no-caps flat")
+            ui.button(yes, on_click=lambda: dialog.submit(field.value)).props(
+                f"no-caps unelevated data-testid={testid}-yes"
+            )
+    answer = await dialog
+    dialog.delete()
+    return answer

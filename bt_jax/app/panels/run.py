@@ -1,0 +1,216 @@
+"""Step 6: watch a tree at work; play, hold, step, look back, and move boxes while it runs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from nicegui import ui
+
+from bt_jax.app.player import Moment, Player
+from bt_jax.app.playing import SPEEDS
+from bt_jax.app.studio import Studio
+from bt_jax.app.tree_view import TreeView
+from bt_jax.encoding.words import Words
+from bt_jax.errors import UserError
+from bt_jax.mjx_env.fitness import Ending
+from bt_jax.mjx_env.layouts import sample_layouts
+from bt_jax.task import Task
+from bt_jax.training import UNSEEN
+
+if TYPE_CHECKING:
+    from bt_jax.app.page import Page
+
+__all__ = ["build"]
+
+LESSON = "what was demonstrated"
+ENDINGS = {
+    Ending.SUCCESS: "The tree says that it is done.",
+    Ending.FAILURE: "The tree has given up: what it tried cannot be done here.",
+    Ending.TIMEOUT: "The time is up: the tree has used all its ticks.",
+    Ending.BROKEN: "Physics gave no number; start it anew.",
+}
+
+
+def build(studio: Studio, page: Page) -> None:
+    """What to run on top, then the controls, the timeline, what happens, and the tree."""
+    _Run(studio, page)
+
+
+class _Run:
+    def __init__(self, studio: Studio, page: Page) -> None:
+        self.studio, self.page = studio, page
+        self._layout = 0
+        with ui.element("div").classes("run"):
+            with ui.row().classes("items-center gap-2 w-full no-wrap"):
+                self.source = (
+                    ui.select([], label="Tree of", on_change=page.guard(self._choose))
+                    .props("dense outlined options-dense data-testid=run-source")
+                    .classes("run-source")
+                )
+                self.anew = _button("Start over", "run-restart", "replay", page.guard(self._restart))
+                self.other = _button("Other start", "run-layout", "shuffle", page.guard(self._other_layout))
+            with ui.row().classes("items-center gap-2 w-full no-wrap"):
+                self.toggle = _button("Play", "run-play", "play_arrow", page.guard(self._toggle))
+                self.step = _button("One tick", "run-tick", "skip_next", page.guard(studio.playing.tick))
+                ui.select(
+                    {speed: f"{speed:g} \N{MULTIPLICATION SIGN}" for speed in SPEEDS}, value=1.0, label="Speed"
+                ).props("dense outlined options-dense data-testid=run-speed").classes("run-speed").bind_value(
+                    studio.playing, "speed"
+                )
+                self.timeline = (
+                    ui.slider(min=0, max=1, value=0, on_change=page.guard(self._scrub))
+                    .props('data-testid=run-timeline markers snap aria-label="Timeline"')
+                    .classes("run-timeline")
+                )
+            self.what = ui.label().classes("run-what").props("data-testid=run-what aria-live=polite")
+            with ui.row().classes("gap-2") as self.targets:
+                pass
+            self.verdict = ui.label().props("data-testid=run-verdict")
+            self.hint = ui.label("Drag a box in the scene at any time, and watch how the tree reacts.").classes("hint")
+            self.tree = TreeView(page, testid="run-tree", legend=True)
+        page.on("tree", self._sources)
+        page.on("runs", self._sources, now=False)
+        page.on("lesson", self._sources, now=False)
+        page.on("player", self._refresh)
+        page.on_step(self._enter)
+        page.scene.on_drop(self._drop)
+
+    def _enter(self, step: str) -> None:
+        if step == "run":
+            self._sources()
+            ui.timer(0.0, self.page.guard(self._prepare), once=True)
+
+    async def _prepare(self) -> None:
+        """A tree that is at hand is ready to run as soon as one comes here."""
+        if self.studio.player is None and self.studio.tree is not None:
+            await self.studio.playing.begin()
+        self._refresh()
+
+    def _sources(self) -> None:
+        """Trees to choose from: those of the runs, and the demonstrated one."""
+        if self.page.step != "run":
+            return
+        names = self.studio.workspace.run_names()
+        lesson = self.studio.lesson
+        options = {name: name for name in names} | ({LESSON: LESSON} if lesson is not None else {})
+        here = self.studio.run if self.studio.run in options else None
+        if lesson is not None and self.studio.tree == lesson.tree:
+            here = LESSON
+        self._quietly(lambda: self.source.set_options(options, value=here))
+        self._refresh()
+
+    async def _choose(self, event) -> None:
+        if self._quiet or event.value is None:
+            return
+        if event.value == LESSON:
+            self.studio.tree, self.studio.run = self.studio.lesson.tree, None
+            self.studio.changed("tree")
+        else:
+            self.studio.open_run(event.value)
+        await self.studio.playing.begin()
+
+    async def _restart(self) -> None:
+        await self.studio.playing.begin(None if self._layout == 0 else self._drawn())
+
+    async def _other_layout(self) -> None:
+        self._layout += 1
+        await self.studio.playing.begin(self._drawn())
+
+    def _drawn(self):
+        return sample_layouts(self.studio.task, [UNSEEN, self._layout - 1], 1)
+
+    async def _toggle(self) -> None:
+        if self.studio.player is None:
+            await self.studio.playing.begin()
+        if self.studio.playing.on:
+            self.studio.playing.pause()
+        else:
+            self.studio.playing.play()
+
+    async def _scrub(self, event) -> None:
+        if not self._quiet and self.studio.player is not None and event.value != self.studio.player.at:
+            await self.studio.playing.seek(int(event.value))
+
+    async def _drop(self, dragged: str, name: str, position: np.ndarray) -> None:
+        if self.page.step != "run":
+            return
+        if self.studio.player is None:
+            raise UserError("nothing runs yet; press Play first, or arrange boxes in the step Task")
+        await self.studio.playing.put(name, position)
+
+    _quiet = False
+
+    def _quietly(self, change) -> None:
+        """Changes a control without that counting as a person's choice."""
+        self._quiet = True
+        try:
+            change()
+        finally:
+            self._quiet = False
+
+    def _refresh(self) -> None:
+        if self.page.step != "run":
+            return
+        studio, player = self.studio, self.studio.player
+        on = studio.playing.on
+        self.toggle.set_text("Pause" if on else "Play")
+        self.toggle.props(f"icon={'pause' if on else 'play_arrow'}")
+        for control in (self.toggle, self.step, self.anew, self.other):
+            control.set_enabled(studio.tree is not None)
+        self.hint.set_visibility(player is not None)
+        self.tree.show(studio.tree if player is None else player.tree, studio.task)
+        self.targets.clear()
+        if player is None:
+            self._quietly(lambda: self._set_timeline(0, 1))
+            self.what.set_text("" if studio.tree else "There is no tree yet: evolve one first, or choose a run above.")
+            self.verdict.set_text("")
+            return
+        self._quietly(lambda: self._set_timeline(player.at, len(player.moments) - 1))
+        self.what.set_text(_said(Words(studio.task), player))
+        self.verdict.set_text(_verdict(studio, player))
+        self.tree.colour(player.statuses)
+        with self.targets:
+            for target in studio.task.targets:
+                _target(studio.task, target.object, player.distances[target.object])
+
+    def _set_timeline(self, value: int, last: int) -> None:
+        self.timeline.props(f"max={max(last, 1)}")
+        self.timeline.set_value(value)
+
+
+def _button(text: str, testid: str, icon: str, handler) -> ui.button:
+    return ui.button(text, icon=icon, on_click=handler).props(f"no-caps unelevated dense data-testid={testid}")
+
+
+def _said(words: Words, player: Player) -> str:
+    """What happened last."""
+    moment: Moment = player.now
+    ticks = sum(each.tick is not None and each.moved is None for each in player.moments[: player.at + 1])
+    if moment.moved is not None:
+        return f"After tick {ticks} you moved {moment.moved}."
+    if moment.tick is None:
+        return "The beginning: press Play."
+    command = moment.tick.command
+    return f"Tick {ticks}: {'nothing to do' if command is None else words(command)}"
+
+
+def _verdict(studio: Studio, player: Player) -> str:
+    if player.ending == Ending.OPEN:
+        newer = studio.tree is not None and studio.tree != player.tree
+        return "Evolution has found a better tree meanwhile: Start over runs it." if newer else ""
+    there = all(x < player.task.episode.tolerance for x in player.distances.values())
+    if player.ending == Ending.SUCCESS:
+        return (
+            f"{ENDINGS[player.ending]} {'Everything is where it should be.' if there else 'But not all is in place.'}"
+        )
+    return ENDINGS[player.ending]
+
+
+def _target(task: Task, name: str, distance: float) -> None:
+    """Whether a box is where it should be, by a mark and in words."""
+    there = distance < task.episode.tolerance
+    text = f"{name} in place" if there else f"{name} {100 * distance:.0f} cm away"
+    with ui.row().classes(f"run-target {'there' if there else ''}"):
+        ui.icon("check_circle" if there else "radio_button_unchecked")
+        ui.label(text)

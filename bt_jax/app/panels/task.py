@@ -1,0 +1,253 @@
+"""Step 1: what is to be done; choose a task, say where boxes should end and where they start, save it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from nicegui import ui
+
+from bt_jax.app.arrangement import fixed_layout, free_layout, kit_table, move_kit, put, retarget, untarget
+from bt_jax.app.place_fields import PlaceFields
+from bt_jax.app.spots import Spot, origins, spot_at, spot_of_target
+from bt_jax.app.studio import Studio
+from bt_jax.encoding.words import Words
+from bt_jax.errors import UserError
+from bt_jax.mjx_env.layouts import sample_layouts
+from bt_jax.task import Box, load_task, task_names
+
+if TYPE_CHECKING:
+    from bt_jax.app.page import Page
+
+__all__ = ["build"]
+
+Side = Literal["targets", "start"]
+HINTS = {
+    "targets": "Drag a dashed box in the scene to where the box should be, or write it here.",
+    "start": "Drag a box in the scene to where it should start, or write it here.",
+}
+
+
+def build(studio: Studio, page: Page) -> None:
+    """The choice of a task, then the places, then the name to save it under."""
+    _Task(studio, page)
+
+
+class _Task:
+    def __init__(self, studio: Studio, page: Page) -> None:
+        self.studio, self.page = studio, page
+        self.draws = 0
+        self.quiet = False
+        self.shape: tuple = ()
+        self.fields: dict[str, PlaceFields] = {}
+        self.words: dict[str, ui.label] = {}
+        with ui.element("div").classes("task"):
+            with ui.row().classes("items-center gap-2 w-full no-wrap"):
+                self.choice = (
+                    ui.select([], label="Task", on_change=page.guard(self._choose))
+                    .props("dense outlined options-dense data-testid=task-choice")
+                    .classes("task-choice")
+                )
+                self.description = ui.label().classes("hint").props("data-testid=task-description")
+            with ui.tabs().props("dense no-caps align=left").classes("task-tabs") as self.tabs:
+                ui.tab("targets", "Where boxes should be").props("data-testid=task-targets")
+                ui.tab("start", "Where they start").props("data-testid=task-start")
+            self.hint = ui.label().classes("hint")
+            with ui.element("div").classes("task-rows") as self.rows:
+                pass
+            with ui.element("div").classes("task-beginning") as self.beginning:
+                with ui.row().classes("items-center gap-2"):
+                    self.kit = (
+                        ui.select([], label="The kit stands on", on_change=page.guard(self._move_kit))
+                        .props("dense outlined options-dense data-testid=task-kit")
+                        .classes("task-reference")
+                    )
+                    _button("Another random start", "task-random", "shuffle", page.guard(self._random))
+                self.fixed = ui.radio(
+                    {False: "Every episode starts at random", True: "Every episode starts as shown now"},
+                    on_change=page.guard(self._fix),
+                ).props("dense data-testid=task-fixed")
+            ui.separator()
+            with ui.row().classes("items-center gap-2 no-wrap"):
+                self.name = (
+                    ui.input("Name of your task").props("dense outlined data-testid=task-name").classes("task-name")
+                )
+                _button("Save", "task-save", "save", page.guard(self._save))
+                self.saved = ui.label().classes("hint").props("data-testid=task-saved")
+        self.tabs.on_value_change(lambda event: self._turn())
+        self.tabs.set_value("targets")
+        page.on("task", self._refresh)
+        page.on("scene", self._refresh, now=False)
+        page.on_step(lambda step: self._refresh())
+        page.scene.on_drop(self._drop)
+
+    @property
+    def side(self) -> Side:
+        return self.tabs.value
+
+    def _turn(self) -> None:
+        self.page.scene.arrange("targets" if self.side == "targets" else "boxes")
+        self._refresh()
+
+    def _refresh(self) -> None:
+        if self.page.step != "task":
+            return
+        studio, task = self.studio, self.studio.task
+        self.quiet = True
+        try:
+            names = studio.workspace.task_names()
+            self.choice.set_options([*names, *([] if task.name in names else [task.name])], value=task.name)
+            self.kit.set_options([table.name for table in task.tables], value=kit_table(task, studio.start))
+            self.fixed.set_value(bool(task.layout.fixed))
+        finally:
+            self.quiet = False
+        self.description.set_text(task.description)
+        self.beginning.set_visibility(self.side == "start")
+        self.hint.set_text(HINTS[self.side])
+        if not self.name.value:
+            self.name.set_value(task.name if task.name not in task_names() else f"my_{task.name}")
+        self.saved.set_text(self._state())
+        targets = {target.object: target for target in task.targets}
+        shape = (self.side, task.boxes, tuple(targets))
+        if shape != self.shape:
+            self.shape = shape
+            self._build_rows(targets)
+        for name, fields in self.fields.items():
+            if self.side == "start":
+                fields.show(spot_at(task, studio.start, name))
+            else:
+                fields.show(spot_of_target(task, studio.start, name))
+                self.words[name].set_text(Words(task).place(name, targets[name].position, targets[name].frame))
+
+    def _state(self) -> str:
+        """Whether the task is as in its file."""
+        try:
+            saved = self.studio.workspace.task(self.studio.task.name)
+        except UserError:
+            saved = None
+        if saved != self.studio.task:
+            return "Changed, and not saved yet."
+        return "" if saved.name in task_names() else f"Saved as tasks/{saved.name}.yaml"
+
+    def _build_rows(self, targets: Collection[str]) -> None:
+        """One row a box; they stay as long as there is the same to say, so that the focus does."""
+        self.fields, self.words = {}, {}
+        self.rows.clear()
+        with self.rows:
+            for box in self.studio.task.boxes:
+                with ui.element("div").classes("task-row").props(f"data-testid=task-row-{box.name}"):
+                    if self.side == "start":
+                        self._start_row(box)
+                    else:
+                        self._target_row(box, box.name in targets)
+
+    def _start_row(self, box: Box) -> None:
+        task = self.studio.task
+        with ui.row().classes("items-center gap-2 no-wrap"):
+            _name(box)
+            self._fields(box.name, [table.name for table in task.tables], spot_at(task, self.studio.start, box.name))
+
+    def _target_row(self, box: Box, has_target: bool) -> None:
+        task, name = self.studio.task, box.name
+        with ui.row().classes("items-center gap-2 no-wrap"):
+            _name(box)
+            self.words[name] = ui.label("may be anywhere").props(f"data-testid=task-words-{name}")
+            ui.space()
+            if not has_target:
+                _button("Add a target", f"task-add-{name}", "add", self.page.guard(lambda: self._add(name)))
+                return
+            hint = f"{name} may be anywhere"
+            remove = self.page.guard(lambda: self._amend(untarget(self.studio.task, name)))
+            with ui.button(icon="close", on_click=remove).props(
+                f'flat dense size=sm data-testid=task-remove-{name} aria-label="{hint}"'
+            ):
+                ui.tooltip(hint)
+        with ui.row().classes("items-center gap-2 no-wrap task-numbers"):
+            others = [other for other in task.box_names if other != name]
+            references = [task.kit.name, *others, *(table.name for table in task.tables)]
+            self._fields(name, references, spot_of_target(task, self.studio.start, name))
+
+    def _fields(self, name: str, references: list[str], spot: Spot) -> None:
+        self.fields[name] = PlaceFields(self.page, name, references, spot, lambda moved: self._place(name, moved))
+
+    async def _place(self, name: str, spot: Spot) -> None:
+        studio = self.studio
+        ended = self.side == "targets"
+        point = spot.point(studio.task, name, origins(studio.task, studio.start, ended=ended))
+        if ended:
+            await self._target(name, point, spot.frame(studio.task))
+        else:
+            await self._start(name, point)
+
+    async def _add(self, name: str) -> None:
+        """A target where the box is now."""
+        index = self.studio.task.box_names.index(name)
+        await self._target(name, self.studio.start.poses[0, index, :3].astype(float))
+
+    async def _drop(self, dragged: str, name: str, position: np.ndarray) -> None:
+        if self.page.step == "task":
+            await (self._target if dragged == "targets" else self._start)(name, position)
+
+    async def _target(self, name: str, position: np.ndarray, frame: str | None = None) -> None:
+        studio = self.studio
+        self._amend(await studio.work(retarget, studio.task, studio.physics, studio.start, name, position, frame))
+
+    async def _start(self, name: str, position: np.ndarray) -> None:
+        studio = self.studio
+        world = await studio.work(put, studio.task, studio.physics, studio.start, name, position)
+        self._begin(world)
+
+    def _begin(self, world) -> None:
+        """The scene starts like this; so does every episode, where that was wanted."""
+        task = self.studio.task
+        self.studio.amend(fixed_layout(task, world) if task.layout.fixed else task, world)
+
+    def _amend(self, task) -> None:
+        self.studio.amend(task)
+        self.studio.say("")
+
+    def _choose(self, event) -> None:
+        if not self.quiet and event.value is not None:
+            self.draws = 0
+            self.name.set_value("")
+            try:
+                self.studio.set_task(self.studio.workspace.task(event.value))
+            finally:
+                self._refresh()
+
+    def _random(self) -> None:
+        studio = self.studio
+        self.draws += 1
+        free = free_layout(studio.task, self._base())
+        studio.amend(free, sample_layouts(free, [7, self.draws], 1))
+
+    def _base(self):
+        """The task whose layouts are drawn where nothing is fixed."""
+        task = self.studio.task
+        return load_task(task.name) if task.layout.fixed and task.name in task_names() else task
+
+    def _move_kit(self, event) -> None:
+        if not self.quiet:
+            self._begin(move_kit(self.studio.task, self.studio.start, event.value))
+
+    def _fix(self, event) -> None:
+        if self.quiet:
+            return
+        task, start = self.studio.task, self.studio.start
+        self.studio.amend(fixed_layout(task, start) if event.value else free_layout(task, self._base()), start)
+
+    def _save(self) -> None:
+        name = self.name.value.strip()
+        self.studio.workspace.save_task(name, self.studio.task)
+        self.studio.amend(self.studio.workspace.task(name), self.studio.start)
+
+
+def _name(box: Box) -> None:
+    red, green, blue = (round(255 * value) for value in box.color)
+    ui.element("span").classes("task-chip").style(f"background: rgb({red}, {green}, {blue})")
+    ui.label(box.name).classes("task-box")
+
+
+def _button(text: str, testid: str, icon: str, handler) -> ui.button:
+    return ui.button(text, icon=icon, on_click=handler).props(f"no-caps unelevated dense data-testid={testid}")

@@ -1,0 +1,167 @@
+"""Step 4: what was understood from the demonstrations, and why; a person may know better what a place is relative to."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import TYPE_CHECKING
+
+from nicegui import ui
+
+from bt_jax.app.clusters import cluster_svg, scores
+from bt_jax.app.panels.parts import button, heading
+from bt_jax.app.studio import Studio
+from bt_jax.app.tree_view import TreeView
+from bt_jax.behaviors import Behavior, Kind
+from bt_jax.encoding.words import Words
+from bt_jax.lfd import Lesson
+from bt_jax.lfd.clustering import NEEDED, SPREAD_FLOOR, Candidate, Inference
+from bt_jax.lfd.explanation import order_sentences, precondition_sentences
+
+if TYPE_CHECKING:
+    from bt_jax.app.page import Page
+
+__all__ = ["build"]
+
+
+def build(studio: Studio, page: Page) -> None:
+    """One card for each action, then goal, order and tree."""
+    _Understand(studio, page)
+
+
+class _Understand:
+    def __init__(self, studio: Studio, page: Page) -> None:
+        self.studio, self.page = studio, page
+        with ui.element("div").classes("teach"):
+            self.area = ui.element("div").classes("teach")
+            self.learnt = ui.element("div").classes("teach")
+            with self.learnt:
+                with ui.row().classes("gap-2 items-center w-full"):
+                    heading("Learnt tree").classes("flex-1")
+                    button("Run it", "understand-run", "play_arrow", page.guard(self._run), more="outline")
+                    combine = page.guard(lambda: page.go("combine"))
+                    button("Combine with evolution", "understand-combine", "merge", combine)
+                with ui.element("div").classes("lesson-tree"):
+                    self.tree = TreeView(page, testid="understand-tree")
+        page.on("lesson", self._refresh)
+
+    def _refresh(self) -> None:
+        lesson, teaching = self.studio.lesson, self.studio.teaching
+        self.area.clear()
+        self.learnt.set_visibility(lesson is not None)
+        if lesson is not None:
+            self.tree.show(lesson.tree, lesson.task)
+        with self.area:
+            ui.label(teaching.progress).props("data-testid=understand-progress")
+            if teaching.problem:
+                ui.label(teaching.problem).classes("teach-landing teach-bad").props("data-testid=understand-problem")
+            if lesson is None:
+                button("Demonstrate", "understand-demonstrate", "back_hand", lambda: self.page.go("demonstrate"))
+                return
+            if lesson.missing:
+                ui.label(
+                    f"With fewer than {NEEDED}, every place is taken to be fixed on the table. If you know better, "
+                    "choose below what a place is relative to."
+                ).classes("teach-landing").props("data-testid=understand-missing")
+            self._lesson(lesson)
+
+    def _lesson(self, lesson: Lesson) -> None:
+        heading("What was done, and what each place is relative to")
+        for index, inference in enumerate(lesson.inferences):
+            self._action(lesson, index, inference)
+        if any(one.kind == "place" for one in lesson.inferences):
+            ui.label(
+                "Each square shows from above where you put the object, seen from another frame: a dot for each "
+                "demonstration. The closer the dots, the more likely this is what you meant. Click a square to choose it."
+            ).classes("teach-hint")
+        self._goal(lesson)
+
+    def _action(self, lesson: Lesson, index: int, inference: Inference) -> None:
+        words, count = Words(lesson.task), len({moment.demonstration for moment in inference.moments})
+        with ui.element("div").classes("lesson-action").props(f"data-testid=understand-action-{index + 1}"):
+            with ui.row().classes("items-baseline gap-2 no-wrap"):
+                ui.label(f"{index + 1}.")
+                ui.label(words(inference.behavior)).classes("text-bold").props(f'title="{inference.behavior}"')
+                ui.label(f"in {count} of {len(lesson.demonstrations)} demonstrations").classes("teach-hint")
+            if inference.kind == "pick":
+                return
+            with ui.element("div").classes("lesson-frames").props('role=group aria-label="Relative to"'):
+                for frame, candidate in scores(lesson, inference).items():
+                    self._frame(lesson, index, inference, frame, candidate)
+            ui.label(_reason(inference)).classes("teach-hint").props(f"data-testid=understand-reason-{index + 1}")
+            if inference.chosen:
+                back = self.page.guard(functools.partial(self.studio.teaching.choose_frame, index, None))
+                button("As the demonstrations say", f"understand-auto-{index + 1}", "undo", back, more="flat")
+
+    def _frame(self, lesson: Lesson, index: int, inference: Inference, frame: str, candidate: Candidate | None) -> None:
+        chosen = frame == inference.frame
+        choose = self.page.guard(functools.partial(self._choose, index, frame))
+        card = ui.element("button").classes("lesson-frame").on("click", choose)
+        card.props(f"type=button aria-pressed={str(chosen).lower()} data-testid=understand-frame-{index + 1}-{frame}")
+        with card:
+            ui.label(_known(frame, lesson)).classes("text-bold")
+            ui.html(cluster_svg(lesson, inference, frame, task=lesson.task), sanitize=False)
+            ui.label(_agreement(candidate)).classes("lesson-score")
+            if candidate is not None and candidate.score > -math.inf:
+                ui.label(f"score {candidate.score:,.0f}").classes("lesson-score")
+
+    async def _choose(self, index: int, frame: str) -> None:
+        lesson = self.studio.lesson
+        if lesson is None or (lesson.inferences[index].frame == frame and lesson.inferences[index].chosen):
+            return
+        await self.studio.teaching.choose_frame(index, frame)
+        self.studio.say(f"The place is now relative to {frame}, and the tree is learnt anew.")
+
+    def _goal(self, lesson: Lesson) -> None:
+        words = Words(lesson.task)
+        if len(lesson.subtasks) > 1:
+            ui.label(
+                "The demonstrations end in different ways: each goal is tried in turn until one is reached."
+            ).classes("teach-landing")
+        for number, one in enumerate(lesson.subtasks, start=1):
+            names = ", ".join(lesson.demonstrations.demonstrations[d].name for d in one.subtask.demonstrations)
+            heading("Goal" if len(lesson.subtasks) == 1 else f"Goal {number}, of {names}")
+            with ui.element("ul").classes("lesson-list").props(f"data-testid=understand-goal-{number}"):
+                for condition in one.subtask.goal:
+                    with ui.element("li"):
+                        ui.label(words.statement(condition)).props(f'title="{condition}"')
+            sentences = [
+                *order_sentences(lesson, one, say=lambda action: f"“{words(action)}”"),
+                *precondition_sentences(one, say=functools.partial(_quoted, words)),
+            ]
+            if sentences:
+                heading("Order")
+                with ui.element("ul").classes("lesson-list").props(f"data-testid=understand-order-{number}"):
+                    for sentence in sentences:
+                        with ui.element("li"):
+                            ui.label(sentence)
+
+    def _run(self) -> None:
+        studio = self.studio
+        studio.tree, studio.run = studio.lesson.tree, None
+        studio.changed("tree", "runs")
+        self.page.go("run")
+
+
+def _quoted(words: Words, behavior: Behavior) -> str:
+    return f"“{words.statement(behavior) if behavior.kind == Kind.CONDITION else words(behavior)}”"
+
+
+def _known(frame: str, lesson: Lesson) -> str:
+    """What a person calls a frame."""
+    if frame == lesson.task.kit.name:
+        return "the kit"
+    return "a fixed place" if frame == lesson.task.robot_frame else frame
+
+
+def _agreement(candidate: Candidate | None) -> str:
+    if candidate is None:
+        return "not weighed"
+    if candidate.score == -math.inf:
+        return "no agreement"
+    return f"{candidate.size} within {1000 * max(candidate.spread, SPREAD_FLOOR):.0f} mm"
+
+
+def _reason(inference: Inference) -> str:
+    """Why it is this frame, and how well the demonstrations agree there."""
+    return f"{inference.reason[:1].upper()}{inference.reason[1:]}."

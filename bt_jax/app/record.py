@@ -1,0 +1,64 @@
+"""What a run folder tells, read at once; what is not there yet, or no longer can be read, is None."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from bt_jax.behaviors import Tree
+from bt_jax.encoding.text import one_line
+from bt_jax.errors import UserError
+from bt_jax.progress import Progress, read_progress
+from bt_jax.run_folder import RunConfig, RunFolder, read_history
+
+__all__ = ["Record", "read_record", "read_result", "tested"]
+
+T = TypeVar("T")
+
+
+@dataclasses.dataclass(frozen=True)
+class Record:
+    """A run: what was evolved, how it went, the best tree, and `result.json` where that tree was tested."""
+
+    name: str
+    config: RunConfig
+    progress: Progress | None
+    tree: Tree | None
+    result: dict[str, Any] | None
+    phases: tuple[int, ...]
+
+
+def tested(result: dict[str, Any]) -> str:
+    """In how many of the test's layouts the best tree works."""
+    count = result["test_layouts"]
+    return f"{round(result['success_rate'] * count)} of {count}"
+
+
+def read_record(folder: RunFolder) -> Record:
+    """Reads a run folder. Raises UserError where its configuration is not there or damaged."""
+    config, tree = folder.config(), _or_none(folder.tree)
+    progress = read_progress(folder.path) or _or_none(lambda: _from_history(folder, config, tree))
+    return Record(folder.path.name, config, progress, tree, read_result(folder), tuple(folder.phases()))
+
+
+def read_result(folder: RunFolder) -> dict[str, Any] | None:
+    """`result.json`."""
+    found = _or_none(lambda: json.loads((folder.path / "result.json").read_text(encoding="utf-8")))
+    return found if isinstance(found, dict) and {"test_layouts", "success_rate"} <= found.keys() else None
+
+
+def _from_history(folder: RunFolder, config: RunConfig, tree: Tree | None) -> Progress:
+    """The progress of a run that did not report any."""
+    rows = read_history((folder.path / "history.csv").read_text(encoding="utf-8"))
+    line = "" if tree is None else one_line(tree)
+    return Progress(0, "finished", generations=config.gp.generations, tree=line).with_history(rows)
+
+
+def _or_none(read: Callable[[], T]) -> T | None:
+    try:
+        return read()
+    except (OSError, ValueError, KeyError, TypeError, csv.Error, UserError):
+        return None

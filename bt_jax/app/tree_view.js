@@ -1,0 +1,71 @@
+// A tree as SVG that is coloured by changing classes only; what can be folded is folded by a click, Enter or space.
+const SMALLEST = 0.62; // scale, below which one scrolls
+const STATUSES = ["success", "failure", "running", "idle"];
+
+export default {
+  template: `<div class="tree-drawing" @click="onClick" @keydown="onKey"></div>`,
+
+  props: { svg: String, classes: Object },
+
+  mounted() {
+    this.observer = new ResizeObserver(() => this.fit());
+    this.observer.observe(this.$el);
+    this.draw();
+  },
+
+  beforeUnmount() {
+    this.observer.disconnect();
+  },
+
+  watch: {
+    svg() {
+      this.draw();
+    },
+    classes() {
+      this.colour(this.classes);
+    },
+  },
+
+  methods: {
+    draw() {
+      const focused = this.$el.contains(document.activeElement) ? document.activeElement.id : "";
+      this.$el.innerHTML = this.svg;
+      this.colour(this.classes);
+      this.fit();
+      if (focused) this.$el.querySelector(`[id="${focused}"]`)?.focus();
+    },
+
+    colour(classes) {
+      for (const node of this.$el.querySelectorAll(".node")) {
+        const status = classes[node.id];
+        if (!status || node.classList.contains(status)) continue;
+        node.classList.remove(...STATUSES);
+        node.classList.add(status);
+      }
+    },
+
+    fit() {
+      const svg = this.$el.firstElementChild;
+      if (!svg || !this.$el.clientWidth) return;
+      const { width, height } = svg.viewBox.baseVal;
+      const room = Math.min(this.$el.clientWidth / width, this.$el.clientHeight / height);
+      const scale = Math.max(SMALLEST, Math.min(1, room));
+      svg.setAttribute("width", width * scale);
+      svg.setAttribute("height", height * scale);
+    },
+
+    toggle(event) {
+      const node = event.target.closest?.(".foldable");
+      if (node) this.$emit("toggle", node.id);
+      return Boolean(node);
+    },
+
+    onClick(event) {
+      this.toggle(event);
+    },
+
+    onKey(event) {
+      if ((event.key === "Enter" || event.key === " ") && this.toggle(event)) event.preventDefault();
+    },
+  },
+};

@@ -1,0 +1,157 @@
+"""Trees in plain words, for people who do not program: "Put GreenBox on top of YellowBox".
+
+Places are described as by a person who faces the robot across the tables (`Task.right`, `Task.away`). Words say what is
+meant within the tolerance of the task; the exact numbers are in the behavior itself.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+from bt_jax.behaviors import NOTHING, Behavior, Control, Kind, Tree
+from bt_jax.task import Task
+
+__all__ = ["Words"]
+
+NEAR = 0.2  # offsets below this part of a box's size go without saying
+LEVEL = 0.3  # heights that differ by less than this part of a box's size are the same level
+Vec3 = tuple[float, float, float]
+
+
+@dataclasses.dataclass(frozen=True)
+class Words:
+    """Puts nodes and places of a task's trees into words; call it with a node."""
+
+    task: Task
+
+    def __call__(self, node: Tree) -> str:
+        """What a node does or asks."""
+        if isinstance(node, Control):
+            return "Do all, in this order" if node.kind == Kind.SEQUENCE else "Try in turn, until one works"
+        name, thing = node.name, node.object
+        if node.position is not None:
+            where = self.place(node.object, node.position, node.frame)
+            return {"move": f"Put {thing} {where}", "place": f"Set down {thing} {where}", "at": f"Is {thing} {where}?"}[
+                name
+            ]
+        match name:
+            case "pick":
+                return f"Pick up {thing}"
+            case "holding":
+                return "Is the gripper empty?" if thing == NOTHING else f"Is {thing} in the gripper?"
+            case "gripper":
+                return f"Is the gripper {node.args[0]}?"
+            case "reachable":
+                return f"Is {thing} within reach?"
+            case "clear":
+                return f"Is nothing on {thing}?"
+            case "reached":
+                return f"Was “{_spoken(node.args[0])}” reached before?"
+            case "subtask":
+                return f"Do “{_spoken(node.args[0])}” as a whole"
+        return f"{name.removesuffix('_gripper').capitalize()} the gripper"
+
+    def statement(self, condition: Behavior) -> str:
+        """A condition as something that is so: "GreenBox is on top of YellowBox"."""
+        name, thing = condition.name, condition.object
+        if condition.position is not None:
+            return f"{thing} is {self.place(thing, condition.position, condition.frame)}"
+        match name:
+            case "holding":
+                return "the gripper is empty" if thing == NOTHING else f"{thing} is in the gripper"
+            case "gripper":
+                return f"the gripper is {condition.args[0]}"
+            case "reachable":
+                return f"{thing} is within reach"
+            case "clear":
+                return f"nothing is on {thing}"
+        return f"“{_spoken(condition.args[0])}” was reached before"
+
+    def place(self, thing: str, position: Vec3, frame: str) -> str:
+        """Where `thing` is with its centre at `position` [m] in `frame`: "on top of YellowBox"."""
+        if frame == self.task.kit.name:
+            return self._in_kit(thing, position)
+        if frame == self.task.robot_frame:
+            return self._on_table(thing, position)
+        return self._by_box(thing, position, frame)
+
+    def _size(self, name: str) -> float:
+        return next(box.size for box in self.task.boxes if box.name == name)
+
+    def _seen(self, position: Sequence[float]) -> tuple[float, float]:
+        """How far to the right and how far away, metres."""
+        right, away = (
+            sum(a * b for a, b in zip(position, axis, strict=True)) for axis in (self.task.right, self.task.away)
+        )
+        return right, away
+
+    def _by_box(self, thing: str, position: Vec3, frame: str) -> str:
+        size, other = self._size(thing), self._size(frame)
+        right, away = self._seen(position)
+        above = position[2] - (size + other) / 2
+        level = position[2] - (size - other) / 2
+        if max(abs(right), abs(away)) < NEAR * size:
+            if abs(above) < LEVEL * size:
+                return f"on top of {frame}"
+            if above > 0:
+                return f"{_length(above)} above {frame}"
+        if abs(level) < LEVEL * size and min(abs(right), abs(away)) < NEAR * size:
+            gap = max(abs(right), abs(away)) - (size + other) / 2
+            side = ("right of" if right > 0 else "left of") if abs(right) > abs(away) else None
+            side = side or ("behind" if away > 0 else "in front of")
+            return f"{side} {frame}" + (f", {_length(gap)} away" if gap > 0.05 * size else "")
+        raised = f" and {_length(abs(level))} {'higher' if level > 0 else 'lower'}"
+        return f"{self._offset(right, away, size)} {frame}" + (raised if abs(level) >= LEVEL * size else "")
+
+    def _in_kit(self, thing: str, position: Vec3) -> str:
+        kit, size = self.task.kit, self._size(thing)
+        right, away = self._seen(position)
+        raised = position[2] - (kit.thickness + size) / 2
+        height = f", {_length(raised)} up" if raised >= LEVEL * size else ""
+        if max(abs(right), abs(away)) < NEAR * size:
+            return f"in the middle of the kit{height}"
+        pitch = self.task.genes.pitch
+        cells = [round(x / pitch) if pitch else 0 for x in (right, away)]
+        spread = (self.task.genes.grid - 1) // 2
+        close = all(abs(x - c * pitch) < NEAR * size for x, c in zip((right, away), cells, strict=True))
+        if spread == 1 and close and max(map(abs, cells)) == 1:
+            side, depth = {-1: "left", 0: "", 1: "right"}[cells[0]], {-1: "front", 0: "", 1: "back"}[cells[1]]
+            if side and depth:
+                return f"in the {depth} {side} corner of the kit{height}"
+            return f"at the {side or depth} of the kit{height}"
+        return f"{self._offset(right, away, size)} the middle of the kit{height}"
+
+    def _on_table(self, thing: str, position: Vec3) -> str:
+        """A place in the robot's frame, told by the table that is there."""
+        size = self._size(thing)
+        point = [a + b for a, b in zip(position, self.task.robot_position, strict=True)]
+        for table in self.task.tables:
+            offset = [a - b for a, b in zip(point, table.position, strict=True)]
+            if all(abs(offset[k]) <= table.size[k] / 2 for k in (0, 1)):
+                right, away = self._seen(offset)
+                raised = point[2] - size / 2 - table.top
+                height = f", {_length(raised)} up" if raised >= LEVEL * size else ""
+                if max(abs(right), abs(away)) < NEAR * size:
+                    return f"in the middle of {table.name}{height}"
+                return f"on {table.name}, {self._offset(right, away, size)} its middle{height}"
+        x, y, z = (f"{100 * value:.1f}".removesuffix(".0") for value in position)
+        return f"at x {x}, y {y}, z {z} cm from the robot"
+
+    def _offset(self, right: float, away: float, size: float) -> str:
+        """ "5 cm right of and 3 cm behind" """
+        parts = []
+        if abs(right) >= NEAR * size:
+            parts.append(f"{_length(abs(right))} {'right' if right > 0 else 'left'} of")
+        if abs(away) >= NEAR * size:
+            parts.append(f"{_length(abs(away))} {'behind' if away > 0 else 'in front of'}")
+        return " and ".join(parts) or "at"
+
+
+def _length(metres: float) -> str:
+    return f"{math.floor(round(1000 * metres, 3) + 0.5) / 10:g} cm"
+
+
+def _spoken(name: str) -> str:
+    return name.replace("_", " ")

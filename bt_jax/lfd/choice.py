@@ -1,0 +1,78 @@
+"""What a person decides about the frames of actions, where the demonstrations say it differently or not at all."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from bt_jax.errors import UserError
+from bt_jax.lfd.clustering import SAME_PLACE, Inference
+from bt_jax.lfd.demonstration import Demonstrations, Moment
+
+__all__ = ["with_chosen"]
+
+
+def with_chosen(
+    inferences: Sequence[Inference], demonstrations: Demonstrations, chosen: Mapping[Moment, str]
+) -> tuple[Inference, ...]:
+    """The inferences with the chosen frames; one of their moments speaks for all of an inference.
+
+    What was told apart is one inference if it turns out to be at one place in the chosen frame, in different demonstrations.
+    Raises UserError where a frame cannot be meant.
+    """
+    found: list[Inference] = []
+    decided = [_decided(inference, demonstrations, chosen) for inference in inferences]
+    for one in sorted(decided, key=lambda inference: inference.chosen):  # chosen ones join those that are there
+        same = next((other for other in found if one.chosen and _same(one, other)), None)
+        if same is None:
+            found.append(one)
+        else:
+            moments = tuple(sorted((*same.moments, *one.moments), key=lambda m: (m.demonstration, m.index)))
+            known = max(same, one, key=lambda inference: len(inference.moments))
+            found[found.index(same)] = _placed(known, demonstrations, one.frame, moments, one.reason)
+    return tuple(sorted(found, key=lambda inference: min((m.index, m.demonstration) for m in inference.moments)))
+
+
+def _decided(inference: Inference, demonstrations: Demonstrations, chosen: Mapping[Moment, str]) -> Inference:
+    """In the frame that was chosen for one of its moments, the first one's where they differ."""
+    frame = next((chosen[moment] for moment in inference.moments if moment in chosen), None)
+    if frame is None:
+        return inference
+    if inference.kind == "pick":
+        raise UserError(
+            f"a pick is always meant in the frame of its object; choose a frame for a place of {inference.object}"
+        )
+    others = [name for name in demonstrations.frames.names if name != inference.object]
+    if frame not in others:
+        raise UserError(f"a place of {inference.object} cannot be in the frame '{frame}'; choose {', '.join(others)}")
+    reason = "chosen by hand"
+    if frame != inference.frame:
+        reason += f"; the demonstrations alone say {inference.frame}: {inference.reason}"
+    return _placed(inference, demonstrations, frame, inference.moments, reason)
+
+
+def _placed(
+    inference: Inference, demonstrations: Demonstrations, frame: str, moments: tuple[Moment, ...], reason: str
+) -> Inference:
+    shown = demonstrations.demonstrations
+    points = np.array([shown[m.demonstration].actions[m.index].handled(frame) for m in moments])
+    mean = points.mean(axis=0)
+    return dataclasses.replace(
+        inference,
+        frame=frame,
+        position=tuple(round(float(x), 3) + 0.0 for x in mean),
+        tolerance=float(np.linalg.norm(points - mean, axis=1).max()),
+        moments=moments,
+        reason=reason,
+        chosen=True,
+    )
+
+
+def _same(one: Inference, other: Inference) -> bool:
+    """Whether two places of an object are one, seen in different demonstrations."""
+    if (one.kind, one.object, one.frame) != (other.kind, other.object, other.frame):
+        return False
+    both = {m.demonstration for m in one.moments} & {m.demonstration for m in other.moments}
+    return not both and float(np.linalg.norm(np.subtract(one.position, other.position))) < SAME_PLACE

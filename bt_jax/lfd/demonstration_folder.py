@@ -1,0 +1,316 @@
+"""Demonstrations on the disk, in the published format:
+
+    FOLDER/info.yaml            frames, default_frame, robot
+    FOLDER/demo1/data_1.yaml    type: pick | place, vec_pos: {frame: [x, y, z]}, vec_quat: {frame: [x, y, z, w]}
+
+Beyond it, `info.yaml` may say in which task they were recorded (`task`, `boxes`: the size of each), the `order` of the
+demonstrations where that is not the one of their names, and `chosen`, the frames that a person has chosen for actions.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+import shutil
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from bt_jax.errors import UserError
+from bt_jax.files import write_atomic
+from bt_jax.lfd.demonstration import Action, Demonstration, Demonstrations, Frames, Moment, Pose, Scene
+
+__all__ = ["DemonstrationFolder"]
+
+HUGE = 1e6  # metres; no robot is that far, and no such number is meant
+UNIT_SLACK = 0.01  # by which the length of a quaternion may differ from 1
+
+
+class _Unusable(Exception):
+    """Why a demonstration cannot be used."""
+
+
+@dataclasses.dataclass(frozen=True)
+class DemonstrationFolder:
+    """A folder in the published format; no demonstration in it is ever overwritten."""
+
+    path: Path
+
+    def create(self, frames: Frames) -> None:
+        """Writes `info.yaml`, or checks that the one there says the same."""
+        if (self.path / "info.yaml").exists():
+            known = self.frames()
+            if known != frames:
+                raise UserError(f"{self.path} holds demonstrations with other frames; choose another folder")
+            if known.scene is not None and frames.scene is not None and known.scene.boxes != frames.scene.boxes:
+                raise UserError(f"{self.path} holds demonstrations with boxes of other sizes; choose another folder")
+            return
+        info = {"default_frame": frames.default, "frames": list(frames.names), "robot": frames.robot}
+        if frames.scene is not None:
+            info |= {"task": frames.scene.task, "boxes": dict(frames.scene.boxes)}
+        write_atomic(self.path / "info.yaml", yaml.safe_dump(info))
+
+    def frames(self) -> Frames:
+        """Reads `info.yaml`. Raises UserError where it is missing or incomplete."""
+        source, data = self.path / "info.yaml", self._info()
+        names, default, robot = data.get("frames"), data.get("default_frame"), data.get("robot")
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise UserError(f"{source}: frames must be a list of names; mend it")
+        if len(set(names)) < len(names) or len(names) < 2:
+            raise UserError(f"{source}: frames must name at least two frames, each once; mend it")
+        for key, name in (("default_frame", default), ("robot", robot)):
+            if name not in names:
+                raise UserError(f"{source}: {key} '{name}' is not one of the frames; use one of {', '.join(names)}")
+        return Frames(tuple(names), default, robot, _scene(data, source))
+
+    def names(self) -> list[str]:
+        """The demonstrations: in the order that `info.yaml` may say, then in natural order, demo2 before demo10."""
+        found = [path.name for path in self.path.iterdir() if path.is_dir() and not path.name.startswith(".")]
+        order = self._order() if (self.path / "info.yaml").is_file() else []
+        return sorted(found, key=lambda name: (order.index(name) if name in order else len(order), _natural(name)))
+
+    def read(self) -> Demonstrations:
+        """All demonstrations that can be used, and for each of the others a sentence. Raises UserError where none can."""
+        frames, chosen = self.frames(), self._chosen()
+        good, problems, frame_of = [], [], {}
+        for name in self.names():
+            try:
+                one = self._demonstration(name, frames)
+            except _Unusable as problem:
+                problems.append(str(problem))
+                continue
+            for number, frame in chosen.get(name, {}).items():
+                if number <= len(one.actions) and frame in frames.names:
+                    frame_of[Moment(len(good), number - 1)] = frame
+            good.append(one)
+        if not good:
+            raise UserError(" ".join(problems) if problems else f"{self.path} holds no demonstration; record some")
+        return Demonstrations(frames, tuple(good), tuple(problems), frame_of)
+
+    def choose(self, demonstrations: Demonstrations, moments: Collection[Moment], frame: str | None) -> None:
+        """Keeps that a person has chosen a frame for actions of demonstrations read from here; None takes that back.
+
+        Raises UserError where one of them has gone, or where there is no such frame.
+        """
+        frames, chosen = self.frames(), {name: dict(actions) for name, actions in self._chosen().items()}
+        if frame is not None and frame not in frames.names:
+            raise UserError(f"there is no frame '{frame}'; use one of {', '.join(frames.names)}")
+        for moment in moments:
+            name = self._existing(demonstrations.demonstrations[moment.demonstration].name).name
+            chosen.setdefault(name, {}).pop(moment.index + 1, None)
+            if frame is not None:
+                chosen[name][moment.index + 1] = frame
+        self._change(chosen=chosen)
+
+    def append(self, demonstration: Demonstration) -> Demonstration:
+        """Adds a demonstration under the next free name demoN, whole or not at all, and returns it under that name."""
+        frames = self.frames()
+        numbers = [int(name[4:]) for name in self.names() if re.fullmatch(r"demo\d+", name)]
+        named = dataclasses.replace(demonstration, name=f"demo{max(numbers, default=0) + 1}")
+        if (problem := _problem(named, frames, where=named.name)) is not None:
+            raise UserError(problem)
+        part = self.path / f".{named.name}.part"
+        shutil.rmtree(part, ignore_errors=True)
+        for i, action in enumerate(named.actions, start=1):
+            data = {
+                "type": action.kind,
+                "vec_pos": {frame: _numbers(pose.position) for frame, pose in action.poses.items()},
+                "vec_quat": {frame: _numbers(pose.quaternion) for frame, pose in action.poses.items()},
+            }
+            write_atomic(part / f"data_{i}.yaml", yaml.safe_dump(data, default_flow_style=None))
+        self._forget(named.name)
+        part.rename(self.path / named.name)
+        return named
+
+    def delete(self, name: str) -> None:
+        """Removes one demonstration, whole or not at all. Raises UserError where there is none of that name."""
+        gone = self.path / f".{name}.deleted"
+        try:
+            shutil.rmtree(gone, ignore_errors=True)
+            self._existing(name).rename(gone)
+        except OSError as error:
+            raise UserError(
+                f"{self.path / name} cannot be deleted ({error.strerror}); check who may write there"
+            ) from None
+        shutil.rmtree(gone, ignore_errors=True)
+        self._forget(name)
+
+    def rename(self, name: str, new: str) -> None:
+        """Gives a demonstration another name; it stays where it is in the order. Raises UserError where that is taken or no
+        name."""
+        if not re.fullmatch(r"\w[\w -]{0,63}", new):
+            raise UserError(f"'{new}' cannot name a demonstration; use letters, digits, spaces, - and _, 64 at most")
+        if (self.path / new).exists():
+            raise UserError(f"{self.path / new} exists already; choose another name")
+        source, chosen = self._existing(name), dict(self._chosen())
+        # Both names are known to `info.yaml` while the folder is renamed, so that nothing is lost at any moment.
+        order = [other for known in self.names() for other in ((new, known) if known == name else (known,))]
+        self._change(order=order, chosen={**chosen, **({new: chosen[name]} if name in chosen else {})})
+        try:
+            source.rename(self.path / new)
+        except OSError as error:
+            raise UserError(f"{source} cannot be renamed ({error.strerror}); check who may write there") from None
+        chosen[new] = chosen.pop(name, {})
+        self._change(order=[other for other in order if other != name], chosen=chosen)
+
+    def _info(self) -> Mapping[str, Any]:
+        """What stands in `info.yaml`. Raises UserError where that cannot be read."""
+        source = self.path / "info.yaml"
+        if not self.path.is_dir():
+            raise UserError(f"there is no folder {self.path}; give one with demonstrations, or record some into it")
+        if not source.is_file():
+            raise UserError(f"{source} is missing; restore it, or record the demonstrations into a new folder")
+        try:
+            return _mapping(source)
+        except _Unusable as problem:
+            raise UserError(str(problem)) from None
+
+    def _order(self) -> list[str]:
+        order = self._info().get("order")
+        return [name for name in order if isinstance(name, str)] if isinstance(order, list) else []
+
+    def _chosen(self) -> Mapping[str, Mapping[int, str]]:
+        """By demonstration: the chosen frame of each action, counted from 1."""
+        chosen = self._info().get("chosen")
+        if not isinstance(chosen, Mapping):
+            return {}
+        return {
+            name: {number: frame for number, frame in actions.items() if isinstance(number, int) and number > 0}
+            for name, actions in chosen.items()
+            if isinstance(actions, Mapping)
+        }
+
+    def _forget(self, name: str) -> None:
+        """Nothing in `info.yaml` is about a demonstration of this name any more."""
+        self._change(
+            order=[other for other in self._order() if other != name],
+            chosen={other: actions for other, actions in self._chosen().items() if other != name},
+        )
+
+    def _change(self, **values: Any) -> None:
+        """Replaces keys of `info.yaml`, leaving out what says nothing."""
+        values = {**values, **({"chosen": _without_empty(values["chosen"])} if "chosen" in values else {})}
+        if "order" in values and values["order"] == sorted(values["order"], key=_natural):
+            values["order"] = []
+        info = dict(self._info())
+        changed = {key: value for key, value in {**info, **values}.items() if value or key not in values}
+        if changed != info:
+            write_atomic(self.path / "info.yaml", yaml.safe_dump(changed))
+
+    def _existing(self, name: str) -> Path:
+        self.frames()
+        if name not in self.names():
+            raise UserError(f"{self.path} has no demonstration '{name}'; it has {', '.join(self.names()) or 'none'}")
+        return self.path / name
+
+    def _demonstration(self, name: str, frames: Frames) -> Demonstration:
+        folder = self.path / name
+        files = sorted(folder.glob("data_*.yaml"), key=lambda path: int("0" + "".join(re.findall(r"\d+", path.stem))))
+        if not files:
+            raise _Unusable(f"{folder} is left out: it holds no data_1.yaml; record it again or delete it.")
+        for i, file in enumerate(files, start=1):
+            if file.name != f"data_{i}.yaml":
+                raise _Unusable(f"{folder} is left out: data_{i}.yaml is missing; restore it or delete the folder.")
+        demonstration = Demonstration(name, tuple(_action(file, frames) for file in files))
+        if (problem := _problem(demonstration, frames, where=str(folder))) is not None:
+            raise _Unusable(f"{folder} is left out: {problem}.")
+        return demonstration
+
+
+def _scene(data: Mapping[str, Any], source: Path) -> Scene | None:
+    """In which task the demonstrations were recorded, None where that does not stand there."""
+    task, boxes = data.get("task"), data.get("boxes")
+    if task is None and boxes is None:
+        return None
+    sizes = boxes.items() if isinstance(boxes, Mapping) else ()
+    if (
+        not isinstance(task, str)
+        or not sizes
+        or not all(type(size) in (int, float) and 0 < size < HUGE for _, size in sizes)
+    ):
+        raise UserError(f"{source}: task must be a name and boxes the size of each; mend both, or remove them")
+    return Scene(task, {str(name): float(size) for name, size in sizes})
+
+
+def _natural(name: str) -> list[tuple[bool, int, str]]:
+    """What names are sorted by so that demo2 comes before demo10."""
+    return [(part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in re.split(r"(\d+)", name)]
+
+
+def _without_empty(chosen: Mapping[str, Mapping[int, str]]) -> dict[str, dict[int, str]]:
+    return {name: dict(actions) for name, actions in chosen.items() if actions}
+
+
+def _problem(demonstration: Demonstration, frames: Frames, *, where: str) -> str | None:
+    """Why the actions make no whole demonstration, or None."""
+    held = False
+    for i, action in enumerate(demonstration.actions, start=1):
+        if set(action.poses) != set(frames.names):
+            return f"{where}, action {i}: there must be one pose for each of {', '.join(frames.names)}; record it again"
+        for frame, pose in action.poses.items():
+            if not _is_unit(pose.quaternion) or not all(map(math.isfinite, pose.position)):
+                return f"{where}, action {i}: the pose in {frame} is not finite or no rotation; record it again"
+        if (action.kind == "place") != held:
+            before = "a place follows no pick" if action.kind == "place" else "a pick follows a pick without a place"
+            return f"action {i}: {before}; record it again"
+        held = not held
+    if held:
+        return "it ends with an object in the gripper; place it and record again"
+    return None if demonstration.actions else "it has no actions; record it again"
+
+
+def _action(file: Path, frames: Frames) -> Action:
+    data = _mapping(file)
+    kind = data.get("type")
+    if kind not in ("pick", "place"):
+        raise _Unusable(f"{file}: type is {kind!r}; write pick or place, or delete the demonstration.")
+    positions = _vectors(data, "vec_pos", 3, file, frames)
+    quaternions = _vectors(data, "vec_quat", 4, file, frames)
+    for frame, quaternion in quaternions.items():
+        if not _is_unit(quaternion):
+            length = math.hypot(*quaternion)
+            raise _Unusable(f"{file}: the quaternion in {frame} has length {length:.3f}, not 1; record it again.")
+    return Action(kind, {frame: Pose(positions[frame], quaternions[frame]) for frame in frames.names})
+
+
+def _is_unit(quaternion: Sequence[float]) -> bool:
+    return abs(math.hypot(*quaternion) - 1) <= UNIT_SLACK
+
+
+def _vectors(data: Mapping[str, Any], key: str, count: int, file: Path, frames: Frames) -> dict[str, tuple[float, ...]]:
+    """One vector for each frame."""
+    values = data.get(key)
+    if not isinstance(values, Mapping):
+        raise _Unusable(f"{file}: {key} is missing; record the demonstration again or delete it.")
+    for frame in values:
+        if frame not in frames.names:
+            raise _Unusable(f"{file}: {key} names the frame '{frame}', which info.yaml does not; add it there.")
+    for frame in frames.names:
+        if frame not in values:
+            raise _Unusable(f"{file}: {key} lacks the frame {frame}; record the demonstration again or delete it.")
+    return {frame: _vector(values[frame], count, file, f"{key}.{frame}") for frame in frames.names}
+
+
+def _vector(value: Any, count: int, file: Path, where: str) -> tuple[float, ...]:
+    good = isinstance(value, list) and len(value) == count
+    if not good or not all(type(x) in (int, float) and abs(x) < HUGE for x in value):
+        raise _Unusable(f"{file}: {where} is {value!r}, not {count} finite numbers; record it again or delete it.")
+    return tuple(map(float, value))
+
+
+def _mapping(file: Path) -> Mapping[str, Any]:
+    try:
+        data = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        raise _Unusable(f"{file} cannot be read ({type(error).__name__}); restore or delete it.") from error
+    if not isinstance(data, Mapping):
+        raise _Unusable(f"{file} is empty or half written; restore or delete it.")
+    return data
+
+
+def _numbers(values: Sequence[float]) -> list[float]:
+    """To 0.01 mm, which no demonstrator can place."""
+    return [round(float(value), 5) + 0.0 for value in values]

@@ -1,0 +1,137 @@
+"""One server and one headless browser for each module of tests; a picture of the page where a test fails."""
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Locator, Page, sync_playwright
+
+from bt_jax.progress import is_alive, read_progress
+
+ROOT = Path(__file__).parents[3]
+FLAGS = (
+    "--no-sandbox",
+    "--disable-quic",
+    "--enable-unsafe-swiftshader",
+    "--use-angle=swiftshader",
+    "--ignore-gpu-blocklist",
+)
+PATIENCE = 60_000  # milliseconds; nothing waits for long where the machine is idle
+
+
+class Server:
+    """A page that is being served: its address, the folder that it works in, and what it prints."""
+
+    def __init__(self, port: int, folder: Path, log: Path) -> None:
+        self.port, self.folder, self.log = port, folder, log
+        self.url = f"http://127.0.0.1:{port}"
+        self.process: subprocess.Popen | None = None
+
+    def start(self) -> None:
+        """Serves, and waits until the page answers."""
+        words = [sys.executable, "-m", "bt_jax.app", "--folder", self.folder, "--port", self.port, "--no-show"]
+        # NiceGUI serves otherwise where it finds itself in a test.
+        environment = {key: value for key, value in os.environ.items() if not key.startswith("PYTEST_")}
+        environment["PYTHONPATH"] = str(ROOT)
+        with self.log.open("a") as out:
+            self.process = subprocess.Popen([*map(str, words)], cwd=ROOT, env=environment, stdout=out, stderr=out)
+        while self.process.poll() is None:
+            try:
+                urllib.request.urlopen(self.url, timeout=5).close()
+                return
+            except (urllib.error.URLError, OSError):
+                time.sleep(0.1)
+        raise RuntimeError(f"the server has ended: {self.log.read_text()}")
+
+    def stop(self) -> None:
+        """Ends it as Ctrl-C does."""
+        self.process.send_signal(signal.SIGINT)
+        try:
+            self.process.wait(20)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("page")
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    served = Server(port, folder, folder.parent / f"{folder.name}.log")
+    try:
+        served.start()
+        yield served
+    finally:
+        served.stop()
+        for run in (folder / "runs").glob("*"):
+            if is_alive(run):  # evolutions outlive the page
+                os.kill(read_progress(run).pid, signal.SIGKILL)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))))
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=list(FLAGS))
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def window(server, browser, request, tmp_path):
+    """Opens a window of 1280 x 720 on the page; errors of its scripts fail the test."""
+    opened, errors = [], []
+
+    def open_window() -> Page:
+        page = browser.new_context(viewport={"width": 1280, "height": 720}, accept_downloads=True).new_page()
+        page.set_default_timeout(PATIENCE)
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.goto(server.url)
+        page.get_by_test_id("tab-task").wait_for()
+        opened.append(page)
+        return page
+
+    yield open_window
+    failed = getattr(request.node, "failed", False)
+    for number, page in enumerate(opened):
+        if page.is_closed():
+            continue
+        if failed:
+            page.screenshot(path=tmp_path / f"window-{number}.png")
+        page.context.close()
+    if failed:
+        print(f"pictures of the page: {tmp_path}; what the server said: {server.log}")
+    assert errors == []
+
+
+@pytest.fixture
+def page(window):
+    return window()
+
+
+@pytest.fixture
+def see(page):
+    """The element with a test id."""
+
+    def find(testid: str) -> Locator:
+        return page.get_by_test_id(testid)
+
+    return find
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item, call):
+    report = yield
+    if report.when == "call" and report.failed:
+        item.failed = True
+    return report

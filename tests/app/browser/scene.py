@@ -1,0 +1,50 @@
+"""Taking hold of the 3D scene from a test: where things are in it, and on the screen."""
+
+from playwright.sync_api import Page
+
+COMPONENT = "const c = getElement(Number(document.querySelector('[data-testid=scene]').id.slice(1)));"
+
+
+def position(page: Page, name: str, *, target: bool = False) -> list[float]:
+    """World position of a box, or of the translucent copy that shows its target, metres."""
+    thing = f"c.ghosts['targets {name}']" if target else f"c.bodies['{name}']"
+    return page.evaluate(f"() => {{ {COMPONENT} return {thing}.position.toArray(); }}")
+
+
+def exists(page: Page, name: str) -> bool:
+    """Whether there is a target for a box in the scene."""
+    return page.evaluate(f"() => {{ {COMPONENT} return 'targets {name}' in c.ghosts; }}")
+
+
+def at_rest(page: Page) -> None:
+    """Waits until the scene is there, and nothing moves in it."""
+    page.wait_for_function(
+        f"() => {{ {COMPONENT} return c.scene && c.gripper && !c.motion && !c.frozen && !c.dropped; }}"
+    )
+
+
+def on_screen(page: Page, point: list[float]) -> tuple[float, float]:
+    """Where a point of the world [m] is in the window, pixels."""
+    x, y = page.evaluate(
+        f"""(point) => {{ {COMPONENT}
+          c.camera.updateMatrixWorld();
+          const seen = c.camera.position.clone().set(...point).project(c.camera);
+          const {{ left, top, width, height }} = c.$el.getBoundingClientRect();
+          return [left + (seen.x + 1) / 2 * width, top + (1 - seen.y) / 2 * height];
+        }}""",
+        point,
+    )
+    return x, y
+
+
+def drag(page: Page, name: str, to: list[float], *, target: bool = False) -> None:
+    """Takes a box, or its target, at its middle and lets it go over a point of the world [m]."""
+    at_rest(page)
+    here = position(page, name, target=target)
+    page.mouse.move(*on_screen(page, here))
+    page.mouse.down()
+    for part in (0.1, 0.5, 1.0):
+        page.mouse.move(
+            *on_screen(page, [a + part * (b - a) for a, b in zip(here[:2], to[:2], strict=True)] + here[2:])
+        )
+    page.mouse.up()

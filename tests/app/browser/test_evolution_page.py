@@ -1,0 +1,233 @@
+"""A person who evolves: starts, pauses, resumes, stops, closes the window, and finds everything again."""
+
+import json
+import os
+import re
+import shutil
+import signal
+import time
+
+import pytest
+from playwright.sync_api import expect
+
+from bt_jax.encoding.xml import from_xml
+from bt_jax.progress import is_alive, read_progress
+from bt_jax.run_folder import RunFolder
+
+expect.set_options(timeout=120_000)
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(autouse=True)
+def evolve(page, see, server):
+    """Every test begins at step 2 with nothing evolving."""
+    see("tab-evolve").click()
+    expect(see("evolve-sentence")).to_be_visible()
+    yield
+    if not page.is_closed():
+        see("tab-evolve").click()
+        if see("evolve-stop").is_enabled():
+            see("evolve-stop").click()
+        expect(see("evolve-start")).to_be_enabled()
+
+
+def start(see, *, population=8, generations=100_000, seed=0):
+    see("evolve-population").fill(str(population))
+    see("evolve-generations").fill(str(generations))
+    see("evolve-seed").fill(str(seed))
+    see("evolve-start").click()
+    expect(see("evolve-generation")).to_contain_text(" of ")
+
+
+def generation(see):
+    found = re.match(r"(\d+) of", see("evolve-generation").inner_text())
+    return int(found[1]) if found else -1
+
+
+def goes_on(see):
+    """Whether another generation appears."""
+    now = generation(see)
+    end = time.monotonic() + 60
+    while generation(see) <= now:
+        assert time.monotonic() < end, "no other generation appears"
+        time.sleep(0.05)
+
+
+def newest(server):
+    return RunFolder(max((server.folder / "runs").iterdir(), key=lambda path: path.stat().st_mtime_ns))
+
+
+def test_start_pause_resume_stop_and_more(page, see, server):
+    start(see)
+    expect(see("evolve-stage")).to_have_text("evolving")
+    expect(see("evolve-tree").locator("svg")).to_be_visible()
+    goes_on(see)
+    folder = newest(server)
+
+    see("evolve-pause").click()
+    expect(see("evolve-stage")).to_have_text("paused")
+    expect(see("evolve-resume")).to_be_visible()
+    held = read_progress(folder.path).generation
+    page.reload()
+    expect(see("evolve-stage")).to_have_text("paused")
+    assert read_progress(folder.path).generation == held
+
+    see("evolve-resume").focus()
+    page.keyboard.press("Enter")
+    expect(see("evolve-stage")).to_have_text("evolving")
+    goes_on(see)
+
+    see("evolve-stop").click()
+    expect(see("evolve-stage")).to_have_text("stopped")
+    expect(see("evolve-sentence")).to_contain_text("what was learnt is kept")
+    expect(see("evolve-sentence")).to_contain_text("of 100 layouts that it has never seen")
+    reached = generation(see)
+    result = json.loads((folder.path / "result.json").read_text())
+    assert (result["generations"], result["last_session"]["stopped"]) == (reached, True)
+
+    see("evolve-more-generations").fill("5")
+    see("evolve-more").click()
+    expect(see("evolve-generation")).to_have_text(f"{reached + 5} of {reached + 5}")
+    expect(see("evolve-stage")).to_have_text("finished")
+
+
+def test_a_closed_window_stops_nothing_and_another_shows_it_again(window, page, see):
+    start(see)
+    page.context.close()
+    again = window()
+    again.get_by_test_id("tab-evolve").click()
+    expect(again.get_by_test_id("evolve-stage")).to_have_text("evolving")
+    expect(again.get_by_test_id("evolve-tree").locator("svg")).to_be_visible()
+    expect(again.get_by_test_id("evolve-best")).not_to_have_text("\N{EN DASH}")
+    goes_on(again.get_by_test_id)
+    again.get_by_test_id("evolve-stop").click()
+    expect(again.get_by_test_id("evolve-stage")).to_have_text("stopped")
+
+
+def test_a_reload_in_mid_evolution_loses_nothing(page, see):
+    start(see)
+    goes_on(see)
+    page.reload()
+    expect(see("panel-evolve")).to_be_visible()
+    expect(see("evolve-stage")).to_have_text("evolving")
+    goes_on(see)
+
+
+def test_two_windows_show_the_same(window, page, see):
+    other = window()
+    other.get_by_test_id("tab-evolve").click()
+    start(see)
+    for seen in (see, other.get_by_test_id):
+        goes_on(seen)
+    other.get_by_test_id("evolve-pause").click()
+    for seen in (see, other.get_by_test_id):
+        expect(seen("evolve-stage")).to_have_text("paused")
+    for name in ("evolve-generation", "evolve-best", "evolve-mean", "evolve-episodes"):
+        expect(see(name)).to_have_text(other.get_by_test_id(name).inner_text())
+    assert see("evolve-tree").inner_text() == other.get_by_test_id("evolve-tree").inner_text()
+    see("evolve-resume").click()
+    expect(other.get_by_test_id("evolve-stage")).to_have_text("evolving")
+    see("evolve-stop").click()
+    expect(other.get_by_test_id("evolve-stage")).to_have_text("stopped")
+
+
+def test_the_process_is_killed(page, see, server):
+    start(see)
+    goes_on(see)
+    folder = newest(server)
+    end = time.monotonic() + 60
+    while folder.load_checkpoint() is None:
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    os.kill(read_progress(folder.path).pid, signal.SIGKILL)
+    expect(see("evolve-stage")).to_have_text("killed")
+    expect(see("message")).to_contain_text("go on, and it continues from its last checkpoint")
+    kept = folder.load_checkpoint().state.generation
+    see("evolve-more-generations").fill("100000")
+    see("evolve-more").click()
+    expect(see("evolve-stage")).to_have_text("evolving")
+    goes_on(see)
+    assert generation(see) > kept
+
+
+def test_the_server_is_started_anew_while_it_evolves(page, see, server):
+    start(see)
+    goes_on(see)
+    folder = newest(server)
+    server.stop()
+    assert is_alive(folder.path)
+    server.start()
+    page.goto(f"{server.url}/?step=evolve")
+    expect(see("evolve-stage")).to_have_text("evolving")
+    goes_on(see)
+
+
+def test_the_run_folder_vanishes(page, see, server):
+    start(see, generations=3)
+    expect(see("evolve-stage")).to_have_text("finished")
+    folder = newest(server)
+    see("tab-keep").click()
+    row = see("keep-runs").get_by_role("row", name=folder.path.name)
+    row.get_by_role("checkbox").click()
+    expect(see("keep-open")).to_be_enabled()
+    shutil.rmtree(folder.path)
+    see("keep-open").click()
+    expect(see("message")).to_contain_text("is no longer there; choose another, or evolve again")
+    see("tab-evolve").click()
+    expect(see("evolve-sentence")).to_contain_text("has vanished; choose another run, or start again")
+    start(see, generations=3)
+    expect(see("evolve-stage")).to_have_text("finished")
+
+
+def test_settings_that_cannot_work(see):
+    see("evolve-population").fill("3")
+    see("evolve-start").click()
+    expect(see("message")).to_contain_text("a population of 3 cannot evolve here; choose 8 to 100000")
+    see("evolve-population").fill("")
+    see("evolve-start").click()
+    expect(see("message")).to_contain_text("population is no whole number")
+    expect(see("evolve-start")).to_be_enabled()
+
+
+def test_runs_are_compared_opened_downloaded_and_deleted(page, see, server):
+    for seed in (1, 2):
+        start(see, generations=3, seed=seed)
+        expect(see("evolve-stage")).to_have_text("finished")
+    see("tab-keep").click()
+    names = sorted((path.name for path in (server.folder / "runs").iterdir()), reverse=True)[:2]
+    boxes = [see("keep-runs").get_by_role("row", name=name).get_by_role("checkbox") for name in names]
+    for box in boxes:
+        box.click()
+    for number, name in enumerate(names):
+        expect(see(f"keep-name-{number}")).to_contain_text(name)
+        expect(see(f"keep-tree-{number}").locator("svg")).to_be_visible()
+    expect(see("keep-xml")).to_be_disabled()
+    boxes[1].click()
+    expect(see("keep-name-1")).not_to_be_visible()
+    tree = RunFolder(server.folder / "runs" / names[0]).tree()
+    with page.expect_download() as download:
+        see("keep-xml").click()
+    assert download.value.suggested_filename == f"{names[0]}.xml"
+    assert from_xml(download.value.path().read_text(encoding="utf-8")) == tree
+    for kind, beginning in (("svg", "<svg"), ("txt", "Sequence" if tree.kind.name == "SEQUENCE" else "")):
+        with page.expect_download() as download:
+            see(f"keep-{kind}").click()
+        assert download.value.path().read_text(encoding="utf-8").startswith(beginning)
+    see("keep-open").click()
+    expect(see("message")).to_contain_text(f"The run {names[0]} is open")
+    see("keep-delete").click()
+    see("keep-delete-yes").click()
+    expect(see("keep-runs").get_by_role("row", name=names[0])).to_have_count(0)
+    assert not (server.folder / "runs" / names[0]).exists()
+
+
+def test_a_film_is_made_and_downloaded(page, see, server):
+    start(see, generations=3)
+    expect(see("evolve-stage")).to_have_text("finished")
+    folder = newest(server)
+    see("tab-keep").click()
+    see("keep-runs").get_by_role("row", name=folder.path.name).get_by_role("checkbox").click()
+    with page.expect_download(timeout=600_000) as download:
+        see("keep-film").click()
+    assert download.value.suggested_filename == f"{folder.path.name}.mp4"
+    assert b"ftyp" in download.value.path().read_bytes()[:64]

@@ -1,0 +1,213 @@
+"""A person who says what is to be done: targets and the beginning, by dragging and by keyboard, and saves it."""
+
+import math
+
+import pytest
+from playwright.sync_api import expect
+from scene import at_rest, drag, exists, position
+
+from bt_jax.task import load_task
+
+expect.set_options(timeout=60_000)
+STACK = load_task("stack")
+
+
+@pytest.fixture(autouse=True)
+def fresh(page, see):
+    """Every test begins with the task `stack` as it comes with the package."""
+    choose(page, see, "pyramid")
+    choose(page, see, "stack")
+    expect(see("task-saved")).to_have_text("")
+    at_rest(page)
+
+
+def choose(page, see, name):
+    see("task-choice").click()
+    page.get_by_role("option", name=name, exact=True).click()
+    if name in ("stack", "pyramid"):
+        expect(see("task-description")).to_contain_text("Experiment")
+
+
+def fill(page, see, field, value):
+    see(field).fill(f"{value}")
+    page.keyboard.press("Enter")
+
+
+def close(a, b, within=0.02):
+    return math.dist(a, b) < within
+
+
+def until(page, condition):
+    """Waits for what the scene shows."""
+    for _ in range(600):
+        if condition():
+            return
+        page.wait_for_timeout(100)
+    raise AssertionError("it does not happen")
+
+
+def test_the_scene_shows_where_boxes_should_end(page, see):
+    expect(see("task-words-YellowBox")).to_have_text("in the middle of the kit")
+    expect(see("task-words-GreenBox")).to_have_text("on top of YellowBox")
+    yellow, green = (position(page, name, target=True) for name in ("YellowBox", "GreenBox"))
+    assert close(green, [yellow[0], yellow[1], yellow[2] + 0.1])
+    assert not exists(page, "BlueBox")
+    choose(page, see, "pyramid")
+    until(page, lambda: exists(page, "BlueBox"))
+
+
+def test_a_target_is_dragged_beside_another(page, see):
+    kit = position(page, "KittingBox")
+    drag(page, "GreenBox", [kit[0] + 0.125, kit[1] + 0.01], target=True)
+    expect(see("task-words-GreenBox")).to_have_text("at the right of the kit")
+    expect(see("task-saved")).to_have_text("Changed, and not saved yet.")
+    green = position(page, "GreenBox", target=True)
+    assert close(green, [kit[0] + 0.133, kit[1], kit[2] + 0.0525], 0.002)
+    expect(see("task-up-GreenBox")).to_have_value("0.0")
+    drag(page, "YellowBox", green, target=True)  # and on top of that
+    expect(see("task-words-YellowBox")).to_have_text("on top of GreenBox")
+
+
+def test_a_target_is_written_by_keyboard(page, see):
+    at_rest(page)
+    see("task-right-YellowBox").focus()
+    page.keyboard.press("Control+A")
+    page.keyboard.type("13.3")
+    page.keyboard.press("Tab")
+    expect(see("task-words-YellowBox")).to_have_text("at the right of the kit")
+    expect(see("task-away-YellowBox")).to_be_focused()  # one goes on where one was
+    kit = position(page, "KittingBox")
+    until(page, lambda: close(position(page, "GreenBox", target=True), [kit[0] + 0.133, kit[1], kit[2] + 0.1525]))
+
+
+def test_a_target_is_added_measured_from_elsewhere_and_removed(page, see):
+    see("task-add-BlueBox").click()
+    expect(see("task-words-BlueBox")).to_contain_text("on Table")
+    see("task-reference-BlueBox").click()
+    page.get_by_role("option", name="GreenBox", exact=True).click()
+    expect(see("task-words-BlueBox")).to_have_text("on top of GreenBox")
+    until(page, lambda: exists(page, "BlueBox"))
+    see("task-remove-BlueBox").click()
+    expect(see("task-words-BlueBox")).to_have_text("may be anywhere")
+    until(page, lambda: not exists(page, "BlueBox"))
+
+
+def test_the_beginning_is_arranged_and_saved(page, see, server):
+    see("task-start").click()
+    blue = position(page, "BlueBox")
+    drag(page, "GreenBox", blue)
+    expect(see("task-up-GreenBox")).to_have_value("10.0")
+    until(page, lambda: close(position(page, "GreenBox"), [blue[0], blue[1], blue[2] + 0.1]))
+    fill(page, see, "task-right-YellowBox", -20)
+    fill(page, see, "task-away-YellowBox", 5)
+    expect(see("task-away-YellowBox")).to_have_value("5.0")
+    see("task-fixed").get_by_text("as shown now").click()
+    expect(see("task-saved")).to_have_text("Changed, and not saved yet.")
+    see("task-name").fill("tower")
+    see("task-save").click()
+    expect(see("task-saved")).to_have_text("Saved as tasks/tower.yaml")
+    saved = load_task(server.folder / "tasks" / "tower.yaml")
+    fixed = {place.object: place.position for place in saved.layout.fixed}
+    assert close(fixed["GreenBox"], [fixed["BlueBox"][0], fixed["BlueBox"][1], fixed["BlueBox"][2] + 0.1])
+    assert saved.targets == STACK.targets
+    page.reload()  # every window shows what the studio has
+    expect(page.get_by_test_id("task-name")).to_have_value("tower")
+    choose(page, see, "stack")
+    choose(page, see, "tower")
+    at_rest(page)
+    until(page, lambda: close(position(page, "GreenBox")[:2], blue[:2]))
+
+
+def test_other_beginnings_are_drawn_and_the_kit_changes_tables(page, see):
+    see("task-start").click()
+    before = position(page, "YellowBox")
+    see("task-random").click()
+    until(page, lambda: not close(position(page, "YellowBox"), before))
+    at_rest(page)
+    kit = position(page, "KittingBox")
+    table = next(table for table in STACK.tables if abs(table.position[0] - kit[0]) > 0.5)
+    see("task-kit").click()
+    page.get_by_role("option", name=table.name, exact=True).click()
+    until(page, lambda: close(position(page, "KittingBox")[:2], table.position[:2]))
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "says"),
+    [
+        ("task-right-BlueBox", 300, "out of reach for BlueBox; put it over one of the tables"),
+        ("task-up-BlueBox", 400, "BlueBox would be too high, out of reach"),
+        ("task-up-BlueBox", -5, "BlueBox would be inside Table"),
+    ],
+)
+def test_a_box_cannot_start_just_anywhere(page, see, field, value, says):
+    see("task-start").click()
+    before = see(field).input_value()
+    fill(page, see, field, value)
+    expect(see("message")).to_contain_text(says)
+    expect(see(field)).to_have_value(before)
+    expect(see("task-saved")).to_have_text("")
+
+
+def test_a_box_cannot_start_inside_another(page, see):
+    see("task-start").click()
+    for axis in ("right", "away"):
+        there = see(f"task-{axis}-GreenBox").input_value()
+        see(f"task-{axis}-BlueBox").fill(there)
+    page.keyboard.press("Enter")
+    expect(see("message")).to_contain_text("BlueBox would be inside GreenBox; put it beside or on top of it")
+
+
+def test_what_is_dropped_off_the_tables_goes_back(page, see):
+    see("task-start").click()
+    before = position(page, "BlueBox")
+    drag(page, "BlueBox", [0.5, before[1], 0])
+    expect(see("message")).to_contain_text("there is no table there, out of reach for BlueBox")
+    until(page, lambda: close(position(page, "BlueBox"), before))
+    see("task-targets").click()
+    target = position(page, "GreenBox", target=True)
+    drag(page, "GreenBox", [0.5, -0.3, 0], target=True)
+    expect(see("message")).to_contain_text("there is no table there, out of reach for GreenBox")
+    until(page, lambda: close(position(page, "GreenBox", target=True), target))
+
+
+def test_a_target_inside_another_or_in_the_air_is_refused(page, see):
+    fill(page, see, "task-up-GreenBox", -4)
+    expect(see("message")).to_contain_text("GreenBox would be inside YellowBox")
+    expect(see("task-up-GreenBox")).to_have_value("0.0")
+    fill(page, see, "task-up-GreenBox", 20)
+    expect(see("message")).to_contain_text("GreenBox would hang in the air")
+    expect(see("task-saved")).to_have_text("")
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ("targets: [", "is not valid YAML"),
+        (
+            "extends: stack\nname: broken\ntargets: [{object: Cup, position: [0, 0, 0], frame: base_link}]",
+            "no box 'Cup'",
+        ),
+        ("- 1", "must be a mapping"),
+    ],
+)
+def test_a_broken_task_file_is_a_sentence(page, see, server, content, says):
+    path = server.folder / "tasks" / "broken.yaml"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(content)
+    page.reload()
+    choose(page, see, "broken")
+    expect(see("message")).to_contain_text(says)
+    expect(see("task-words-GreenBox")).to_have_text("on top of YellowBox")  # nothing is lost
+    assert path.read_text() == content
+    path.unlink()
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [("stack", "comes with the package"), ("../evil", "cannot name a task"), ("", "cannot name a task")],
+)
+def test_a_name_that_cannot_be(page, see, server, name, says):
+    see("task-name").fill(name)
+    see("task-save").click()
+    expect(see("message")).to_contain_text(says)
+    assert not (server.folder / "evil.yaml").exists()

@@ -1,0 +1,285 @@
+"""A person who demonstrates, looks at what was understood, and knows better."""
+
+import re
+
+import pytest
+import yaml
+from playwright.sync_api import expect
+
+from bt_jax.lfd import DemonstrationFolder
+
+expect.set_options(timeout=60_000)
+KEYS = {"x": ("ArrowRight", "ArrowLeft"), "y": ("ArrowUp", "ArrowDown"), "z": ("PageUp", "PageDown")}
+
+
+@pytest.fixture(autouse=True)
+def demonstrate(request, server, page, see):
+    """Every test has a set of its own, and begins at step 3 with no demonstration in the making."""
+    name = re.sub(r"\W+", "_", request.node.name)[:40]
+    see("tab-demonstrate").click()
+    see("demonstrate-new-set").click()
+    see("demonstrate-new-set-name").fill(name)
+    page.keyboard.press("Enter")
+    expect(see("demonstrate-progress")).to_contain_text("No demonstration yet; 3 are needed")
+    expect(see("demonstrate-set")).to_have_value(name)
+    yield DemonstrationFolder(server.folder / "demonstrations" / name)
+    if see("demonstrate-discard").is_visible():
+        recorded = see("demonstrate-done").locator("li").count() > 0
+        see("demonstrate-discard").click()
+        if recorded:
+            see("demonstrate-discard-yes").click()
+        expect(see("demonstrate-new")).to_be_visible()
+
+
+def position(see, frame, axis):
+    """What the table says, centimetres."""
+    return float(see(f"demonstrate-pose-{frame}-{axis}").inner_text().replace("\N{MINUS SIGN}", "-"))
+
+
+def press(page, see, key, times, *, frame, axis, sign, step):
+    """Presses a key, and waits until the page says that each has had its effect."""
+    before = position(see, frame, axis)
+    for _ in range(times):
+        page.keyboard.press(key)
+    expect(see(f"demonstrate-pose-{frame}-{axis}")).to_have_text(said(before + sign * times * step))
+
+
+def said(value):
+    return re.compile("^" + "|".join(f"{v + 0.0:.1f}".replace("-", "\N{MINUS SIGN}").replace(".", r"\.")
+                                     for v in (value - 0.1, value, value + 0.1)) + "$")  # fmt: skip
+
+
+def set_step(page, see, step):
+    """The step, with the keys + and - only."""
+    field = see("demonstrate-step")
+    for _ in range(12):
+        now = float(field.input_value())
+        if now == step:
+            return
+        page.keyboard.press("+" if now < step else "-")
+        expect(field).not_to_have_value(f"{now:g}")
+    raise AssertionError(f"the step {step} is none of those that + and - come to")
+
+
+def carry(page, see, goal, frame):
+    """Carries the held object to within half a centimetre of a position [cm] in a frame."""
+    for step in (20, 1):
+        set_step(page, see, step)
+        for axis, value in zip("xyz", goal, strict=True):
+            away = value - position(see, frame, axis)
+            key = KEYS[axis][0 if away > 0 else 1]
+            sign, times = (1 if away > 0 else -1), round(abs(away) / step)
+            press(page, see, key, times, frame=frame, axis=axis, sign=sign, step=step)
+
+
+def begin(page, see, number="2"):
+    see("demonstrate-new").click()
+    expect(see("demonstrate-finish")).to_be_visible()
+    page.keyboard.press(number)
+    expect(see("demonstrate-pose-KittingBox-z")).to_be_visible()
+    set_step(page, see, 2)  # a step outlives a demonstration
+
+
+def test_three_demonstrations_by_keyboard_only(page, see, demonstrate):
+    expected = [
+        "1 of 3 demonstrations: 2 more will tell",
+        "2 of 3 demonstrations: 1 more will tell",
+        "3 demonstrations: enough to tell",
+    ]
+    for number, sentence in enumerate(expected, start=1):
+        see("demonstrate-new").focus()
+        page.keyboard.press("Enter")
+        expect(see("demonstrate-finish")).to_be_visible()
+        page.keyboard.press("2")
+        expect(see("demonstrate-done")).to_contain_text("Pick up GreenBox")
+        carry(page, see, (0.0, 0.0, 12.0), "YellowBox")
+        expect(see("demonstrate-landing")).to_contain_text("GreenBox comes to stand on YellowBox")
+        page.keyboard.press("r")
+        expect(see("demonstrate-done")).to_contain_text("Put GreenBox on top of YellowBox")
+        see("demonstrate-finish").focus()
+        page.keyboard.press("Enter")
+        expect(see("demonstrate-progress")).to_contain_text(sentence)
+        expect(see("message")).to_contain_text(f"demo{number} is kept")
+    assert page.evaluate("document.scrollingElement.scrollTop") == 0
+    lesson = demonstrate.read()
+    assert [len(one.actions) for one in lesson] == [2, 2, 2]
+    info = yaml.safe_load((demonstrate.path / "info.yaml").read_text())
+    assert info["task"] == "stack"
+    see("tab-understand").click()
+    expect(see("understand-action-2")).to_contain_text("Set down GreenBox on top of YellowBox")
+    expect(see("understand-action-2")).to_contain_text("in 3 of 3 demonstrations")
+    expect(see("understand-reason-2")).to_contain_text("in YellowBox")
+    expect(see("understand-frame-2-YellowBox")).to_have_attribute("aria-pressed", "true")
+    expect(see("understand-frame-2-YellowBox").locator("circle")).to_have_count(3)
+    expect(see("understand-goal-1")).to_contain_text("GreenBox is on top of YellowBox")
+    expect(see("understand-tree")).to_contain_text("Put GreenBox on")
+    see("understand-frame-2-KittingBox").click()
+    expect(see("understand-frame-2-KittingBox")).to_have_attribute("aria-pressed", "true")
+    expect(see("understand-reason-2")).to_contain_text("Chosen by hand; the demonstrations alone say YellowBox")
+    expect(see("understand-tree")).not_to_contain_text("YellowBox")
+    assert set(demonstrate.read().chosen.values()) == {"KittingBox"}
+    see("understand-auto-2").click()
+    expect(see("understand-frame-2-YellowBox")).to_have_attribute("aria-pressed", "true")
+    assert demonstrate.read().chosen == {}
+
+
+def test_the_buttons_do_what_the_keys_do(page, see):
+    begin(page, see)
+    for name, axis, sign in (
+        ("right", "x", 1), ("left", "x", -1), ("away", "y", 1), ("near", "y", -1), ("up", "z", 1), ("down", "z", -1)
+    ):  # fmt: skip
+        before = position(see, "base_link", axis)
+        see(f"demonstrate-{name}").click()
+        expect(see(f"demonstrate-pose-base_link-{axis}")).to_have_text(said(before + 2 * sign))
+    # A button that was clicked has the focus: keys still carry, and do not click it again.
+    before = position(see, "base_link", "z")
+    press(page, see, "PageUp", 2, frame="base_link", axis="z", sign=1, step=2)
+    see("demonstrate-over-YellowBox").click()
+    expect(see("demonstrate-pose-YellowBox-x")).to_have_text(said(0))
+    expect(see("demonstrate-landing")).to_contain_text("comes to stand on YellowBox")
+    see("demonstrate-release").click()
+    expect(see("demonstrate-done")).to_contain_text("Put GreenBox on top of YellowBox")
+
+
+def test_who_types_does_not_move_the_gripper(page, see):
+    begin(page, see)
+    before = position(see, "base_link", "x")
+    see("demonstrate-step").fill("7")
+    page.keyboard.press("ArrowLeft")
+    page.keyboard.press("Enter")
+    see("demonstrate-step").evaluate("field => field.blur()")
+    press(page, see, "ArrowRight", 1, frame="base_link", axis="x", sign=1, step=7)
+    assert position(see, "base_link", "x") == pytest.approx(before + 7, abs=0.2)
+    see("demonstrate-step").fill("0")
+    see("demonstrate-step").evaluate("field => field.blur()")
+    expect(see("message")).to_contain_text("the step must be from 0.1 to 50 cm; choose another")
+    expect(see("demonstrate-step")).to_have_value("7")
+
+
+def test_undo_takes_back_one_action_after_the_other(page, see):
+    begin(page, see)
+    start = position(see, "base_link", "z")
+    press(page, see, "PageUp", 3, frame="base_link", axis="z", sign=1, step=2)
+    see("demonstrate-over-YellowBox").click()
+    expect(see("demonstrate-pose-YellowBox-x")).to_have_text(said(0))
+    page.keyboard.press("r")
+    expect(see("demonstrate-done").locator("li")).to_have_count(2)
+    page.keyboard.press("Control+z")
+    expect(see("demonstrate-done").locator("li")).to_have_count(1)
+    expect(see("demonstrate-pose-YellowBox-x")).to_have_text(said(0))
+    see("demonstrate-undo").click()
+    expect(see("demonstrate-pose-base_link-z")).to_have_text(said(start))
+    page.keyboard.press("Control+z")
+    expect(see("demonstrate-done").locator("li")).to_have_count(0)
+    page.keyboard.press("Control+z")
+    expect(see("message")).to_contain_text("nothing can be undone; pick an object")
+
+
+def test_what_cannot_be_done_is_said_and_nothing_is_lost(page, see, demonstrate):
+    begin(page, see)
+    see("demonstrate-finish").click()
+    expect(see("message")).to_contain_text("the gripper still holds GreenBox; release it, then finish")
+    carry(page, see, (0.0, 0.0, 4.0), "YellowBox")
+    expect(see("demonstrate-landing")).to_contain_text("GreenBox is inside YellowBox: raise it, or carry it aside")
+    page.keyboard.press("r")
+    expect(see("message")).to_contain_text("GreenBox would be inside YellowBox; raise it or carry it aside")
+    carry(page, see, (50.0, -100.0, 90.0), "base_link")
+    expect(see("demonstrate-landing")).to_contain_text("only the floor")
+    page.keyboard.press("r")
+    expect(see("message")).to_contain_text(
+        "GreenBox would fall to the floor, out of the gripper's reach; carry GreenBox over"
+    )
+    page.keyboard.press("1")
+    expect(see("message")).to_contain_text("the gripper holds GreenBox; release it before you pick YellowBox")
+    see("demonstrate-over-KittingBox").click()
+    expect(see("demonstrate-landing")).to_contain_text("comes to stand on KittingBox")
+    page.keyboard.press("r")
+    expect(see("demonstrate-done")).to_contain_text("Put GreenBox in the middle of the kit")
+    see("demonstrate-finish").click()
+    expect(see("demonstrate-progress")).to_contain_text("1 of 3")
+    assert len(demonstrate.read()) == 1
+
+
+def test_a_discarded_demonstration_leaves_nothing(page, see, demonstrate):
+    begin(page, see)
+    see("demonstrate-discard").click()
+    page.get_by_role("button", name="Cancel").click()
+    expect(see("demonstrate-pose-KittingBox-z")).to_be_visible()
+    see("demonstrate-discard").click()
+    see("demonstrate-discard-yes").click()
+    expect(see("demonstrate-new")).to_be_visible()
+    expect(see("demonstrate-progress")).to_contain_text("No demonstration yet")
+    assert not demonstrate.path.exists()
+
+
+def test_a_box_that_is_clicked_is_picked_and_a_reload_loses_nothing(page, see):
+    see("demonstrate-new").click()
+    see("demonstrate-pick-BlueBox").click()
+    expect(see("demonstrate-done")).to_contain_text("Pick up BlueBox")
+    page.reload()
+    see("tab-demonstrate").click()
+    expect(see("demonstrate-done")).to_contain_text("Pick up BlueBox")
+    expect(see("demonstrate-pose-KittingBox-z")).to_be_visible()
+
+
+def test_renamed_replayed_and_deleted(page, see, demonstrate):
+    for _ in range(2):
+        begin(page, see, "3")
+        see("demonstrate-over-KittingBox").click()
+        expect(see("demonstrate-landing")).to_contain_text("comes to stand on KittingBox")
+        page.keyboard.press("r")
+        expect(see("demonstrate-done").locator("li")).to_have_count(2)
+        see("demonstrate-finish").click()
+        expect(see("demonstrate-new")).to_be_visible()
+    first = see("demonstrate-row-demo1")
+    first.get_by_role("button", name="Rename demo1").click()
+    see("demonstrate-rename-name").fill("demo2")
+    see("demonstrate-rename-yes").click()
+    expect(see("message")).to_contain_text("exists already; choose another name")
+    first.get_by_role("button", name="Rename demo1").click()
+    see("demonstrate-rename-name").fill("into the kit")
+    see("demonstrate-rename-yes").click()
+    renamed = see("demonstrate-row-into the kit")
+    expect(renamed).to_be_visible()
+    assert demonstrate.names() == ["into the kit", "demo2"]
+    renamed.get_by_role("button", name="Replay").click()
+    expect(renamed.get_by_role("button", name="Stop")).to_be_visible()
+    expect(see("message")).to_contain_text("into the kit, 1 of 2: Pick up BlueBox")
+    expect(see("message")).to_contain_text("into the kit, 2 of 2: Put BlueBox in the middle of the kit")
+    expect(renamed.get_by_role("button", name="Replay")).to_be_visible()
+    see("demonstrate-row-demo2").get_by_role("button", name="Delete demo2").click()
+    page.get_by_role("button", name="Cancel").click()
+    assert demonstrate.names() == ["into the kit", "demo2"]
+    see("demonstrate-row-demo2").get_by_role("button", name="Delete demo2").click()
+    see("demonstrate-delete-yes").click()
+    expect(see("demonstrate-row-demo2")).to_have_count(0)
+    expect(see("demonstrate-progress")).to_contain_text("1 of 3")
+    assert demonstrate.names() == ["into the kit"]
+
+
+def test_a_damaged_demonstration_is_listed_with_the_reason(page, see, demonstrate):
+    begin(page, see, "3")
+    see("demonstrate-over-KittingBox").click()
+    expect(see("demonstrate-landing")).to_contain_text("comes to stand on KittingBox")
+    page.keyboard.press("r")
+    expect(see("demonstrate-done").locator("li")).to_have_count(2)
+    see("demonstrate-finish").click()
+    expect(see("demonstrate-row-demo1")).to_be_visible()
+    (demonstrate.path / "demo1" / "data_2.yaml").write_text("type: [")
+    page.reload()
+    see("tab-demonstrate").click()
+    expect(see("demonstrate-row-demo1")).to_contain_text("data_2.yaml cannot be read")
+    expect(see("demonstrate-row-demo1").get_by_role("button", name="Replay")).to_be_disabled()
+    see("tab-understand").click()
+    expect(see("understand-problem")).to_contain_text("data_2.yaml cannot be read")
+
+
+def test_two_windows_show_one_demonstration(window, page, see):
+    other = window()
+    other.get_by_test_id("tab-demonstrate").click()
+    begin(page, see)
+    expect(other.get_by_test_id("demonstrate-done")).to_contain_text("Pick up GreenBox")
+    other.keyboard.press("PageUp")
+    expect(see("demonstrate-pose-KittingBox-z")).to_have_text(
+        other.get_by_test_id("demonstrate-pose-KittingBox-z").inner_text()
+    )
