@@ -228,7 +228,7 @@ def run_command(arguments: RunArguments, console: Console | None = None) -> int:
             outcome = _executor(parts, arguments, log, items, console).run()
     console.print(f"end        {escape(outcome.reason)}")
     console.print(f"ticks      {outcome.ticks}, {outcome.overruns} too slow; link {parts.link.counters()}")
-    if outcome.exit_code == Exit.STOPPED:
+    if arguments.motion and outcome.exit_code == Exit.STOPPED:
         console.print(escape(STOPPED))
     return outcome.exit_code
 
