@@ -19,6 +19,7 @@ from bt_jax.app.playing import Playing
 from bt_jax.app.teaching import Teaching
 from bt_jax.app.workspace import Workspace
 from bt_jax.behaviors import Tree
+from bt_jax.errors import UserError
 from bt_jax.gp.config import GPConfig
 from bt_jax.lfd import Lesson
 from bt_jax.mjx_env.layouts import sample_layouts
@@ -67,7 +68,10 @@ class Studio:
         self.teaching = Teaching(self)
 
     def set_task(self, task: Task, start: World | None = None) -> None:
-        """Another task: the scene begins anew, in a layout of one's own or in the first that is drawn."""
+        """Another task: the scene begins anew, in a layout of one's own or the first that is drawn. Raises UserError where
+        that would lose a demonstration in the making."""
+        if self.session is not None and self.session.actions:
+            raise UserError("a demonstration is in the making; finish or discard it in step 3 first")
         self.task = task
         self.start = self.shown = sample_layouts(task, 0, 1) if start is None else start
         self.session = self.player = self.lesson = None
@@ -102,11 +106,11 @@ class Studio:
         run has gone or cannot be read."""
         folder = self.workspace.run(name)
         task, tree = folder.config().task, folder.tree()
+        if task != self.task:
+            self.set_task(task)
         if not self.evolution.running:
             self.evolution.open(name)
         self.run, self.tree = name, tree
-        if task != self.task:
-            self.set_task(task)
         self.changed("tree", "runs", "evolution")
 
     def find_evolution(self) -> None:

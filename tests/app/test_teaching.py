@@ -280,3 +280,15 @@ async def test_another_task_says_why_nothing_is_learnt(studio):
     assert "YellowBox measures 0.1 m in task stack and 0.04 m in yumi_stack" in studio.teaching.problem
     with pytest.raises(UserError, match="choose another folder"):
         await studio.teaching.begin(reached=False)
+
+
+@in_loop
+async def test_another_task_does_not_lose_a_demonstration(studio):
+    await studio.teaching.begin(reached=False)
+    await studio.teaching.pick("GreenBox")
+    with pytest.raises(UserError, match="in the making; finish or discard it in step 3 first"):
+        studio.set_task(load_task("stack3"))
+    assert studio.task is TASK
+    await studio.teaching.discard()
+    studio.set_task(load_task("stack3"))
+    await studio.teaching._refreshing
