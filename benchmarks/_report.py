@@ -32,12 +32,7 @@ def best_seconds(function: Callable[[], Any], *, repeat: int = 5) -> float:
 
 def report(name: str, title: str, rows: Sequence[dict[str, Any]], *, out: Path | None = None, **more: Any) -> None:
     """Prints rows as a table and writes them, with machine and date, to `results/NAME.json` or `out`."""
-    table = Table(title=title)
-    for column in rows[0]:
-        table.add_column(column, justify="left" if isinstance(rows[0][column], str) else "right")
-    for row in rows:
-        table.add_row(*(_text(value) for value in row.values()))
-    Console().print(table)
+    show(title, rows)
     for key, value in more.items():
         if not isinstance(value, list | dict):
             Console().print(f"{key}: {_text(value)}")
@@ -46,6 +41,16 @@ def report(name: str, title: str, rows: Sequence[dict[str, Any]], *, out: Path |
     rows = [{key: None if value != value else value for key, value in row.items()} for row in rows]  # NaN: not measured
     path.write_text(json.dumps({"rows": rows, **more, **machine()}, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     Console().print(f"written to {path}")
+
+
+def show(title: str, rows: Sequence[dict[str, Any]]) -> None:
+    """Prints rows as a table."""
+    table = Table(title=title)
+    for column in rows[0]:
+        table.add_column(column, justify="left" if isinstance(rows[0][column], str) else "right")
+    for row in rows:
+        table.add_row(*(_text(value) for value in row.values()))
+    Console().print(table)
 
 
 def machine() -> dict[str, str]:

@@ -1,22 +1,32 @@
-"""Is the 250 Hz cycle kept? The twin's controller and the link, with both arms moving, beside what else a run does."""
+"""Is the 250 Hz cycle kept, and where it is not, why? The twin's controller and the link, with both arms moving, beside what
+else a run does. Meanwhile a loop that only sleeps, on each core and with more priority than ours, tells when the machine
+itself gave no time: nothing that this package does can be blamed for what was late then."""
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import json
 import os
+import subprocess
+import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
-from _report import report
+from _report import report, show
 
 from bt_jax.deploy.cell import rules_of
 from bt_jax.deploy.controller import Controller
+from bt_jax.deploy.egm import CYCLE
+from bt_jax.deploy.lateness import Late
 from bt_jax.deploy.link import LinkConfig, YumiLink
 from bt_jax.deploy.motion import Trajectory
 from bt_jax.deploy.perception import Perception
+from bt_jax.deploy.realtime import FIFO_PRIORITY
 from bt_jax.deploy.rendered_camera import RenderedCamera, cell_camera
 from bt_jax.deploy.twin_cell import Scene, build_scene
 from bt_jax.task import load_task
@@ -77,45 +87,126 @@ def computes(scene: Scene, controller: Controller) -> Callable[[threading.Event]
     return work
 
 
-def measure(name: str, work, seconds: float, *, realtime: bool = True) -> dict[str, object]:
-    """One row."""
+class Machine:
+    """Bare loops on every core while the context is entered; afterwards `stalls` [(when, by how much)] and `naps`."""
+
+    def __enter__(self) -> Machine:
+        words = [sys.executable, str(Path(__file__).with_name("_bare_loop.py"))]
+        self._loops = [
+            subprocess.Popen([*words, str(core), str(FIFO_PRIORITY + 1)], stdin=-1, stdout=-1, text=True)
+            for core in sorted(os.sched_getaffinity(0))
+        ]
+        for process in self._loops:
+            process.stdout.readline()
+        self._stolen = _stolen()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stolen = _stolen() - self._stolen
+        self.stalls, self.naps = [], 0
+        for process in self._loops:
+            told = json.loads(process.communicate()[0])
+            self.stalls += told["stalls"]
+            self.naps += told["naps"]
+
+    def stalled(self, began: float, end: float) -> float:
+        """The longest stall [s] of any core that touches the time from `began` to `end`."""
+        return max((late for when, late in self.stalls if when > began and when - late < end), default=0.0)
+
+
+def _stolen() -> float:
+    """Seconds that the host of a virtual machine has given to others, of all cores."""
+    with contextlib.suppress(OSError, ValueError), open("/proc/stat", encoding="ascii") as file:
+        return int(file.readline().split()[8]) / os.sysconf("SC_CLK_TCK")
+    return float("nan")
+
+
+def cause(late: Late, machine: Machine) -> str:
+    """In a word, why a round began late: the machine, if it stalled for at least half of that time."""
+    if machine.stalled(late.time - late.late - CYCLE, late.time) > late.late / 2:
+        return "machine stalled"
+    if late.slack > 0:
+        return "woken late"
+    return f"long {max(late.parts, key=late.parts.get)}" + (", page faults" if late.faults > 50 else "")
+
+
+def profile(kind: str, found: list[Late], beside: str, machine: Machine) -> list[dict[str, object]]:
+    """One row for each cause."""
+    causes = [cause(late, machine) for late in found]
+    return [
+        {
+            "beside": beside,
+            "process": kind,
+            "cause": word,
+            "over 1 ms": count,
+            "over 4 ms": sum(late.late > CYCLE for late, its in zip(found, causes, strict=True) if its == word),
+            "worst [ms]": round(
+                1000 * max(late.late for late, its in zip(found, causes, strict=True) if its == word), 1
+            ),
+            "page faults": sum(late.faults for late, its in zip(found, causes, strict=True) if its == word),
+            "preempted": sum(late.forced for late, its in zip(found, causes, strict=True) if its == word),
+        }
+        for word, count in Counter(causes).most_common()
+    ]
+
+
+def measure(
+    name: str, work, seconds: float, *, realtime: bool = True
+) -> tuple[dict[str, object], list[dict[str, object]]]:
+    """One row, and the profile of what was late."""
     task = load_task("yumi_stack")
-    scene = build_scene(task, 0)
+    scene, machine = build_scene(task, 0), Machine()
     with Controller(scene.cell, ports=PORTS, realtime=realtime) as controller:
         config = LinkConfig("127.0.0.1", PORTS, controller.rws_port, motion=True)
         with YumiLink(config, rules_of(task), controller) as link, beside(work(scene, controller)):
             link.start()
-            before, counted, began = controller.stats(), link.counters(), time.monotonic()
-            swing(link, seconds)
-            wall, after, link_after = time.monotonic() - began, controller.stats(), link.counters()
+            with machine:
+                before, counted, began = controller.stats(), link.counters(), time.monotonic()
+                swing(link, seconds)
+                wall, after, link_after = time.monotonic() - began, controller.stats(), link.counters()
             stopped = link.stopped()
+            late = [each for each in controller.late_cycles() if began < each.time < began + wall]
+            rounds = [each for each in link.late_rounds() if began < each.time < began + wall]
     cycles = after.cycles - before.cycles
-    return {
+    row = {
         "beside": name,
         "cycles": cycles,
         "missed": after.missed - before.missed,
-        "worst [ms]": round(1000 * after.worst, 2) if realtime else float("nan"),
+        "worst [ms]": round(1000 * max((each.late for each in late), default=0.0), 2) if realtime else float("nan"),
         "without answer": after.unanswered - before.unanswered,
         "answered late": link_after.late - counted.late,
         "lost": link_after.lost - counted.lost,
         "controller [ms/cycle]": round(1000 * (after.busy - before.busy) / cycles, 3),
         "times real time": round(seconds / wall, 2),
         "stopped": stopped or "no",
+        "bare loops: naps": machine.naps,
+        "over 4 ms late": sum(late > CYCLE for _, late in machine.stalls),
+        "its worst [ms]": round(1000 * max((late for _, late in machine.stalls), default=0.0), 2),
+        "stalled [s]": round(sum(late for _, late in machine.stalls), 2),
+        "stolen [s]": round(machine.stolen, 2),  # by the host of a virtual machine, all cores
     }
+    if not realtime:
+        return row, []
+    return row, profile("controller", late, name, machine) + profile("link", rounds, name, machine)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0, help="of each measurement")
-    seconds = parser.parse_args().seconds
-    rows = [
-        measure("nothing", nothing, seconds),
-        measure("camera and perception", perceives, seconds),
-        measure("a thread that computes", computes, seconds),
-        measure("lock-step", nothing, seconds, realtime=False),
-    ]
+    parser.add_argument("--lockstep", action="store_true", help="also the speed of lock-step, which has no deadlines")
+    arguments = parser.parse_args()
+    seconds = arguments.seconds
+    works = [("nothing", nothing), ("camera and perception", perceives), ("a thread that computes", computes)]
+    measured = [measure(name, work, seconds) for name, work in works]
+    if arguments.lockstep:
+        measured.append(measure("lock-step", nothing, seconds, realtime=False))
     load = " ".join(f"{x:.1f}" for x in os.getloadavg())
-    report("deploy_cycles", "250 Hz, both arms", rows, seconds=seconds, load=load)
+    profiles = [row for _, rows in measured for row in rows]
+    if profiles:
+        show("what was late, and why", profiles)
+    report(
+        "deploy_cycles", "250 Hz, both arms", [row for row, _ in measured], seconds=seconds, load=load, late=profiles
+    )
 
 
 if __name__ == "__main__":

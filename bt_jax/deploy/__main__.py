@@ -13,6 +13,7 @@ COMMANDS = {  # name -> module, arguments, function, one line
     "run": ("cell", "RunArguments", "run_command", "run a tree on a real YuMi; dry unless told otherwise"),
     "markers": ("marker_sheet", "MarkersArguments", "markers_command", "print the markers of a task"),
     "calibrate": ("calibrate", "CalibrateArguments", "calibrate_command", "measure the camera and where it stands"),
+    "rapid": ("rapid_command", "RapidArguments", "rapid_command", "write the program of the robot's controller"),
     "replay": ("replay", "ReplayArguments", "replay_command", "show a log and decide it anew"),
 }
 

@@ -28,13 +28,17 @@ BLUR = (0.3, 0.12)  # of the pattern, modules: first to be caught, then to be ex
 ITERATIONS = (4, 6)
 DAMPING = 1e-9  # keeps a body without any edge in the image from being singular
 PRECISION = 2e-5  # rad and m
+BIAS = 0.08  # pixels by which a corner is off whatever the residual, for sampling and blur: as measured in renderings
 ROBUST = 0.25  # residual, as a share of the contrast, from which points count less (Huber)
+HIDDEN = (
+    0.4  # and from which they count as covered by something, and not at all (Tukey's biweight), once the pose is near
+)
 
 
 @dataclasses.dataclass(frozen=True)
 class Alignment:
     """`rotation` f64[3, 3] and `position` f64[3] [m]: the body's frame in the camera's; `residual`: root mean square, as a
-    share of the contrast; `sigma`: standard deviation of the position that follows from it [m]."""
+    share of the contrast; `sigma`: standard deviation of the position that follows from it and from coarse pixels [m]."""
 
     rotation: np.ndarray
     position: np.ndarray
@@ -49,12 +53,12 @@ class View:
         self.image, self.matrix = image, matrix
         across = cv2.Scharr(image, cv2.CV_32F, 1, 0, scale=1 / 32)
         down = cv2.Scharr(image, cv2.CV_32F, 0, 1, scale=1 / 32)
-        self._focal, self._centre = np.diag(matrix)[:2].copy(), matrix[:2, 2].copy()
+        self.focal, self._centre = np.diag(matrix)[:2].copy(), matrix[:2, 2].copy()
         self._fields = cv2.merge([image, across, down])
 
     def project(self, points: np.ndarray) -> np.ndarray:
         """Pixels f64[n, 2] of points f64[n, 3] in the camera's frame."""
-        return points[:, :2] / points[:, 2:] * self._focal + self._centre
+        return points[:, :2] / points[:, 2:] * self.focal + self._centre
 
     def brightness(self, pixels: np.ndarray) -> np.ndarray:
         """f64[m, n]: bilinear, at pixels f64[m, n, 2]."""
@@ -65,7 +69,7 @@ class View:
         `arms` f64[n, 3] and by a shift."""
         x, y, z = placed.T
         seen, across, down = _sampled(self._fields, self.project(placed)[None])[0].T
-        by_x, by_y = across * self._focal[0] / z, down * self._focal[1] / z
+        by_x, by_y = across * self.focal[0] / z, down * self.focal[1] / z
         by_z = -(by_x * x + by_y * y) / z
         a, b, c = arms.T
         turns = (b * by_z - c * by_y, c * by_x - a * by_z, a * by_y - b * by_x)
@@ -80,19 +84,35 @@ def align(
     points = np.concatenate([_points(marker) for marker in markers])
     for blur, iterations in list(zip(BLUR, ITERATIONS, strict=True))[near:]:
         patterns = np.stack([_pattern(marker.id, blur) for marker in markers])
-        for _ in range(iterations):
+        weights = np.ones(patterns.size)
+        for turn in range(iterations):
             arms = points @ rotation.T
-            residuals, jacobian = _normalized(*view.linearized(arms + position, arms), patterns)
-            weights = np.minimum(1, ROBUST / np.maximum(np.abs(residuals), 1e-9))
+            residuals, jacobian = _normalized(*view.linearized(arms + position, arms), patterns, weights)
+            if blur == BLUR[-1] and turn > 0:
+                weights = np.maximum(1 - (residuals / HIDDEN) ** 2, 0) ** 2
+            else:
+                weights = np.minimum(1, ROBUST / np.maximum(np.abs(residuals), 1e-9))
             weighted = weights[:, None] * jacobian
             hessian = jacobian.T @ weighted
             step = -np.linalg.solve(hessian + DAMPING * np.eye(6) * np.trace(hessian), weighted.T @ residuals)
             rotation, position = cv2.Rodrigues(step[:3])[0] @ rotation, position + step[3:]
             if np.abs(step).max() < PRECISION:
                 break
-    residual = float(np.sqrt(np.mean(weights * residuals**2)))
-    covariance = residual**2 * np.linalg.pinv(hessian)
+    residual = float(np.sqrt(np.sum(weights * residuals**2) / max(float(weights.sum()), 1.0)))
+    covariance = residual**2 * np.linalg.pinv(hessian) + _coarseness(view, rotation, position, markers)
     return Alignment(rotation, position, residual, float(np.sqrt(np.trace(covariance[3:, 3:]))))
+
+
+def _coarseness(view: View, rotation: np.ndarray, position: np.ndarray, markers: Sequence[Marker]) -> np.ndarray:
+    """Covariance f64[6, 6] of turn and shift where every corner is off by BIAS."""
+    arms = np.concatenate([marker.corners for marker in markers]) @ rotation.T
+    x, y, z = (arms + position).T
+    one, none = np.ones_like(z), np.zeros_like(z)
+    across = np.stack([one, none, -x / z], axis=1) * (view.focal[0] / z)[:, None]
+    down = np.stack([none, one, -y / z], axis=1) * (view.focal[1] / z)[:, None]
+    gradients, arms = np.concatenate([across, down]), np.concatenate([arms, arms])
+    jacobian = np.concatenate([np.cross(arms, gradients), gradients], axis=1)
+    return BIAS**2 * np.linalg.pinv(jacobian.T @ jacobian)
 
 
 def correlations(
@@ -114,13 +134,18 @@ def correlations(
     return np.where(inside, own, -1.0), values.max(axis=(1, 2))
 
 
-def _normalized(seen: np.ndarray, jacobian: np.ndarray, patterns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _normalized(
+    seen: np.ndarray, jacobian: np.ndarray, patterns: np.ndarray, weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Residuals f64[m * n], as shares of each marker's contrast, and their derivatives f64[m * n, 6]; what gain and offset
-    explain is taken out of both."""
+    explain, of the points that count by `weights` f64[m * n], is taken out of both."""
     values = np.concatenate([seen[:, None], jacobian], axis=1).reshape(*patterns.shape, 7)
-    values = values - values.mean(axis=1, keepdims=True)
-    centred = patterns - patterns.mean(axis=1, keepdims=True)
-    gains = np.einsum("mn,mnk->mk", centred, values) / np.sum(centred**2, axis=1, keepdims=True)
+    shares = weights.reshape(patterns.shape)
+    shares = shares / np.maximum(shares.sum(axis=1, keepdims=True), 1e-9)
+    values = values - np.einsum("mn,mnk->mk", shares, values)[:, None]
+    centred = patterns - np.einsum("mn,mn->m", shares, patterns)[:, None]
+    along = shares * centred
+    gains = np.einsum("mn,mnk->mk", along, values) / np.maximum(np.sum(along * centred, axis=1, keepdims=True), 1e-9)
     values -= centred[:, :, None] * gains[:, None]
     values /= np.maximum(gains[:, :1], 1.0)[:, None]
     values = values.reshape(-1, 7)

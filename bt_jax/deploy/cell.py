@@ -2,6 +2,9 @@
 
 A run is dry unless `--motion` is given: it sees, ticks, plans and checks, and no setpoint leaves. With `--motion`, the
 preflight must pass and a person must type a sentence; the joints then turn at 0.2 rad/s at most.
+
+A protective stop is latched in the process that ran, and nowhere else: there is nothing to reset but the robot itself. The
+next run with `--motion` tells what stopped the last one, looks at everything anew, and asks for the sentence again.
 """
 
 from __future__ import annotations
@@ -12,7 +15,7 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 from rich.console import Console
@@ -25,9 +28,10 @@ from bt_jax.deploy.camera import open_camera
 from bt_jax.deploy.clearance import SafetyClearance
 from bt_jax.deploy.executor import Executor, Exit, Limits, Shown
 from bt_jax.deploy.link import LinkConfig, YumiLink
-from bt_jax.deploy.log import Log
+from bt_jax.deploy.log import Log, read_log
 from bt_jax.deploy.observer import Observer
 from bt_jax.deploy.perception import Perception
+from bt_jax.deploy.planning_process import PlanningProcess
 from bt_jax.deploy.preflight import Cell, Item, passed, preflight, show
 from bt_jax.deploy.program import Program, load_program
 from bt_jax.deploy.safety import Rules
@@ -35,7 +39,7 @@ from bt_jax.deploy.skills import YumiSkills
 from bt_jax.errors import UserError
 from bt_jax.task import Task
 
-__all__ = ["CheckArguments", "RunArguments", "check_command", "confirm", "rules_of", "run_command"]
+__all__ = ["CheckArguments", "RunArguments", "check_command", "confirm", "last_stop", "rules_of", "run_command"]
 
 FASTEST = 0.2  # rad/s of any joint of a real robot
 SENTENCE = "the cell is clear"
@@ -43,6 +47,10 @@ WARNING = (
     "The robot will move. Software stops replace neither the emergency stop nor a risk assessment: keep the stop in your\n"
     "hand and people out of reach. This program was never tried on a real robot."
 )
+STOPPED = """\
+This was a protective stop. The arms hold where they were measured, and the robot's program was stopped; on our side the
+stop ends with this process, so that nothing has to be reset here. Remove what caused it, clear the error on the pendant,
+start BtJax on the controller again, then run again: preflight and sentence come first, as ever."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,7 +81,13 @@ class CheckArguments:
 
 @dataclasses.dataclass(frozen=True)
 class RunArguments(CheckArguments):
-    """Execute a tree on a real YuMi. Dry by default: everything but motion."""
+    """Execute a tree on a real YuMi. Dry by default: everything but motion.
+
+    A protective stop (exit code 3) cannot be cleared while a run goes on: the arms hold and the run ends. It lives in that
+    process only, no command resets it. The robot's own program is stopped too; a person must start it again on the
+    controller. The next run with --motion tells what stopped the last one, and needs a passed preflight and the typed
+    sentence.
+    """
 
     motion: bool = False
     """move the robot, after preflight and a typed confirmation"""
@@ -113,6 +127,24 @@ def confirm(console: Console) -> None:
         raise UserError("motion was not confirmed, nothing has moved; type the sentence as it is written")
 
 
+def last_stop(folder: Path) -> str | None:
+    """Why the newest run with motion that has a log in a folder was stopped; None where it was not, or there is none."""
+    newest: tuple[float, str | None] = (-1.0, None)
+    for log in folder.glob("*.jsonl"):
+        with contextlib.suppress(UserError, KeyError, OSError):
+            entries = list(read_log(log))
+            moved = "preflight" in entries[0]["settings"] and not entries[0]["dry"]
+            if moved and log.stat().st_mtime > newest[0]:
+                newest = (log.stat().st_mtime, _stop_of(entries[-1], log))
+    return newest[1]
+
+
+def _stop_of(end: dict[str, Any], log: Path) -> str | None:
+    if end["kind"] != "end":
+        return f"it ended without saying why ({log})"
+    return f"{end['reason']} ({log})" if end["exit_code"] == Exit.STOPPED else None
+
+
 @dataclasses.dataclass(frozen=True)
 class _Parts:
     program: Program
@@ -148,7 +180,8 @@ def _opened(arguments: CheckArguments, *, motion: bool, override: float) -> Iter
             background = BackgroundPerception(see, close=lambda made: made.camera.close())
             perception = stack.enter_context(background)
         link = stack.enter_context(YumiLink(config, rules_of(program.task, override=override)))
-        skills = YumiSkills(program.task, link)
+        planning = stack.enter_context(PlanningProcess(program.task)) if motion else None
+        skills = YumiSkills(program.task, link, background=planning)
         cell = Cell(
             program=program,
             link=link,
@@ -174,6 +207,7 @@ def run_command(arguments: RunArguments, console: Console | None = None) -> int:
     """Runs the tree and gives the exit code of `executor.Exit`."""
     console = Console(highlight=False, soft_wrap=True) if console is None else console
     arguments.check()
+    path = arguments.log or Path("runs") / f"robot-{time.strftime('%Y%m%d-%H%M%S')}.jsonl"
     with _opened(arguments, motion=arguments.motion, override=arguments.speed) as parts:
         items = _preflight(parts, console)
         if parts.perception is None:
@@ -181,8 +215,12 @@ def run_command(arguments: RunArguments, console: Console | None = None) -> int:
         if arguments.motion:
             if not passed(items):
                 raise UserError("the preflight has not passed; mend what it names, or leave out --motion")
+            stop = last_stop(path.parent)
+            if stop is not None:
+                console.print(
+                    f"[bold red]The last run was stopped:[/] {escape(stop)}. Go on only if the cause is gone."
+                )
             confirm(console)
-        path = arguments.log or Path("runs") / f"robot-{time.strftime('%Y%m%d-%H%M%S')}.jsonl"
         with Log(path) as log:
             console.print(f"log        {escape(str(path))}")
             if arguments.motion:
@@ -190,6 +228,8 @@ def run_command(arguments: RunArguments, console: Console | None = None) -> int:
             outcome = _executor(parts, arguments, log, items, console).run()
     console.print(f"end        {escape(outcome.reason)}")
     console.print(f"ticks      {outcome.ticks}, {outcome.overruns} too slow; link {parts.link.counters()}")
+    if outcome.exit_code == Exit.STOPPED:
+        console.print(escape(STOPPED))
     return outcome.exit_code
 
 

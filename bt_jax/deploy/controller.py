@@ -13,7 +13,8 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from bt_jax.deploy.controller_process import STATS, Cell, Spec, serve
+from bt_jax.deploy.controller_process import PARTS, STATS, Cell, Spec, serve
+from bt_jax.deploy.lateness import Late, Watch
 from bt_jax.deploy.realtime import CONTEXT, Snapshot
 from bt_jax.errors import UserError
 
@@ -46,9 +47,12 @@ class Controller:
         ports = dict(ports or {"left": 6511, "right": 6512})
         self._state = Snapshot(1 + len(cell.qpos))
         self._stats = Snapshot(STATS)
+        self._watch = Watch(PARTS)
         self._pipe, theirs = CONTEXT.Pipe()
         spec = Spec(cell, ports, rws_port, realtime)
-        self._process = CONTEXT.Process(target=serve, args=(spec, self._state, self._stats, theirs), daemon=True)
+        self._process = CONTEXT.Process(
+            target=serve, args=(spec, self._state, self._stats, self._watch, theirs), daemon=True
+        )
         self._theirs = theirs
         self.ports, self.realtime = ports, realtime
         self.rws_port = rws_port
@@ -99,6 +103,10 @@ class Controller:
         """See `Stats`."""
         cycles, missed, unanswered, worst, busy = self._stats.read()
         return Stats(int(cycles), int(missed), int(unanswered), float(worst), float(busy))
+
+    def late_cycles(self) -> list[Late]:
+        """The last cycles that began late in real time."""
+        return self._watch.read()
 
     def advance(self, until: float) -> None:
         """Lock-step: simulates until that time. Raises ControllerGone where the process is no more."""

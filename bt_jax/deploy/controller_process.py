@@ -13,13 +13,15 @@ import mujoco
 import numpy as np
 
 from bt_jax.deploy.egm import CYCLE, Feedback, Mci, Setpoint
+from bt_jax.deploy.lateness import Watch
 from bt_jax.deploy.network import Network
 from bt_jax.deploy.realtime import Snapshot, sleep_until, take_priority
-from bt_jax.deploy.rws import GRIP_ACTUAL, GRIP_FORCE, GRIP_TARGET, symbol
+from bt_jax.deploy.rws import EGM_MOTION, GRIP_ACTUAL, GRIP_FORCE, GRIP_TARGET, Motion, symbol
 from bt_jax.deploy.rws_server import serve_rws
 
-__all__ = ["STATS", "Cell", "Spec", "serve"]
+__all__ = ["PARTS", "STATS", "Cell", "Spec", "serve"]
 
+PARTS = ("listen", "step", "speak", "commands")  # of a cycle
 STATS = 5  # cycles, missed, unanswered, worst, busy
 SILENCE = 0.5  # seconds without an answer after which the controller ends EGM
 FINGER_SPEED = 0.025  # m/s of each finger of the Smart Gripper
@@ -76,7 +78,7 @@ class Arm:
         self.mci = Mci.STOPPED
         self.silent = 0.0  # seconds since the last answer
         self.heard = False  # was there ever one?
-        self.grip = {GRIP_TARGET: 0.0, GRIP_FORCE: 10.0}
+        self.numbers = {GRIP_TARGET: 0.0, GRIP_FORCE: 10.0, EGM_MOTION: float(Motion.LISTEN)}  # of its RAPID program
 
 
 class Robot:
@@ -96,26 +98,25 @@ class Robot:
         for arm in self.arms:
             self.data.ctrl[arm.actuators] = self.data.qpos[arm.joints]
             self.data.ctrl[arm.finger_actuators] = self.data.qpos[arm.fingers]
-            arm.grip[GRIP_TARGET] = 1000 * float(self.data.qpos[arm.fingers].mean())
-        self._starting = False
+            arm.numbers[GRIP_TARGET] = 1000 * float(self.data.qpos[arm.fingers].mean())
+        self.rapid = False  # the program of both arms
 
     @property
     def time(self) -> float:
         """Seconds that were simulated."""
         return self.cycle * CYCLE
 
-    @property
-    def rapid(self) -> bool:
-        return any(arm.mci == Mci.RUNNING for arm in self.arms)
-
     def start_rapid(self) -> bool:
         if self.control != "motoron" or self.mode != "AUTO":
             return False
-        for arm in self.arms:
-            arm.mci, arm.silent = Mci.RUNNING, 0.0
+        if not self.rapid:
+            for arm in self.arms:
+                arm.numbers[EGM_MOTION], arm.mci = float(Motion.LISTEN), Mci.STOPPED
+            self.rapid = True
         return True
 
     def stop_rapid(self, mci: Mci = Mci.STOPPED) -> None:
+        self.rapid = False
         for arm in self.arms:
             arm.mci = mci
 
@@ -123,18 +124,21 @@ class Robot:
         arm, name = self._symbol(url)
         if name == GRIP_ACTUAL:
             return 1000 * float(self.data.qpos[arm.fingers].mean())
-        return arm.grip[name]
+        return arm.numbers[name]
 
     def set_number(self, url: str, value: float) -> None:
         arm, name = self._symbol(url)
-        if name not in arm.grip:
+        if name not in arm.numbers:
             raise KeyError(url)
-        arm.grip[name] = value
+        if name == EGM_MOTION and self.rapid:
+            arm.silent, arm.mci = 0.0, Mci.RUNNING if value == Motion.ASKED else Mci.STOPPED
+            value = float(Motion.GUIDED if value == Motion.ASKED else Motion.LISTEN)
+        arm.numbers[name] = value
 
     def _symbol(self, url: str) -> tuple[Arm, str]:
         name = url.rsplit("/", 1)[-1]
         for arm in self.arms:
-            if name in (*arm.grip, GRIP_ACTUAL) and url == symbol(arm.name, name):
+            if name in (*arm.numbers, GRIP_ACTUAL) and url == symbol(arm.name, name):
                 return arm, name
         raise KeyError(url)
 
@@ -150,7 +154,7 @@ class Robot:
                 self.data.ctrl[arm.actuators],
                 on,
                 arm.mci,
-                arm.mci == Mci.RUNNING,
+                self.rapid,
                 self._flange(arm),
             )
             arm.network.send(message.encode(), self.time)
@@ -194,11 +198,11 @@ class Robot:
                 arm.silent += CYCLE
                 if arm.silent > SILENCE:
                     self.stop_rapid(Mci.ERROR)
-            goal = np.clip(arm.grip[GRIP_TARGET] / 1000, 0, 0.025)
+            goal = np.clip(arm.numbers[GRIP_TARGET] / 1000, 0, 0.025)
             reach = FINGER_SPEED * CYCLE
             ctrl = self.data.ctrl[arm.finger_actuators]
             self.data.ctrl[arm.finger_actuators] = ctrl + np.clip(goal - ctrl, -reach, reach)
-            force = np.clip(arm.grip[GRIP_FORCE], 0, 20)
+            force = np.clip(arm.numbers[GRIP_FORCE], 0, 20)
             self.model.actuator_forcerange[arm.finger_actuators] = (-force, force)
         self.data.xfrc_applied[:] = 0
         self.pushes = [push for push in self.pushes if push[2] > self.time]
@@ -224,7 +228,7 @@ class Robot:
             arm.network.fault(kind, self.time, **details)
 
 
-def serve(spec: Spec, state: Snapshot, stats: Snapshot, pipe: Connection) -> None:
+def serve(spec: Spec, state: Snapshot, stats: Snapshot, watch: Watch, pipe: Connection) -> None:
     """Runs until the program above closes the pipe or says so."""
     take_priority(
         realtime=spec.realtime
@@ -236,7 +240,7 @@ def serve(spec: Spec, state: Snapshot, stats: Snapshot, pipe: Connection) -> Non
         pipe.send(("failed", str(error)))
         return
     pipe.send(("ready", server.server_address[1]))
-    loop = _Loop(spec, robot, state, stats, pipe)
+    loop = _Loop(spec, robot, state, stats, watch, pipe)
     if spec.realtime:
         loop.run_realtime()
     else:
@@ -244,8 +248,10 @@ def serve(spec: Spec, state: Snapshot, stats: Snapshot, pipe: Connection) -> Non
 
 
 class _Loop:
-    def __init__(self, spec: Spec, robot: Robot, state: Snapshot, stats: Snapshot, pipe: Connection) -> None:
-        self.robot, self.state, self.stats, self.pipe = robot, state, stats, pipe
+    def __init__(
+        self, spec: Spec, robot: Robot, state: Snapshot, stats: Snapshot, watch: Watch, pipe: Connection
+    ) -> None:
+        self.robot, self.state, self.stats, self.watch, self.pipe = robot, state, stats, watch, pipe
         self.realtime = spec.realtime
         self.closing = False
         self.missed, self.worst, self.busy = 0, 0.0, 0.0
@@ -262,15 +268,19 @@ class _Loop:
         for arm in robot.arms:
             waits = not self.realtime and arm.heard and arm.mci == Mci.RUNNING and arm.silent < PATIENCE
             robot.listen(arm, (LOST if arm.network.broken else ANSWER) if waits else 0.0)
+        self.watch.done("listen")
         robot.step()
+        self.watch.done("step")
         robot.speak()
         self.publish()
+        self.watch.done("speak")
 
     def run_realtime(self) -> None:
         deadline = time.monotonic() + CYCLE
         while not self.closing:
             late = sleep_until(deadline)
             began = time.monotonic()
+            self.watch.begin(late)
             self.worst = max(self.worst, late)
             behind = int(late / CYCLE)  # cycles that should have begun meanwhile: the arms moved on without setpoints
             self.missed += behind
@@ -281,6 +291,8 @@ class _Loop:
             self.busy += time.monotonic() - began
             while self.pipe.poll():
                 self.command()
+            self.watch.done("commands")
+            self.watch.end(deadline)
 
     def run_lockstep(self) -> None:
         self.robot.speak()

@@ -79,6 +79,7 @@ class Detector:
         parameters.polygonalApproxAccuracyRate = 0.06  # of the perimeter: small markers have ragged edges
         parameters.perspectiveRemovePixelPerCell = 8
         parameters.perspectiveRemoveIgnoredMarginPerCell = 0.25
+        parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_CONTOUR  # approximated polygons lose corners
         self._aruco = cv2.aruco.ArucoDetector(marker_dictionary(), parameters)
 
     def __call__(

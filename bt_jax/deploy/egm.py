@@ -1,7 +1,7 @@
 """Externally Guided Motion: what the controller and its client say to each other every 4 ms, as Protocol Buffers over UDP.
 
-The messages are those of ABB's egm.proto, which comes with ABBRobotEGM. On the wire: degrees, controller time in ms. The
-seven axes travel as six `joints` and one of `externalJoints`: the third of the chain (ABB's axis 7).
+The messages are those of ABB's egm.proto (`egm_messages`). On the wire: degrees, controller time in ms. The seven axes
+travel as six `joints` and one of `externalJoints`: the third of the chain (ABB's axis 7).
 """
 
 from __future__ import annotations
@@ -10,13 +10,15 @@ import dataclasses
 import enum
 
 import numpy as np
-from ABBRobotEGM._egm_protobuf import egm_pb2
 from google.protobuf.message import DecodeError
+
+from bt_jax.deploy.egm_messages import EgmRobot, EgmSensor
 
 __all__ = ["CYCLE", "EXTERNAL", "Feedback", "Mci", "Setpoint"]
 
 CYCLE = 0.004  # seconds between two messages
 EXTERNAL = 2  # place in the chain of the axis that travels as an external joint
+DATA, CORRECTION = 2, 3  # kinds of messages
 _SEQUENCE = 1 << 32  # numbers wrap here
 
 
@@ -49,8 +51,8 @@ class Feedback:
 
     def encode(self) -> bytes:
         """The message EgmRobot."""
-        message = egm_pb2.EgmRobot()
-        _header(message.header, self.sequence, self.time, egm_pb2.EgmHeader.MSGTYPE_DATA)
+        message = EgmRobot()
+        _header(message.header, self.sequence, self.time, DATA)
         seconds = int(self.time)
         for part, joints in ((message.feedBack, self.joints), (message.planned, self.planned)):
             _write_joints(part, joints)
@@ -70,7 +72,7 @@ class Feedback:
     @staticmethod
     def decode(data: bytes) -> Feedback:
         """Reads EgmRobot. Raises ValueError where it is none, or is not about seven axes."""
-        message = egm_pb2.EgmRobot()
+        message = EgmRobot()
         _parse(message, data)
         return Feedback(
             message.header.seqno,
@@ -94,15 +96,15 @@ class Setpoint:
 
     def encode(self) -> bytes:
         """The message EgmSensor."""
-        message = egm_pb2.EgmSensor()
-        _header(message.header, self.sequence, self.time, egm_pb2.EgmHeader.MSGTYPE_CORRECTION)
+        message = EgmSensor()
+        _header(message.header, self.sequence, self.time, CORRECTION)
         _write_joints(message.planned, self.joints)
         return message.SerializeToString()
 
     @staticmethod
     def decode(data: bytes) -> Setpoint:
         """Reads EgmSensor. Raises ValueError where it is none, or is not about seven axes."""
-        message = egm_pb2.EgmSensor()
+        message = EgmSensor()
         _parse(message, data)
         return Setpoint(message.header.seqno, message.header.tm / 1000, _read_joints(message.planned))
 

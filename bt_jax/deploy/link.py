@@ -18,10 +18,11 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.deploy.controller import Controller, ControllerGone
 from bt_jax.deploy.egm import CYCLE
+from bt_jax.deploy.lateness import Late
 from bt_jax.deploy.link_process import HISTORY, RECORD, Blocks, Start, serve
 from bt_jax.deploy.motion import Trajectory
 from bt_jax.deploy.realtime import CONTEXT
-from bt_jax.deploy.rws import GRIP_ACTUAL, GRIP_FORCE, GRIP_TARGET, ControllerState, Rws, symbol
+from bt_jax.deploy.rws import EGM_MOTION, GRIP_ACTUAL, GRIP_FORCE, GRIP_TARGET, ControllerState, Motion, Rws, symbol
 from bt_jax.deploy.safety import Rejected, Rules, check_trajectory
 from bt_jax.errors import UserError
 
@@ -163,7 +164,8 @@ class YumiLink:
         self.close()
 
     def start(self) -> None:
-        """Starts the robot's program; from now on the arms hold, follow paths, and must keep running.
+        """Asks the robot's program, which is started where it does not run, for guided motion; from now on the arms hold,
+        follow paths, and must keep running.
 
         Raises UserError where the controller is not ready or does not begin.
         """
@@ -174,15 +176,16 @@ class YumiLink:
             raise UserError(
                 f"the controller is in {state.control}, mode {state.mode}; put it in automatic mode with motors on"
             )
-        with self._rws_lock:
-            self._rws.start()
+        if state.rapid != "running":
+            with self._rws_lock:
+                self._rws.start()
         problem: str | None = "silent"
         deadline = time.monotonic() + STARTED
         while problem is not None and time.monotonic() < deadline:
             if self._lockstep:
                 self._controller.advance(self.now() + CYCLE)
             time.sleep(0.005)
-            problem = self._ask("enable")
+            problem = self._guided() or self._ask("enable")
         if problem is not None:
             raise UserError(
                 f"{problem} {STARTED:g} s after the start; check that EGM is set up to send to this machine"
@@ -320,6 +323,10 @@ class YumiLink:
     def counters(self) -> Counters:
         return Counters(*map(int, self._blocks.counters.read()), rejected=self._rejected)
 
+    def late_rounds(self) -> list[Late]:
+        """When the link process was not there in time, lately; a message may have waited meanwhile."""
+        return self._blocks.watch.read()
+
     def drain(self) -> np.ndarray:
         """The records since the last call, [n, 17]: arm, time, setpoint [7], measured [7], sequence number."""
         written = self._blocks.written.value
@@ -338,6 +345,18 @@ class YumiLink:
             except (OSError, EOFError) as error:
                 raise UserError("the link process has ended; start again") from error
         raise UserError("the link process does not answer; start again")
+
+    def _guided(self) -> str | None:
+        """Which arms do not follow EGM yet; they are asked to. None where all do."""
+        waiting = []
+        with self._rws_lock:
+            for arm in self.arms:
+                motion = self._rws.number(symbol(arm, EGM_MOTION))
+                if motion == Motion.LISTEN:
+                    self._rws.set_number(symbol(arm, EGM_MOTION), float(Motion.ASKED))
+                if motion != Motion.GUIDED:
+                    waiting.append(arm)
+        return f"{' and '.join(waiting)}: not guided" if waiting else None
 
     def _look(self) -> None:
         for arm in self.arms:

@@ -12,6 +12,7 @@ from multiprocessing.connection import Connection
 import numpy as np
 
 from bt_jax.deploy.egm import CYCLE, Feedback, Setpoint
+from bt_jax.deploy.lateness import Watch
 from bt_jax.deploy.motion import Follower, Trajectory
 from bt_jax.deploy.realtime import CONTEXT, Snapshot, take_priority
 from bt_jax.deploy.safety import Rules, Supervisor
@@ -38,6 +39,7 @@ class Blocks:
         self.stopped = CONTEXT.RawValue("b", 0)  # `reason` is complete
         self.history = CONTEXT.RawArray("d", HISTORY * RECORD)
         self.written = CONTEXT.RawValue("L", 0)  # records so far
+        self.watch = Watch(("messages", "commands", "supervision"))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,25 +108,38 @@ class _Loop:
         for name, arm in self.arms.items():
             selector.register(arm.socket, selectors.EVENT_READ, name)
         selector.register(self.pipe, selectors.EVENT_READ, None)
-        parted = None
+        parted, watch = None, self.blocks.watch
+        deadline = time.monotonic() + IDLE
         while not self.closing:
-            for key, _ in selector.select(IDLE):
+            ready = selector.select(max(0.0, deadline - time.monotonic()))
+            began = time.monotonic()
+            watch.begin(began - deadline)
+            for key, _ in ready:
                 if key.data is not None:
                     self.receive(key.data)
+                    watch.done("messages")
                 elif not self.command():
                     selector.unregister(self.pipe)
                     parted = time.monotonic()
                     self.supervisor.stop("the program above is gone")
+            watch.done("commands")
             now = time.monotonic()
             if self.enabled and self.start.realtime:
                 moving = any(arm.follower is not None for arm in self.arms.values())
                 self.supervisor.watch(now, self.blocks.alive.value, moving=moving)
-            if self.supervisor.reason != self.told:
-                self.told = self.supervisor.reason
-                self.blocks.reason.value = self.told.encode()[:511]
-                self.blocks.stopped.value = True
+            self.tell()
+            watch.done("supervision")
+            deadline = began + IDLE
+            watch.end(deadline)
             if parted is not None and now - parted > PARTING:
                 return
+
+    def tell(self) -> None:
+        """Lets everybody know of a stop that was latched."""
+        if self.supervisor.reason != self.told:
+            self.told = self.supervisor.reason
+            self.blocks.reason.value = self.told.encode()[:511]
+            self.blocks.stopped.value = True
 
     def receive(self, name: str) -> None:
         """Takes all messages that wait, answers the newest."""
@@ -233,11 +248,18 @@ class _Loop:
 
     def do_stop(self, reason: str) -> None:
         self.supervisor.stop(reason)
+        self.tell()  # before the answer: who asks afterwards finds the reason
         self.reply()
+
+    def fresh(self, name: str, arm: _Arm) -> bool:
+        """Does the arm speak now? Between telling where it is and following us, the robot is silent for a while."""
+        if arm.feedback is None or not self.start.realtime:
+            return arm.feedback is not None
+        return self.supervisor.silence(name, time.monotonic()) < self.start.rules.stale / 2
 
     def do_enable(self) -> None:
         """From now on the robot must be running, and the executor must show that it is alive."""
-        silent = [name for name, arm in self.arms.items() if arm.feedback is None or not arm.feedback.running]
+        silent = [name for name, arm in self.arms.items() if not self.fresh(name, arm) or not arm.feedback.running]
         if silent:
             self.reply(f"{' and '.join(silent)}: not running")
             return

@@ -28,7 +28,7 @@ DIGITS = 5  # of joints in `motion`, rad
 def versions() -> dict[str, str]:
     """Of everything that has a say in what the robot does; absent packages are left out."""
     found = {"python": platform.python_version()}
-    for name in ("bt_jax", "mujoco", "numpy", "scipy", "pin", "opencv-python-headless", "protobuf", "ABBRobotEGM"):
+    for name in ("bt_jax", "mujoco", "numpy", "scipy", "pin", "opencv-python-headless", "protobuf"):
         try:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:

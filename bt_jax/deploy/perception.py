@@ -51,7 +51,8 @@ class Perception:
         to_camera = self.camera_pose.inv()
         known = {name: to_camera * pose for name, pose in self.tracker.last().items()}
         self.detections = tuple(self.detector(frame.image, frame.matrix, frame.distortion, known))
-        self.tracker.update(frame.time, dict(self._certain()))
+        sigmas = {detection.body: detection.sigma for detection in self.detections}
+        self.tracker.update(frame.time, dict(self._certain()), sigmas)
 
     def poses(self, time: float) -> dict[str, RigidTransform]:
         """Boxes and kit whose place is known and fresh at `time` [s], in the base frame."""

@@ -13,7 +13,7 @@ import time
 
 import numpy as np
 
-__all__ = ["CONTEXT", "Snapshot", "sleep_until", "take_priority"]
+__all__ = ["CONTEXT", "FIFO_PRIORITY", "Snapshot", "sleep_until", "take_priority"]
 
 CONTEXT = multiprocessing.get_context("spawn")  # a forked process would inherit locks that threads of ours hold
 FIFO_PRIORITY = 20

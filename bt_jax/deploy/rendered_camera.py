@@ -72,7 +72,7 @@ def cell_camera(task: Task) -> Placement:
 
 class RenderedCamera:
     """Renders a camera of a model; `state` gives time [s] and qpos, as they are now, from wherever the model is simulated.
-    Made and read in one thread, that of its OpenGL context. `freeze` and `lose` are faults to be tried."""
+    Made and read in one thread, that of its OpenGL context. `freeze`, `lose` and `cover` are faults to be tried."""
 
     def __init__(
         self,
@@ -90,6 +90,7 @@ class RenderedCamera:
         self._matrix = Placement(RigidTransform.identity(), fovy, width, height).matrix
         self._frozen: Frame | None = None
         self._lost = False
+        self._covered: dict[str, tuple[np.ndarray, np.ndarray]] = {}  # body -> its geoms and their materials
 
     def read(self) -> Frame:
         """The scene as it is now. Raises CameraError after `lose`."""
@@ -109,6 +110,17 @@ class RenderedCamera:
     def lose(self) -> None:
         """From now on there is no image."""
         self._lost = True
+
+    def cover(self, body: str) -> None:
+        """From now on a body has no markers."""
+        geoms = np.flatnonzero(self._model.geom_bodyid == self._model.body(body).id)
+        self._covered.setdefault(body, (geoms, self._model.geom_matid[geoms].copy()))
+        self._model.geom_matid[geoms] = -1
+
+    def uncover(self, body: str) -> None:
+        """Its markers are there again."""
+        geoms, materials = self._covered.pop(body)
+        self._model.geom_matid[geoms] = materials
 
     def close(self) -> None:
         """Gives the OpenGL context back."""

@@ -1,21 +1,37 @@
 """Robot Web Services 1.0 (IRC5, RobotWare 6) as far as a cell needs them: state, start, stop, and numbers of the RAPID
 program, through which the grippers are moved. Source: ABB's application manual 3HAC050973-001.
 
-Grippers: EGM moves only the axes. The RAPID module BtJax of each arm's task keeps `grip_target` and `grip_actual` (mm a
-finger) and `grip_force` (N), and moves the Smart Gripper in the background.
+On the controller runs the RAPID module BtJax (`rapid/BtJax.mod`), in each arm's task. EGM moves only the axes: the module
+keeps `grip_target` and `grip_actual` (mm a finger) and `grip_force` (N), and moves the Smart Gripper. The arm stands still
+and tells where it is until `egm_motion` asks for guided motion, see `Motion`.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import enum
 from typing import Any
 
 import httpx
 
 from bt_jax.errors import UserError
 
-__all__ = ["GRIP_ACTUAL", "GRIP_FORCE", "GRIP_TARGET", "ControllerState", "Rws", "symbol"]
+__all__ = [
+    "EGM_MOTION",
+    "GRIP_ACTUAL",
+    "GRIP_FORCE",
+    "GRIP_TARGET",
+    "MODULE",
+    "TASKS",
+    "ControllerState",
+    "Motion",
+    "Rws",
+    "symbol",
+]
 
+MODULE = "BtJax"
+TASKS = {"left": "T_ROB_L", "right": "T_ROB_R"}  # in which the arms run
+EGM_MOTION = "egm_motion"
 GRIP_TARGET, GRIP_ACTUAL, GRIP_FORCE = "grip_target", "grip_actual", "grip_force"
 TIMEOUT = 2.0  # seconds a request may take
 START = {
@@ -28,9 +44,17 @@ START = {
 }
 
 
+class Motion(enum.IntEnum):
+    """Values of `egm_motion`: the program answers ASKED with GUIDED once an arm follows EGM."""
+
+    LISTEN = 0
+    ASKED = 1
+    GUIDED = 2
+
+
 def symbol(arm: str, name: str) -> str:
-    """Where a number of the RAPID program is found: the arms run in the tasks T_ROB_L and T_ROB_R."""
-    return f"RAPID/T_ROB_{arm[0].upper()}/BtJax/{name}"
+    """Where a number of the RAPID program is found."""
+    return f"RAPID/{TASKS[arm]}/{MODULE}/{name}"
 
 
 @dataclasses.dataclass(frozen=True)

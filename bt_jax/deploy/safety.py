@@ -48,7 +48,7 @@ class Rules:
     stale: float = 0.1  # seconds without feedback
     gap: int = 10  # messages lost in a row
     overrun: float = 2.0  # seconds without a sign of life from the executor while an arm moves
-    planning: float = 20.0  # the same while the arms rest: plans may take their time
+    idle: float = 5.0  # the same while the arms rest: nothing is urgent, and a first look takes time
     points: Points | None = None
     clearance_of: Callable[[], Clearance] | None = None  # called once in each process that checks
 
@@ -130,9 +130,10 @@ class Supervisor:
         last = self._sequence.get(arm)
         if last is not None:
             ahead = (feedback.sequence - last + (1 << 31)) % (1 << 32) - (1 << 31)
-            if ahead <= 0:
+            if ahead <= 0 and (moving_allowed or ahead > -self.rules.gap):
                 self.reordered += 1
                 return False
+            ahead = max(ahead, 1)  # a new session: its numbers begin anew
             self.lost += ahead - 1
             if ahead - 1 > self.rules.gap and moving_allowed:
                 self.stop(f"{arm}: {ahead - 1} messages of the controller were lost in a row")
@@ -146,13 +147,17 @@ class Supervisor:
             )
         return True
 
+    def silence(self, arm: str, now: float) -> float:
+        """Seconds since the last message of an arm; 0 where there was none."""
+        return now - self._heard.get(arm, now)
+
     def watch(self, now: float, alive: float, *, moving: bool) -> None:
         """Latches where an arm is silent, or the executor gave its last sign of life, `alive`, too long ago [s]."""
         for arm in self.arms:
-            silence = now - self._heard.get(arm, now)
+            silence = self.silence(arm, now)
             if silence > self.rules.stale:
                 self.stop(f"{arm}: no feedback for {silence:.2f} s; the controller or the network is down")
-        if now - alive > (self.rules.overrun if moving else self.rules.planning):
+        if now - alive > (self.rules.overrun if moving else self.rules.idle):
             self.stop(f"the executor gave no sign of life for {now - alive:.1f} s; a tick takes too long")
 
     def admit(self, arm: str, target: np.ndarray, *, commanded: np.ndarray, measured: np.ndarray) -> np.ndarray:

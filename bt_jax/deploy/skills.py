@@ -6,7 +6,8 @@ One arm works, the other rests at home. Once the fingers close, or a box is bein
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable
+from collections.abc import Callable, Generator, Iterable
+from typing import TypeVar
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -20,6 +21,7 @@ from bt_jax.deploy.observation import Observation
 from bt_jax.deploy.observer import SQUEEZE
 from bt_jax.deploy.paths import Pace
 from bt_jax.deploy.planning import Planner, Reach, Unplannable
+from bt_jax.deploy.planning_process import PlanningProcess
 from bt_jax.deploy.safety import Rejected
 from bt_jax.encoding.status import Status
 from bt_jax.task import Task
@@ -38,6 +40,7 @@ LET_GO = 0.0007  # metres above its place at which a box is let go
 SPOTS = 25  # places tried for setting a box down
 
 Routine = Generator[None, None, None]
+Result = TypeVar("Result")
 
 
 class _Failed(Exception):
@@ -45,18 +48,23 @@ class _Failed(Exception):
 
 
 class YumiSkills:
-    """Skills for one cell. `pace` is that of free motion."""
+    """Skills for one cell. `pace` is that of free motion. With `background`, plans are made there while ticks go on; else a
+    tick waits for its plan."""
 
-    def __init__(self, task: Task, link: RobotLink, *, pace: Pace | None = None) -> None:
+    def __init__(
+        self, task: Task, link: RobotLink, *, pace: Pace | None = None, background: PlanningProcess | None = None
+    ) -> None:
         self.task, self.link, self.pace = task, link, pace or Pace()
         self.committed, self.reason = False, ""
-        self._planner = Planner(task)
+        self._planner, self._background = Planner(task), background
         self._sizes = {box.name: box.size for box in task.boxes}
         self._routine: Routine | None = None
         self._seen: Observation | None = None
         self._known: dict[str, RigidTransform] = {}  # where things were seen last
         self._carried: dict[str, Carried] = {}
-        self._failed: dict[str, str] = {}  # box -> arm that failed to grasp it last
+        self._avoid: dict[
+            str, str
+        ] = {}  # box -> arm that is not to take it next, if the other can: it failed, or gave it away
 
     @property
     def grasped(self) -> dict[str, str]:
@@ -122,6 +130,15 @@ class YumiSkills:
         self._seen = seen
         self._known.update(seen.poses)
 
+    def _planned(self, plan: Callable[..., Result], *arguments: object) -> Generator[None, None, Result]:
+        """What a method of the planner gives. Raises what it raises."""
+        if self._background is None:
+            return plan(*arguments)
+        future = self._background.submit(plan.__name__, *arguments)
+        while not future.done():
+            yield
+        return future.result()
+
     def _joints(self) -> dict[str, np.ndarray]:
         return {arm: self.link.arm(arm).commanded for arm in self.link.arms}
 
@@ -149,36 +166,36 @@ class YumiSkills:
             moved = yield from self._follow(reach.arm, reach.approach, 1.0, watch=(box, start))
             if not moved:
                 yield from self._fingers(reach.arm, at_least=self._sizes[box] + 0.006)
-                yield from self._grasp(box, reach)
+                yield from self._grasp(box, reach, start)
                 return
         raise _Failed(f"{box} does not stay where it is")
 
     def _plan_pick(self, box: str, arms: Iterable[str]) -> Generator[None, None, Reach | None]:
-        """The arm that reaches best from where it is; one that just failed comes last."""
-        last = self._failed.get(box)
+        """The arm that reaches best from where it is; one that should not comes last."""
+        last = self._avoid.get(box)
         side = "left" if self._known[box].translation[1] > 0 else "right"
         order = sorted(arms, key=lambda arm: (arm == last, arm != side))
         problem: Unplannable | None = None
         for arm in order:
             yield from self._others_home(arm)
             try:
-                return self._planner.pick(box, self._obstacles(), self._joints(), [arm])
+                return (yield from self._planned(self._planner.pick, box, self._obstacles(), self._joints(), [arm]))
             except Unplannable as error:
                 problem = problem or error
         assert problem is not None
         raise problem
 
-    def _grasp(self, box: str, reach: Reach) -> Routine:
-        """Down, fingers around it, up."""
+    def _grasp(self, box: str, reach: Reach, pose: RigidTransform) -> Routine:
+        """Down, fingers around it, up. `pose` is the box's as it was seen before the hand came between it and the camera."""
         arm, size = reach.arm, self._sizes[box]
         yield from self._follow(arm, reach.line, SLOW)
         self.committed = True
         self.link.grip(arm, size - GRIP, FORCE)
         tcp = yumi.forward(arm, self.link.arm(arm).commanded)
-        self._carried[arm] = Carried(arm, box, carried_pose(tcp, self._known[box]))
+        self._carried[arm] = Carried(arm, box, carried_pose(tcp, pose))
         yield from self._fingers(arm)
         if self.link.arm(arm).opening < size - SQUEEZE:
-            self._failed[box] = arm
+            self._avoid[box] = arm
             self.link.grip(arm, yumi.OPENING, FORCE)
             del self._carried[arm]
             yield from self._fingers(arm)
@@ -186,15 +203,16 @@ class YumiSkills:
             raise _Failed(f"the {arm} fingers closed on nothing")
         yield from self._follow(arm, reach.line[::-1], SLOW)
         if self.link.arm(arm).opening < size - SQUEEZE:
-            self._failed[box] = arm
+            self._avoid[box] = arm
             raise _Failed(f"{box} slipped out of the {arm} fingers")
-        self._failed.pop(box, None)
+        self._avoid.pop(box, None)
 
     def _place(self, box: str, position: tuple[float, float, float], frame: str) -> Routine:
         arm = self._arm_with(box)
         goal, yaw = self._goal(position, frame)
         if not self._reaches(arm, goal, yaw):
-            arm = yield from self._hand_over(box, arm, goal)
+            yield from self._hand_over(box, arm, goal)
+            return
         for _ in range(REPLANS):
             goal, yaw = self._goal(position, frame)
             moved = yield from self._put(arm, goal, yaw, self._below(goal, frame), watch=frame)
@@ -209,7 +227,9 @@ class YumiSkills:
         yield from self._others_home(arm)
         start = self._known.get(watch) if watch is not None else None
         above = goal + np.array([0, 0, LET_GO])
-        reach = self._planner.put(carried, above, yaw, supports, self._obstacles(), self._joints())
+        reach = yield from self._planned(
+            self._planner.put, carried, above, yaw, tuple(supports), self._obstacles(), self._joints()
+        )
         watched = None if start is None else (watch, start)
         moved = yield from self._follow(arm, reach.approach, 1.0, watch=watched, held=carried.box)
         if moved:
@@ -224,17 +244,13 @@ class YumiSkills:
         self.committed = False
         return False
 
-    def _hand_over(self, box: str, arm: str, goal: np.ndarray) -> Generator[None, None, str]:
-        """Sets the box down where both arms reach it and takes it with the other; gives that arm."""
+    def _hand_over(self, box: str, arm: str, goal: np.ndarray) -> Routine:
+        """Sets the box down where both arms reach it, for the tree to have it picked again: by the other one then."""
         other = next(name for name in yumi.ARMS if name != arm)
         if not self._reaches(other, goal, 0.0):
             raise _Failed(f"neither arm reaches the place for {box}")
+        self._avoid[box] = arm
         yield from self._set_down(arm, both=True)
-        yield from self._go_home([arm])
-        yield from self._until_seen(box)
-        yield from self._pick(box, [other])
-        self.committed = False
-        return other
 
     def _set_down(self, arm: str, *, both: bool = False) -> Routine:
         """Puts what an arm holds on a free place of a table, one that both arms reach where asked for."""
@@ -275,7 +291,9 @@ class YumiSkills:
         for arm in arms:
             joints = self._joints()
             if np.abs(joints[arm] - yumi.HOME[arm]).max() > AT_HOME:
-                path = self._planner.home(arm, self._obstacles(), joints, self._carried.get(arm))
+                path = yield from self._planned(
+                    self._planner.home, arm, self._obstacles(), joints, self._carried.get(arm)
+                )
                 yield from self._follow(arm, path, 1.0)
 
     def _others_home(self, arm: str) -> Routine:
@@ -292,7 +310,7 @@ class YumiSkills:
     ) -> Generator[None, None, bool]:
         """Moves along a path; True, at rest on it, where the watched thing is seen to have left its pose. Raises where what
         is held is lost."""
-        trajectory = self._planner.timed(arm, path, self.pace.slowed(pace), self._joints())
+        trajectory = yield from self._planned(self._planner.timed, arm, path, self.pace.slowed(pace), self._joints())
         motion = self.link.follow(arm, trajectory)
         yield
         while (state := self.link.arm(arm)).moving or state.motion != motion:

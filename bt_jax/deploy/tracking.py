@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from types import MappingProxyType
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 __all__ = ["Tracker", "TrackerSettings"]
 
+SIGMA = 0.001  # m, of a measurement that says nothing about it
+DOUBT = 2.0  # standard deviations by which a measurement worse than that may be further off
+LEVER = 0.02  # m by which an error of position is one of angle
+
 
 @dataclasses.dataclass(frozen=True)
 class TrackerSettings:
     """`max_age` [s]: older knowledge is none. `frames`: as many images in a row must agree on a place before it is believed.
     Two measurements agree within `position` [m] and `angle` [rad], and what `speed` [m/s] and `turn` [rad/s] allow between
-    them; `still` and `still_angle` say within what a body counts as resting, so that up to `window` measurements are
-    averaged."""
+    them; `still` and `still_angle` say within what a body counts as resting, so that measurements are averaged, each
+    weighted by the inverse of its variance, the last `window` of them or so."""
 
     max_age: float = 1.0
     frames: int = 3
@@ -33,7 +38,12 @@ class TrackerSettings:
 class _Track:
     pose: RigidTransform
     time: float
+    sigma: float  # of the newest measurement, m
+    weight: float = dataclasses.field(init=False)  # of what was averaged
     count: int = 1
+
+    def __post_init__(self) -> None:
+        self.weight = self.sigma**-2
 
 
 class Tracker:
@@ -45,17 +55,21 @@ class Tracker:
         self._known: dict[str, _Track] = {}
         self._suspected: dict[str, _Track] = {}
 
-    def update(self, time: float, measured: Mapping[str, RigidTransform]) -> None:
-        """Takes in what one image shows, taken at `time` [s]; a time that has passed already is ignored."""
+    def update(
+        self, time: float, measured: Mapping[str, RigidTransform], sigmas: Mapping[str, float] = MappingProxyType({})
+    ) -> None:
+        """Takes in what one image shows, taken at `time` [s]; a time that has passed already is ignored. `sigmas`: standard
+        deviations of the positions [m]."""
         for name, pose in measured.items():
+            sigma = sigmas.get(name, SIGMA)
             known = self._known.get(name)
             if known is not None and time <= known.time:
                 continue
             if known is not None and time - known.time <= self.settings.max_age and self._agree(known, time, pose):
-                self._absorb(known, time, pose)
+                self._absorb(known, time, pose, sigma)
                 self._suspected.pop(name, None)
             else:
-                self._suspect(name, time, pose)
+                self._suspect(name, time, pose, sigma)
 
     def poses(self, time: float) -> dict[str, RigidTransform]:
         """What is known and fresh at `time` [s]."""
@@ -73,16 +87,16 @@ class Tracker:
         """Seconds since the body was last seen where it is believed to be; infinite if it never was."""
         return time - self._known[name].time if name in self._known else float("inf")
 
-    def _suspect(self, name: str, time: float, pose: RigidTransform) -> None:
+    def _suspect(self, name: str, time: float, pose: RigidTransform, sigma: float) -> None:
         suspected = self._suspected.get(name)
         if suspected is not None and time <= suspected.time:
             return
         recent = suspected is not None and time - suspected.time <= self.settings.max_age
         if recent and self._agree(suspected, time, pose):
-            self._absorb(suspected, time, pose)
+            self._absorb(suspected, time, pose, sigma)
         else:
             repeated = suspected is not None and name in self._known
-            suspected = self._suspected[name] = _Track(pose, time)
+            suspected = self._suspected[name] = _Track(pose, time, sigma)
             if repeated:
                 del self._known[name]
         if suspected.count >= self.settings.frames:
@@ -99,15 +113,21 @@ class Tracker:
             and _angle(track.pose, pose) <= limits.angle + limits.turn * passed
         )
 
-    def _absorb(self, track: _Track, time: float, pose: RigidTransform) -> None:
-        limits = self.settings
-        still = _distance(track.pose, pose) < limits.still and _angle(track.pose, pose) < limits.still_angle
-        share = 1 / (min(track.count, limits.window - 1) + 1) if still else 1.0
+    def _absorb(self, track: _Track, time: float, pose: RigidTransform, sigma: float) -> None:
+        """Averages where the body rests as far as this measurement can tell, else takes the measurement."""
+        limits, weight = self.settings, sigma**-2
+        doubt = max(0.0, sigma - SIGMA)
+        still = (
+            _distance(track.pose, pose) < limits.still + DOUBT * doubt
+            and _angle(track.pose, pose) < limits.still_angle + DOUBT * doubt / LEVER
+        )
+        before = min(track.weight, (limits.window - 1) * max(weight, track.sigma**-2)) if still else 0.0
+        share = weight / (before + weight)
         turn = (pose.rotation * track.pose.rotation.inv()).as_rotvec()
         rotation = Rotation.from_rotvec(share * turn) * track.pose.rotation
         position = track.pose.translation + share * (pose.translation - track.pose.translation)
         track.pose = RigidTransform.from_components(position, rotation)
-        track.time = time
+        track.time, track.sigma, track.weight = time, sigma, before + weight
         track.count += 1
 
 

@@ -28,6 +28,7 @@ from bt_jax.deploy.observer import Observer, Perceiving
 from bt_jax.deploy.paths import Pace
 from bt_jax.deploy.perception import Perception
 from bt_jax.deploy.person import Person, Touch, hands_of
+from bt_jax.deploy.planning_process import PlanningProcess
 from bt_jax.deploy.program import Program
 from bt_jax.deploy.rendered_camera import RenderedCamera, cell_camera
 from bt_jax.deploy.skills import YumiSkills
@@ -38,6 +39,7 @@ __all__ = ["Moment", "Run", "run_twin"]
 
 DISTURBED = (2.0, 40.0)  # seconds within which the person comes
 LIMIT = 240.0  # seconds for a run
+WAITING = 60.0  # seconds by the clock that simulated time may stand still for a plan
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,9 +91,13 @@ def run_twin(
         controller = stack.enter_context(Controller(scene.cell, ports=ports, realtime=realtime))
         perception = stack.enter_context(_perception(scene, controller, background=realtime))
         config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
-        link = stack.enter_context(YumiLink(config, rules_of(program.task), controller))
+        rules = rules_of(program.task)
+        if not realtime:
+            rules = dataclasses.replace(rules, idle=WAITING)
+        link = stack.enter_context(YumiLink(config, rules, controller))
         log_file = stack.enter_context(Log(log))
-        skills = YumiSkills(program.task, link, pace=pace)
+        planning = stack.enter_context(PlanningProcess(program.task)) if realtime else None
+        skills = YumiSkills(program.task, link, pace=pace, background=planning)
         first = link.now()
         times = [first + float(t) for t in rng.uniform(*DISTURBED, disturbances)]
         person = Person(scene, controller, rng, times)

@@ -2,11 +2,7 @@
 
 import importlib.util
 
-MISSING = [
-    name
-    for name in ("ABBRobotEGM", "cv2", "google.protobuf", "httpx", "pinocchio")
-    if not importlib.util.find_spec(name)
-]
+MISSING = [name for name in ("cv2", "google.protobuf", "httpx", "pinocchio") if not importlib.util.find_spec(name)]
 collect_ignore_glob = ["test_*.py"] if MISSING else []
 
 

@@ -143,6 +143,19 @@ def test_rendered_images_freeze_and_are_lost():
     camera.close()
 
 
+def test_a_covered_body_shows_no_markers_until_it_is_uncovered():
+    scene = fresh_scene()
+    camera = RenderedCamera(scene.model, lambda: (scene.time, scene.data.qpos))
+    before = camera.read().image
+    camera.cover("YellowBox")
+    camera.cover("YellowBox")
+    covered = camera.read().image
+    assert np.any(covered != before)
+    camera.uncover("YellowBox")
+    np.testing.assert_array_equal(camera.read().image, before)
+    camera.close()
+
+
 @pytest.mark.parametrize("name", task_names())
 def test_the_placed_camera_sees_every_table(name):
     task = load_task(name)

@@ -14,8 +14,9 @@ from cells import free_ports
 from rich.console import Console
 
 from bt_jax.deploy import cell as module
+from bt_jax.deploy import preflight
 from bt_jax.deploy.calibration import CameraPose, Intrinsics, save_camera
-from bt_jax.deploy.cell import SENTENCE, CheckArguments, RunArguments, check_command, run_command
+from bt_jax.deploy.cell import SENTENCE, CheckArguments, RunArguments, check_command, last_stop, run_command
 from bt_jax.deploy.controller import Controller
 from bt_jax.deploy.executor import Exit
 from bt_jax.deploy.log import Log, read_log
@@ -53,6 +54,7 @@ def robot(tmp_path, monkeypatch):
             return cameras[-1]
 
         monkeypatch.setattr(module, "open_camera", open_camera)
+        monkeypatch.setattr(preflight, "IMAGE", 5.0)  # the twin renders on the cores on which everything else runs
         controller.cameras = cameras
         arguments = {
             "source": tmp_path / "tree.txt",
@@ -189,8 +191,10 @@ def test_faults_in_mid_motion_hold_the_arms(robot, at_a_terminal, tmp_path, faul
 
     thread = threading.Thread(target=break_it)
     thread.start()
-    found = run_command(RunArguments(**arguments, motion=True, seconds=90.0, log=log), Person(SENTENCE))
+    person = Person(SENTENCE)
+    found = run_command(RunArguments(**arguments, motion=True, seconds=90.0, log=log), person)
     thread.join()
+    assert ("protective stop" in person.said) == (code == Exit.STOPPED)
     end = list(read_log(log))[-1]
     assert (found, end["exit_code"]) == (code, code)
     assert word in end["reason"]
@@ -205,6 +209,43 @@ def test_arguments_that_cannot_work_are_refused(tmp_path, name, value):
     with contextlib.ExitStack() as stack:
         stack.enter_context(pytest.raises(UserError, match=f"--{name}"))
         run_command(RunArguments(tmp_path / "tree.txt", **{name: value}), Person(""))
+
+
+def a_log(path, *, code, dry=False, finished=True, preflight=True):
+    with Log(path) as log:
+        log.write("start", format=1, dry=dry, settings={"preflight": []} if preflight else {})
+        if finished:
+            log.write("end", exit_code=code, reason="left: no feedback")
+
+
+def test_the_last_stop_is_told(tmp_path):
+    assert last_stop(tmp_path / "nothing") is None
+    a_log(tmp_path / "1.jsonl", code=Exit.STOPPED)
+    assert "left: no feedback" in last_stop(tmp_path)
+    for number, changes in enumerate([{"dry": True}, {"preflight": False}], start=2):
+        a_log(tmp_path / f"{number}.jsonl", code=Exit.DONE, **changes)
+        os.utime(tmp_path / f"{number}.jsonl", (time.time() + number, time.time() + number))
+    (tmp_path / "4.jsonl").write_text("no log\n")
+    assert "1.jsonl" in last_stop(tmp_path), "neither dry runs nor those in the twin nor other files count"
+    a_log(tmp_path / "5.jsonl", code=Exit.DONE)
+    os.utime(tmp_path / "5.jsonl", (time.time() + 9, time.time() + 9))
+    assert last_stop(tmp_path) is None
+    a_log(tmp_path / "6.jsonl", code=0, finished=False)
+    os.utime(tmp_path / "6.jsonl", (time.time() + 99, time.time() + 99))
+    assert "without saying why" in last_stop(tmp_path)
+
+
+def test_a_person_hears_of_the_last_stop_before_the_sentence(robot, at_a_terminal, tmp_path):
+    _, arguments = robot
+    a_log(tmp_path / "robot-1.jsonl", code=Exit.STOPPED)
+    person = Person("no")
+    with pytest.raises(UserError, match="not confirmed"):
+        run_command(RunArguments(**arguments, motion=True, log=tmp_path / "robot-2.jsonl"), person)
+    assert "The last run was stopped: left: no feedback" in person.said
+
+
+def test_help_says_that_no_command_resets_a_stop():
+    assert "no command resets it" in " ".join(RunArguments.__doc__.split())
 
 
 def test_the_password_is_not_logged():

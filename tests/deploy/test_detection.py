@@ -102,6 +102,33 @@ def test_a_marker_half_covered_does_not_move_its_box(detector):
         assert angle < 2
 
 
+@pytest.mark.parametrize("across", [-0.018, -0.012, 0.012, 0.018])
+@pytest.mark.parametrize("height", [0.024, 0.04])
+def test_a_box_known_keeps_its_place_while_something_comes_over_it(detector, across, height):
+    """As a hand does: points that are covered must not pull the pose away."""
+    scene, to_camera = fresh_scene(), PLACEMENT.pose.inv()
+    worst = 0.0
+    for name in TASK.box_names:
+        place = scene.truth(name)
+        scene.put("cover", RigidTransform.from_translation(place.translation + np.array([0.0, across, height])))
+        seen = detector(scene.image(), MATRIX, NO_DISTORTION, {name: to_camera * place})
+        for detection in seen:
+            if detection.body == name and len(detection.markers) > 1:
+                worst = max(worst, errors(place, PLACEMENT.pose * detection.pose)[0])
+    assert 0 < worst < 1.2
+
+
+def test_the_standard_deviation_tells_how_much_one_face_is_worth(detector):
+    scene = fresh_scene()
+    found = {d.body: d for d in detector(scene.image(), MATRIX, NO_DISTORTION)}
+    for name in TASK.box_names:
+        place = scene.truth(name)
+        scene.put("cover", RigidTransform.from_translation(place.translation + np.array([0.0, 0.0, 0.023])))
+        one = next(d for d in detector(scene.image(), MATRIX, NO_DISTORTION) if d.body == name)
+        if len(one.markers) < len(found[name].markers):
+            assert one.sigma > found[name].sigma
+
+
 def test_a_foreign_marker_is_outvoted(detector):
     """A marker of the yellow box's underside lies about elsewhere."""
     scene = fresh_scene()

@@ -315,6 +315,32 @@ def test_a_motor_that_is_off_cannot_be_started():
             link.start()
 
 
+def test_a_latched_stop_ends_with_its_process_and_the_robots_program():
+    ports = free_ports()
+    with Controller(cell(), ports=ports, realtime=False) as controller:
+        config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
+        with YumiLink(config, RULES, controller) as link:
+            link.start()
+            link.stop("somebody shouted")
+            run_for(link, 0.5)
+            assert link.stopped() == "somebody shouted"
+            assert link.state().rapid == "stopped"
+            link.stop("something else")
+            assert link.stopped() == "somebody shouted", "the first reason stays, for good"
+            with pytest.raises(Rejected, match="shouted"):
+                move(link)
+        with YumiLink(config, RULES, controller) as link:
+            assert link.stopped() is None
+            link.start()
+            move(link)
+            run_for(link, 1.5)
+            assert link.stopped() is None
+            controller.fault("motors_off")
+            run_for(link, 0.5, until=lambda: link.stopped() is not None)
+        with YumiLink(config, RULES, controller) as link, pytest.raises(UserError, match="motors on"):
+            link.start()
+
+
 def test_setpoints_beyond_the_robots_own_limits_are_refused_by_it():
     wide = dataclasses.replace(RULES, lower=(-9.0,) * 7, upper=(9.0,) * 7)
     with running(realtime=False, rules=wide) as (_, link):

@@ -116,6 +116,16 @@ def test_late_and_repeated_messages_are_ignored():
     assert supervisor.reason is None
 
 
+def test_a_new_session_may_count_anew_but_not_while_the_robot_follows():
+    supervisor = Supervisor(RULES, ARMS)
+    for sequence in (1000, 1001, 1, 2):
+        assert supervisor.accept("left", feedback(sequence), 0.0, moving_allowed=False)
+    assert (supervisor.lost, supervisor.reordered) == (0, 0)
+    supervisor.accept("left", feedback(1003), 0.0, moving_allowed=False)
+    assert not supervisor.accept("left", feedback(1), 0.0, moving_allowed=True)
+    assert not supervisor.accept("left", feedback(1002), 0.0, moving_allowed=False)
+
+
 def test_numbers_may_wrap():
     supervisor = Supervisor(RULES, ARMS)
     for sequence in (2**32 - 2, 2**32 - 1, 0, 1):
@@ -151,7 +161,7 @@ def test_silence_of_the_controller_stops():
     assert supervisor.reason.startswith("left: no feedback")
 
 
-@pytest.mark.parametrize(("moving", "limit"), [(True, RULES.overrun), (False, RULES.planning)])
+@pytest.mark.parametrize(("moving", "limit"), [(True, RULES.overrun), (False, RULES.idle)])
 def test_silence_of_the_executor_stops(moving, limit):
     supervisor = Supervisor(RULES, ARMS)
     supervisor.watch(100.0, alive=100.0 - 0.9 * limit, moving=moving)

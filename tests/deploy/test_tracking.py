@@ -47,6 +47,18 @@ def test_one_wrong_measurement_changes_nothing():
     np.testing.assert_allclose(known(tracker, 0.4), HERE.translation)
 
 
+def test_a_measurement_that_is_worth_little_moves_little():
+    poor = RigidTransform.from_translation(HERE.translation + np.array([0.004, 0, 0]))
+    moved = []
+    for sigma in (0.0005, 0.003):
+        tracker = fed(*[HERE] * 5)
+        for i in range(5, 10):
+            tracker.update(i * 0.1, {"box": poor}, {"box": sigma})
+        moved.append(known(tracker, 0.9)[0] - HERE.translation[0])
+    assert moved[0] == pytest.approx(0.004)
+    assert moved[1] < 0.0015
+
+
 def test_a_jump_is_unknown_until_it_is_sure():
     tracker = fed(HERE, HERE, HERE, THERE, THERE)
     assert known(tracker, 0.4) is None

@@ -1,3 +1,5 @@
+import dataclasses
+
 import pytest
 
 from bt_jax.deploy.executor import Exit
@@ -29,3 +31,25 @@ def test_the_twin_stacks_three_boxes_and_its_log_replays(tmp_path, disturbances)
     assert len(run.touches) >= disturbances
     assert list(read_log(log))[-1]["exit_code"] == Exit.DONE
     assert all(tick.same for tick in replay(log))
+
+
+def test_a_box_is_handed_over_where_no_arm_reaches_both_ends():
+    """Tables so far apart that the box is the right arm's and the kit the left one's: it goes by the middle table."""
+    task = load_task("yumi_stack")
+    apart = [
+        dataclasses.replace(table, position=(table.position[0], 1.75 * table.position[1], table.position[2]))
+        for table in task.tables
+    ]
+    task = dataclasses.replace(
+        task, tables=tuple(apart), layout=dataclasses.replace(task.layout, kit="TableLeft"), targets=task.targets[:1]
+    )
+    hands: dict[str, None] = {}
+
+    def look(moment):
+        if moment.shown.seen.holding == "YellowBox":
+            hands.update(dict.fromkeys(arm for arm, gap in moment.shown.seen.opening.items() if gap < 0.045))
+
+    run = run_twin(Program(task, parse_tree("move(YellowBox, (0, 0, 0.022), KittingBox)")), 1, on_tick=look)
+    assert run.exit_code == Exit.DONE
+    assert run.solved
+    assert list(hands) == ["right", "left"]

@@ -1,0 +1,47 @@
+"""A planner in a process of its own, so that no plan, however long it takes, delays a tick or a look."""
+
+from __future__ import annotations
+
+import multiprocessing
+from concurrent.futures import Future, ProcessPoolExecutor
+from typing import Any
+
+from bt_jax.deploy.planning import Planner
+from bt_jax.task import Task
+
+__all__ = ["PlanningProcess"]
+
+_planners: list[Planner] = []  # of the worker: one
+
+
+class PlanningProcess:
+    """Plans for one cell, one after the other. Use it as a context manager."""
+
+    def __init__(self, task: Task) -> None:
+        self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin, (task,))
+        self._pool.submit(_ready)
+
+    def __enter__(self) -> PlanningProcess:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def submit(self, plan: str, *arguments: Any) -> Future:
+        """What a method of `Planner` gives, or raises, for arguments that can be pickled."""
+        return self._pool.submit(_plan, plan, arguments)
+
+
+def _begin(task: Task) -> None:
+    import signal
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the executor, which ends this process
+    _planners.append(Planner(task))
+
+
+def _ready() -> None:
+    """The first job starts the process."""
+
+
+def _plan(name: str, arguments: tuple[Any, ...]) -> Any:
+    return getattr(_planners[0], name)(*arguments)
