@@ -147,9 +147,10 @@ class Teleoperation:
         inside = names[int(np.argmax(np.where(sunk, tops, -np.inf)))] if sunk.any() else None
         return Landing(np.array([*centre[:2], float(tops[best] + half)]), names[best], inside)
 
-    def release(self) -> None:
-        """Lowers the held object to where it is meant to be, or until it touches something, and lets go. Raises UserError
-        where it is inside another object, or where something would fall to the floor."""
+    def release(self, *, lowered: bool = False) -> None:
+        """Lowers the held object to where it is meant to be, or until it touches something, and lets go; it is meant to be
+        where it is now, or `lowered` on what is below. Raises UserError where it is inside another object, or where
+        something would fall to the floor."""
         position, landing = self._carried(), self.landing()
         if landing.inside is not None:
             raise UserError(
@@ -157,6 +158,7 @@ class Teleoperation:
             )
         if landing.on is None:
             raise UserError(self._lost(self.held))
+        position = landing.position if lowered else position
         place = self._in_frame(position, self.task.robot_frame)
         action = Behavior("place", (self.held, tuple(float(x) for x in place), self.task.robot_frame))
         held = int(self._now.world.held[0])

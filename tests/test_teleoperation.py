@@ -184,3 +184,12 @@ def test_moves_can_be_undone_together():
         assert hand.undo(moves_together=True)
         np.testing.assert_array_equal(hand.world.poses, expected.poses)
     assert not hand.undo(moves_together=True)
+
+
+@given(seed=st.integers(0, 1000), height=st.floats(0.1, 0.5))
+def test_what_is_lowered_is_recorded_where_it_stands(seed, height):
+    hand = carried(session(seed), "BlueBox", (0.01, -0.02, height), "GreenBox")
+    hand.release(lowered=True)
+    np.testing.assert_allclose(hand.actions[1].handled("GreenBox"), (0.01, -0.02, 0.1), atol=2e-4)
+    assert hand.undo()
+    np.testing.assert_allclose(hand.position("GreenBox"), (0.01, -0.02, height), atol=1e-5)

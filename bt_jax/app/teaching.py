@@ -145,9 +145,9 @@ class Teaching:
             self._shown()
 
     async def release(self) -> None:
-        """Lets the held object go."""
+        """Sets the held object down on what is below, and lets it go."""
         async with self._lock:
-            await self.studio.work(self.session.release)
+            await self.studio.work(self.session.release, lowered=True)
             self._shown()
 
     async def undo(self) -> None:

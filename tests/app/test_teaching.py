@@ -78,7 +78,7 @@ async def test_three_demonstrations_teach_a_tree(studio):
     assert studio.lesson is seen[-1]
     assert studio.lesson.missing == 0
     assert (studio.lesson.tree.name, studio.lesson.tree.frame) == ("move", "YellowBox")
-    assert studio.lesson.tree.position == pytest.approx((0, 0, 0.12), abs=2e-3)
+    assert studio.lesson.tree.position == pytest.approx((0, 0, 0.1), abs=2e-3)  # lowered, though it was let go above
     starts = {one.actions[0].poses["base_link"].position for one in studio.lesson.demonstrations}
     assert len(starts) == 3  # each in another layout
 

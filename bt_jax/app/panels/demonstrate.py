@@ -377,10 +377,10 @@ class _Demonstrate:
 
 
 def _landing_sentence(held: str, landing: Landing, *, drop: float) -> str:
-    """What would happen if the object were let go now, `drop` [m] above where it comes to rest."""
+    """What would happen if the object were let go now, `drop` [m] above where it would be set down."""
     if landing.inside is not None:
         return f"{held} is inside {landing.inside}: raise it, or carry it aside."
     if landing.on is None:
         return f"Below {held} is only the floor, where the gripper does not reach: carry it over a table."
     below = f", {100 * drop:.1f} cm below" if drop >= 0.001 else ""
-    return f"If you let go now, {held} comes to stand on {landing.on}{below}."
+    return f"If you let go now, {held} is set down on {landing.on}{below}."

@@ -4,12 +4,12 @@ import re
 
 import pytest
 import yaml
+from gripper import carry, position, press, said
 from playwright.sync_api import expect
 
 from bt_jax.lfd import DemonstrationFolder
 
 expect.set_options(timeout=60_000)
-KEYS = {"x": ("ArrowRight", "ArrowLeft"), "y": ("ArrowUp", "ArrowDown"), "z": ("PageUp", "PageDown")}
 
 
 @pytest.fixture(autouse=True)
@@ -29,47 +29,6 @@ def demonstrate(request, server, page, see):
         if recorded:
             see("demonstrate-discard-yes").click()
         expect(see("demonstrate-new")).to_be_visible()
-
-
-def position(see, frame, axis):
-    """What the table says, centimetres."""
-    return float(see(f"demonstrate-pose-{frame}-{axis}").inner_text().replace("\N{MINUS SIGN}", "-"))
-
-
-def press(page, see, key, times, *, frame, axis, sign, step):
-    """Presses a key, and waits until the page says that each has had its effect."""
-    before = position(see, frame, axis)
-    for _ in range(times):
-        page.keyboard.press(key)
-    expect(see(f"demonstrate-pose-{frame}-{axis}")).to_have_text(said(before + sign * times * step))
-
-
-def said(value):
-    return re.compile("^" + "|".join(f"{v + 0.0:.1f}".replace("-", "\N{MINUS SIGN}").replace(".", r"\.")
-                                     for v in (value - 0.1, value, value + 0.1)) + "$")  # fmt: skip
-
-
-def set_step(page, see, step):
-    """The step, with the keys + and - only."""
-    field = see("demonstrate-step")
-    for _ in range(12):
-        now = float(field.input_value())
-        if now == step:
-            return
-        page.keyboard.press("+" if now < step else "-")
-        expect(field).not_to_have_value(f"{now:g}")
-    raise AssertionError(f"the step {step} is none of those that + and - come to")
-
-
-def carry(page, see, goal, frame):
-    """Carries the held object to within half a centimetre of a position [cm] in a frame."""
-    for step in (20, 1):
-        set_step(page, see, step)
-        for axis, value in zip("xyz", goal, strict=True):
-            away = value - position(see, frame, axis)
-            key = KEYS[axis][0 if away > 0 else 1]
-            sign, times = (1 if away > 0 else -1), round(abs(away) / step)
-            press(page, see, key, times, frame=frame, axis=axis, sign=sign, step=step)
 
 
 def begin(page, see, number="2"):
@@ -93,7 +52,7 @@ def test_three_demonstrations_by_keyboard_only(page, see, demonstrate):
         page.keyboard.press("2")
         expect(see("demonstrate-done")).to_contain_text("Pick up GreenBox")
         carry(page, see, (0.0, 0.0, 12.0), "YellowBox")
-        expect(see("demonstrate-landing")).to_contain_text("GreenBox comes to stand on YellowBox")
+        expect(see("demonstrate-landing")).to_contain_text("GreenBox is set down on YellowBox")
         page.keyboard.press("r")
         expect(see("demonstrate-done")).to_contain_text("Put GreenBox on top of YellowBox")
         see("demonstrate-finish").focus()
@@ -121,6 +80,13 @@ def test_three_demonstrations_by_keyboard_only(page, see, demonstrate):
     see("understand-auto-2").click()
     expect(see("understand-frame-2-YellowBox")).to_have_attribute("aria-pressed", "true")
     assert demonstrate.read().chosen == {}
+    see("understand-combine").click()
+    expect(see("combine-taught")).to_contain_text("This tree, from 3 demonstrations")
+    expect(see("combine-targets")).to_contain_text("GreenBox on top of YellowBox (changed)")
+    see("combine-use").get_by_text("It is a step on the way").click()
+    expect(see("combine-targets")).to_contain_text("on the way, once: GreenBox is on top of YellowBox")
+    expect(see("combine-state")).to_contain_text("Nothing has been evolved yet: start in step 2")
+    expect(see("combine-go")).to_be_disabled()
 
 
 def test_the_buttons_do_what_the_keys_do(page, see):
@@ -136,7 +102,7 @@ def test_the_buttons_do_what_the_keys_do(page, see):
     press(page, see, "PageUp", 2, frame="base_link", axis="z", sign=1, step=2)
     see("demonstrate-over-YellowBox").click()
     expect(see("demonstrate-pose-YellowBox-x")).to_have_text(said(0))
-    expect(see("demonstrate-landing")).to_contain_text("comes to stand on YellowBox")
+    expect(see("demonstrate-landing")).to_contain_text("is set down on YellowBox")
     see("demonstrate-release").click()
     expect(see("demonstrate-done")).to_contain_text("Put GreenBox on top of YellowBox")
 
@@ -192,7 +158,7 @@ def test_what_cannot_be_done_is_said_and_nothing_is_lost(page, see, demonstrate)
     page.keyboard.press("1")
     expect(see("message")).to_contain_text("the gripper holds GreenBox; release it before you pick YellowBox")
     see("demonstrate-over-KittingBox").click()
-    expect(see("demonstrate-landing")).to_contain_text("comes to stand on KittingBox")
+    expect(see("demonstrate-landing")).to_contain_text("is set down on KittingBox")
     page.keyboard.press("r")
     expect(see("demonstrate-done")).to_contain_text("Put GreenBox in the middle of the kit")
     see("demonstrate-finish").click()
@@ -226,7 +192,7 @@ def test_renamed_replayed_and_deleted(page, see, demonstrate):
     for _ in range(2):
         begin(page, see, "3")
         see("demonstrate-over-KittingBox").click()
-        expect(see("demonstrate-landing")).to_contain_text("comes to stand on KittingBox")
+        expect(see("demonstrate-landing")).to_contain_text("is set down on KittingBox")
         page.keyboard.press("r")
         expect(see("demonstrate-done").locator("li")).to_have_count(2)
         see("demonstrate-finish").click()
@@ -260,7 +226,7 @@ def test_renamed_replayed_and_deleted(page, see, demonstrate):
 def test_a_damaged_demonstration_is_listed_with_the_reason(page, see, demonstrate):
     begin(page, see, "3")
     see("demonstrate-over-KittingBox").click()
-    expect(see("demonstrate-landing")).to_contain_text("comes to stand on KittingBox")
+    expect(see("demonstrate-landing")).to_contain_text("is set down on KittingBox")
     page.keyboard.press("r")
     expect(see("demonstrate-done").locator("li")).to_have_count(2)
     see("demonstrate-finish").click()
