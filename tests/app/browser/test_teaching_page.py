@@ -4,7 +4,7 @@ import re
 
 import pytest
 import yaml
-from gripper import carry, position, press, said
+from gripper import carry, position, press, said, set_step
 from playwright.sync_api import expect
 
 from bt_jax.lfd import DemonstrationFolder
