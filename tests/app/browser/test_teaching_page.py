@@ -9,6 +9,7 @@ from playwright.sync_api import expect
 
 from bt_jax.lfd import DemonstrationFolder
 
+pytestmark = pytest.mark.slow
 expect.set_options(timeout=60_000)
 
 
