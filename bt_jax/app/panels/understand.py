@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 from typing import TYPE_CHECKING
 
 from nicegui import ui
@@ -88,7 +89,7 @@ class _Understand:
             with ui.element("div").classes("lesson-frames").props('role=group aria-label="Relative to"'):
                 for frame, candidate in scores(lesson, inference).items():
                     self._frame(lesson, index, inference, frame, candidate)
-            ui.label(_reason(inference)).classes("teach-hint").props(f"data-testid=understand-reason-{index + 1}")
+            ui.label(_reason(inference, lesson)).classes("teach-hint").props(f"data-testid=understand-reason-{index + 1}")
             if inference.chosen:
                 back = self.page.guard(functools.partial(self.studio.teaching.choose_frame, index, None))
                 button("As the demonstrations say", f"understand-auto-{index + 1}", "undo", back, more="flat")
@@ -162,6 +163,9 @@ def _agreement(candidate: Candidate | None) -> str:
     return f"{candidate.size} within {1000 * max(candidate.spread, SPREAD_FLOOR):.0f} mm"
 
 
-def _reason(inference: Inference) -> str:
+def _reason(inference: Inference, lesson: Lesson) -> str:
     """Why it is this frame, and how well the demonstrations agree there."""
-    return f"{inference.reason[:1].upper()}{inference.reason[1:]}."
+    said = inference.reason
+    for frame in (lesson.task.kit.name, lesson.task.robot_frame):
+        said = re.sub(rf"\b{frame}\b", _known(frame, lesson), said)
+    return f"{said[:1].upper()}{said[1:]}."
