@@ -27,7 +27,7 @@ def fitness(see):
 
 
 def test_experiment_1_through_the_page(page, see, server, shoot):
-    expect(see("task-rows")).to_contain_text("YellowBox")
+    expect(see("task-row-YellowBox")).to_be_visible()
     shoot("task")
 
     see("tab-evolve").click()
