@@ -26,9 +26,10 @@ class PlaceFields:
     def __init__(
         self, page: Page, name: str, references: Sequence[str], spot: Spot, moved: Callable[[Spot], Awaitable[None]]
     ) -> None:
-        self._name, self._moved, self._spot, self._quiet = name, moved, spot, False
+        self._name, self._moved, self._spot = name, moved, spot
         self._reference = (
-            ui.select(list(references), value=spot.reference, label="measured from", on_change=page.guard(self._change))
+            ui.select(list(references), value=spot.reference, label="measured from")
+            .on("update:model-value", page.guard(self._change))
             .props(f"dense outlined options-dense data-testid=task-reference-{name}")
             .classes("place-reference")
         )
@@ -42,13 +43,10 @@ class PlaceFields:
 
     def show(self, spot: Spot) -> None:
         """The fields show another place."""
-        self._spot, self._quiet = spot, True
-        try:
-            self._reference.set_value(spot.reference)
-            for axis, field in self._fields.items():
-                field.set_value(_centimetres(spot, axis))
-        finally:
-            self._quiet = False
+        self._spot = spot
+        self._reference.set_value(spot.reference)
+        for axis, field in self._fields.items():
+            field.set_value(_centimetres(spot, axis))
 
     async def _apply(self) -> None:
         values = {axis: field.value for axis, field in self._fields.items()}
@@ -63,10 +61,9 @@ class PlaceFields:
         }
         await self._move(Spot(self._spot.reference, **metres))
 
-    async def _change(self, event) -> None:
+    async def _change(self) -> None:
         """The same numbers from elsewhere would mean another place: it begins in the middle, or on top."""
-        if not self._quiet and event.value != self._spot.reference:
-            await self._move(Spot(event.value, 0.0, 0.0, 0.0))
+        await self._move(Spot(self._reference.value, 0.0, 0.0, 0.0))
 
     async def _move(self, spot: Spot) -> None:
         try:

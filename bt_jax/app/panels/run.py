@@ -44,7 +44,8 @@ class _Run:
         with ui.element("div").classes("run"):
             with ui.row().classes("items-center gap-2 w-full no-wrap"):
                 self.source = (
-                    ui.select([], label="Tree of", on_change=page.guard(self._choose))
+                    ui.select([], label="Tree of")
+                    .on("update:model-value", page.guard(self._choose))
                     .props("dense outlined options-dense data-testid=run-source")
                     .classes("run-source")
                 )
@@ -59,7 +60,8 @@ class _Run:
                     studio.playing, "speed"
                 )
                 self.timeline = (
-                    ui.slider(min=0, max=1, value=0, on_change=page.guard(self._scrub))
+                    ui.slider(min=0, max=1, value=0)
+                    .on("update:model-value", page.guard(self._scrub), throttle=0.1)
                     .props('data-testid=run-timeline markers snap aria-label="Timeline"')
                     .classes("run-timeline")
                 )
@@ -89,25 +91,21 @@ class _Run:
 
     def _sources(self) -> None:
         """Trees to choose from: those of the runs, and the demonstrated one."""
-        if self.page.step != "run":
-            return
         names = self.studio.workspace.run_names()
         lesson = self.studio.lesson
         options = {name: name for name in names} | ({LESSON: LESSON} if lesson is not None else {})
         here = self.studio.run if self.studio.run in options else None
         if lesson is not None and self.studio.tree == lesson.tree:
             here = LESSON
-        self._quietly(lambda: self.source.set_options(options, value=here))
+        self.source.set_options(options, value=here)
         self._refresh()
 
-    async def _choose(self, event) -> None:
-        if self._quiet or event.value is None:
-            return
-        if event.value == LESSON:
+    async def _choose(self) -> None:
+        if self.source.value == LESSON:
             self.studio.tree, self.studio.run = self.studio.lesson.tree, None
             self.studio.changed("tree")
         else:
-            self.studio.open_run(event.value)
+            self.studio.open_run(self.source.value)
         await self.studio.playing.begin()
 
     async def _restart(self) -> None:
@@ -128,9 +126,9 @@ class _Run:
         else:
             self.studio.playing.play()
 
-    async def _scrub(self, event) -> None:
-        if not self._quiet and self.studio.player is not None and event.value != self.studio.player.at:
-            await self.studio.playing.seek(int(event.value))
+    async def _scrub(self) -> None:
+        if self.studio.player is not None and self.timeline.value != self.studio.player.at:
+            await self.studio.playing.seek(int(self.timeline.value))
 
     async def _drop(self, dragged: str, name: str, position: np.ndarray) -> None:
         if self.page.step != "run":
@@ -138,16 +136,6 @@ class _Run:
         if self.studio.player is None:
             raise UserError("nothing runs yet; press Play first, or arrange boxes in the step Task")
         await self.studio.playing.put(name, position)
-
-    _quiet = False
-
-    def _quietly(self, change) -> None:
-        """Changes a control without that counting as a person's choice."""
-        self._quiet = True
-        try:
-            change()
-        finally:
-            self._quiet = False
 
     def _refresh(self) -> None:
         if self.page.step != "run":
@@ -162,11 +150,11 @@ class _Run:
         self.tree.show(studio.tree if player is None else player.tree, studio.task)
         self.targets.clear()
         if player is None:
-            self._quietly(lambda: self._set_timeline(0, 1))
+            self._set_timeline(0, 1)
             self.what.set_text("" if studio.tree else "There is no tree yet: evolve one first, or choose a run above.")
             self.verdict.set_text("")
             return
-        self._quietly(lambda: self._set_timeline(player.at, len(player.moments) - 1))
+        self._set_timeline(player.at, len(player.moments) - 1)
         self.what.set_text(_said(Words(studio.task), player))
         self.verdict.set_text(_verdict(studio, player))
         self.tree.colour(player.statuses)

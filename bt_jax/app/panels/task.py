@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 __all__ = ["build"]
 
 Side = Literal["targets", "start"]
+CHOSEN = "update:model-value"  # by a person: a change by the program would be taken for one in every other window
+UNSAVED = "Changed, and not saved yet."
 HINTS = {
     "targets": "Drag a dashed box in the scene to where the box should be, or write it here.",
     "start": "Drag a box in the scene to where it should start, or write it here.",
@@ -38,14 +40,14 @@ class _Task:
     def __init__(self, studio: Studio, page: Page) -> None:
         self.studio, self.page = studio, page
         self.draws = 0
-        self.quiet = False
         self.shape: tuple = ()
         self.fields: dict[str, PlaceFields] = {}
         self.words: dict[str, ui.label] = {}
         with ui.element("div").classes("task"):
             with ui.row().classes("items-center gap-2 w-full no-wrap"):
                 self.choice = (
-                    ui.select([], label="Task", on_change=page.guard(self._choose))
+                    ui.select([], label="Task")
+                    .on(CHOSEN, page.guard(self._choose))
                     .props("dense outlined options-dense data-testid=task-choice")
                     .classes("task-choice")
                 )
@@ -59,21 +61,26 @@ class _Task:
             with ui.element("div").classes("task-beginning") as self.beginning:
                 with ui.row().classes("items-center gap-2"):
                     self.kit = (
-                        ui.select([], label="The kit stands on", on_change=page.guard(self._move_kit))
+                        ui.select([], label="The kit stands on")
+                        .on(CHOSEN, page.guard(self._move_kit))
                         .props("dense outlined options-dense data-testid=task-kit")
                         .classes("task-reference")
                     )
                     _button("Another random start", "task-random", "shuffle", page.guard(self._random))
-                self.fixed = ui.radio(
-                    {False: "Every episode starts at random", True: "Every episode starts as shown now"},
-                    on_change=page.guard(self._fix),
-                ).props("dense data-testid=task-fixed")
+                self.fixed = (
+                    ui.radio({False: "Every episode starts at random", True: "Every episode starts as shown now"})
+                    .on(CHOSEN, page.guard(self._fix))
+                    .props("dense data-testid=task-fixed")
+                )
             ui.separator()
             with ui.row().classes("items-center gap-2 no-wrap"):
                 self.name = (
                     ui.input("Name of your task").props("dense outlined data-testid=task-name").classes("task-name")
                 )
                 _button("Save", "task-save", "save", page.guard(self._save))
+                self.revert = _button("Discard changes", "task-revert", "undo", page.guard(self._revert)).props(
+                    "outline"
+                )
                 self.saved = ui.label().classes("hint").props("data-testid=task-saved")
         self.tabs.on_value_change(lambda event: self._turn())
         self.tabs.set_value("targets")
@@ -94,20 +101,17 @@ class _Task:
         if self.page.step != "task":
             return
         studio, task = self.studio, self.studio.task
-        self.quiet = True
-        try:
-            names = studio.workspace.task_names()
-            self.choice.set_options([*names, *([] if task.name in names else [task.name])], value=task.name)
-            self.kit.set_options([table.name for table in task.tables], value=kit_table(task, studio.start))
-            self.fixed.set_value(bool(task.layout.fixed))
-        finally:
-            self.quiet = False
+        names = studio.workspace.task_names()
+        self.choice.set_options([*names, *([] if task.name in names else [task.name])], value=task.name)
+        self.kit.set_options([table.name for table in task.tables], value=kit_table(task, studio.start))
+        self.fixed.set_value(bool(task.layout.fixed))
         self.description.set_text(task.description)
         self.beginning.set_visibility(self.side == "start")
         self.hint.set_text(HINTS[self.side])
         if not self.name.value:
             self.name.set_value(task.name if task.name not in task_names() else f"my_{task.name}")
         self.saved.set_text(self._state())
+        self.revert.set_visibility(self.saved.text == UNSAVED)
         targets = {target.object: target for target in task.targets}
         shape = (self.side, task.boxes, tuple(targets))
         if shape != self.shape:
@@ -127,7 +131,7 @@ class _Task:
         except UserError:
             saved = None
         if saved != self.studio.task:
-            return "Changed, and not saved yet."
+            return UNSAVED
         return "" if saved.name in task_names() else f"Saved as tasks/{saved.name}.yaml"
 
     def _build_rows(self, targets: Collection[str]) -> None:
@@ -207,14 +211,22 @@ class _Task:
         self.studio.amend(task)
         self.studio.say("")
 
-    def _choose(self, event) -> None:
-        if not self.quiet and event.value is not None:
-            self.draws = 0
-            self.name.set_value("")
-            try:
-                self.studio.set_task(self.studio.workspace.task(event.value))
-            finally:
-                self._refresh()
+    def _choose(self) -> None:
+        self._open(self.choice.value)
+
+    def _revert(self) -> None:
+        self._open(self.studio.task.name)
+
+    def _open(self, name: str) -> None:
+        """A task as it is in its file; where that is broken, the choice shows again what there is."""
+        try:
+            task = self.studio.workspace.task(name)
+        except UserError:
+            self._refresh()
+            raise
+        self.draws = 0
+        self.name.set_value("")
+        self.studio.set_task(task)
 
     def _random(self) -> None:
         studio = self.studio
@@ -227,15 +239,15 @@ class _Task:
         task = self.studio.task
         return load_task(task.name) if task.layout.fixed and task.name in task_names() else task
 
-    def _move_kit(self, event) -> None:
-        if not self.quiet:
-            self._begin(move_kit(self.studio.task, self.studio.start, event.value))
+    def _move_kit(self) -> None:
+        self._begin(move_kit(self.studio.task, self.studio.start, self.kit.value))
 
-    def _fix(self, event) -> None:
-        if self.quiet:
-            return
+    def _fix(self) -> None:
         task, start = self.studio.task, self.studio.start
-        self.studio.amend(fixed_layout(task, start) if event.value else free_layout(task, self._base()), start)
+        try:
+            self.studio.amend(fixed_layout(task, start) if self.fixed.value else free_layout(task, self._base()), start)
+        finally:
+            self._refresh()
 
     def _save(self) -> None:
         name = self.name.value.strip()
