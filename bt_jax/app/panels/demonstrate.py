@@ -331,7 +331,7 @@ class _Demonstrate:
                     ]
         for frame, cells in self._cells.items():
             for cell, value in zip(cells, session.position(frame), strict=True):
-                cell.set_text(f"{100 * value + 0.0:.1f}".replace("-", "\N{MINUS SIGN}"))
+                cell.set_text(f"{round(100 * float(value), 1) + 0.0:.1f}".replace("-", "\N{MINUS SIGN}"))
 
     def _known(self, frame: str) -> str:
         """What a person calls a frame."""

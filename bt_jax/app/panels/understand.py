@@ -80,9 +80,9 @@ class _Understand:
     def _action(self, lesson: Lesson, index: int, inference: Inference) -> None:
         words, count = Words(lesson.task), len({moment.demonstration for moment in inference.moments})
         with ui.element("div").classes("lesson-action").props(f"data-testid=understand-action-{index + 1}"):
-            with ui.row().classes("items-baseline gap-2 no-wrap"):
-                ui.label(f"{index + 1}.")
-                ui.label(words(inference.behavior)).classes("text-bold").props(f'title="{inference.behavior}"')
+            with ui.element("div").classes("lesson-title"):
+                title = ui.label(f"{index + 1}. {words(inference.behavior)}").classes("text-bold")
+                title.props(f'title="{inference.behavior}"')
                 ui.label(f"in {count} of {len(lesson.demonstrations)} demonstrations").classes("teach-hint")
             if inference.kind == "pick":
                 return
