@@ -23,7 +23,7 @@ from bt_jax.app.workspace import Workspace
 from bt_jax.behaviors import Tree, gene_pool
 from bt_jax.encoding.text import format_tree, parse_tree
 from bt_jax.errors import UserError
-from bt_jax.files import unused, write_atomic
+from bt_jax.files import unused
 from bt_jax.gp.config import GPConfig
 from bt_jax.progress import Progress, is_alive, read_progress
 from bt_jax.run_folder import RunFolder
@@ -58,6 +58,8 @@ class Evolution:
         self.run: str | None = None
         self.stage: Stage = "none"
         self.progress: Progress | None = None
+        self.gone = False  # whether somebody has removed the run folder
+        self.task: Task | None = None  # that it evolves for
         self.tree: Tree | None = None  # the best so far
         self.result: dict[str, Any] | None = None  # `result.json`, where the best tree has been tested
         self.phases: tuple[int, ...] = ()  # generations at which something was taught
@@ -78,6 +80,8 @@ class Evolution:
     def sentence(self) -> str:
         """Where it is, in words."""
         now = self.progress.generation if self.progress else 0
+        if self.gone and self.running:
+            return "The folder of this run has vanished; it is made anew, and what is evolved goes there."
         return {
             "none": "Nothing has been evolved yet.",
             "starting": "Getting ready; the first time, this takes some seconds.",
@@ -87,7 +91,7 @@ class Evolution:
             "testing": "Testing the best tree in layouts that it has never seen.",
             "finished": f"Finished at generation {now}.",
             "stopped": f"Stopped at generation {now}; what was learnt is kept."
-            if self.progress
+            if self.progress and self.progress.best is not None
             else "Stopped before the first generation; nothing was learnt.",
             "failed": self._why(),
             "killed": f"The process that evolved was killed after generation {now}; go on, and it continues from its "
@@ -117,8 +121,8 @@ class Evolution:
         self._check_idle()
         gp.check()
         path = unused(self.workspace.runs / f"{task.name}-{datetime.now():%Y%m%d-%H%M%S}")
-        self.run, self.progress, self.tree, self.phases = path.name, None, None, ()
         self._launch([*self._words(task, gp), "--out", str(path.resolve())])
+        self.run, self.task, self.progress, self.tree, self.phases = path.name, task, None, None, ()
 
     def more(self, generations: int) -> None:
         """Goes on for so many generations more."""
@@ -140,9 +144,7 @@ class Evolution:
         now = self.progress.generation if self.progress else 0
         words = ["--resume", str(folder.path.resolve()), "--generations", str(now + generations)]
         if baseline is not None:
-            source = Path(self._scratch.name) / "baseline.txt"
-            write_atomic(source, format_tree(baseline))
-            words += ["--baseline", str(source)]
+            words += ["--baseline", str(self._written("baseline.txt", format_tree(baseline)))]
         if target_from is not None:
             words += ["--add-target-from", str(target_from.resolve())]
         if subgoal_from is not None:
@@ -169,6 +171,8 @@ class Evolution:
         """Ends the evolution after the present generation; what it has found is kept, and tested."""
         if not self.running:
             raise UserError("nothing is evolving that could be stopped; start an evolution first")
+        if self._stopping:
+            return
         self._stopping = True
         if self.stage == "starting":
             self._signal(signal.SIGKILL)  # it imports and compiles, and has nothing to lose
@@ -184,19 +188,31 @@ class Evolution:
         self._halt = None
         record = read_record(folder)
         self._take(record.progress)
-        self.result, self.phases = record.result, record.phases
-        self.tree = self.tree or record.tree
+        self.task, self.tree, self.result, self.phases = record.config.task, record.tree, record.result, record.phases
         self.stage = self._stage_of_living() if is_alive(folder.path) else self._stage_of_dead()
 
+    def forget(self, name: str) -> None:
+        """Shows nothing any more of a run that was deleted."""
+        if self.run == name and not self.running:
+            self.run, self.stage, self.progress, self.tree, self.result, self.phases = (
+                None,
+                "none",
+                None,
+                None,
+                None,
+                (),
+            )
+
     def find(self) -> str | None:
-        """The name of a run that a process is working on; it was started before this page."""
-        return next((name for name in self.workspace.run_names() if is_alive(self.workspace.runs / name)), None)
+        """The name of the run that a process is working on, which was started before this page, or else of the newest."""
+        names = self.workspace.run_names()
+        return next((name for name in names if is_alive(self.workspace.runs / name)), next(iter(names), None))
 
     def poll(self) -> bool:
         """Looks at what the process has written and whether it lives; whether anything has changed."""
         if self.run is None:
             return False
-        before = self.stage, self.progress
+        before = self.stage, self.progress, self.gone
         path = self.workspace.runs / self.run
         alive = self._process.alive if self._process is not None else is_alive(path)
         self._read(path)
@@ -204,13 +220,14 @@ class Evolution:
             self.stage = self._stage_of_living()
         elif self.stage in RUNNING:
             self.stage = self._stage_of_dead()
-        if not alive and self.progress is not None and not (path / "config.json").is_file():
+        self.gone = self.progress is not None and not (path / "config.json").is_file()
+        if self.gone and not alive:
             self.stage = "vanished"
         if before[0] != self.stage and self.stage in ("evolving", "finished", "stopped"):
             self.result = read_result(RunFolder(path)) if self.stage != "evolving" else None
             with contextlib.suppress(UserError):
-                self.phases = tuple(RunFolder(path).phases())
-        return before != (self.stage, self.progress)
+                self.task, self.phases = RunFolder(path).config().task, tuple(RunFolder(path).phases())
+        return before != (self.stage, self.progress, self.gone)
 
     def _read(self, path: Path) -> None:
         try:
@@ -223,8 +240,6 @@ class Evolution:
         found = read_progress(path)
         if found is None or (self._process is not None and found.pid != self._process.process.pid):
             return
-        if found.stage == "starting" and self.progress is not None:
-            found = dataclasses.replace(self.progress, pid=found.pid, stage=found.stage, generations=found.generations)
         self._take(found)
 
     def _take(self, progress: Progress | None) -> None:
@@ -294,16 +309,24 @@ class Evolution:
         return self.workspace.run(self.run)
 
     def _launch(self, words: Sequence[str]) -> None:
-        if self._reserve is None or not self._reserve.alive:
-            self._reserve = Reserve()
-        self._reserve.train([*words, "--progress"])
-        self._process, self._reserve, self._prepared = self._reserve, None, None
+        reserve = self._reserve if self._reserve is not None and self._reserve.alive else Reserve()
+        self._reserve = self._prepared = None
+        reserve.train([*words, "--progress"])
+        self._process, self._read_at = reserve, None
         self.stage, self.result, self._stopping, self._halt = "starting", None, False, None
+
+    def _written(self, name: str, text: str) -> Path:
+        """A file for the process to read."""
+        try:
+            source = Path(tempfile.mkdtemp(dir=self._scratch.name)) / name
+            source.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise UserError(f"{self._scratch.name} cannot be written ({error.strerror}); free some space") from None
+        return source
 
     def _words(self, task: Task, gp: GPConfig) -> list[str]:
         """The task as a file, and every setting that is not the default, as options of `bt_jax.train`."""
-        source = Path(tempfile.mkdtemp(dir=self._scratch.name)) / f"{task.name}.yaml"
-        write_atomic(source, yaml.safe_dump(task.to_dict(), sort_keys=False))
+        source = self._written(f"{task.name}.yaml", yaml.safe_dump(task.to_dict(), sort_keys=False))
         words = ["--task", str(source)]
         for field in dataclasses.fields(gp):
             value, option = getattr(gp, field.name), field.name.replace("_", "-")

@@ -121,7 +121,7 @@ class _Evolve:
         self.chart.options.clear()
         self.chart.options.update(curve_options(curves, generations=progress.generations if progress else 0))
         self.chart.update()
-        self.tree.show(evolution.tree, self.studio.task)
+        self.tree.show(evolution.tree, evolution.task or self.studio.task)
 
 
 def _number(label: str, testid: str, value: int, low: int, high: int) -> ui.number:
