@@ -18,7 +18,7 @@ from bt_jax.behaviors import Tree
 from bt_jax.demonstrate import DEMONSTRATED, reached_by
 from bt_jax.errors import UserError
 from bt_jax.lessons import choose_frames, lesson_from
-from bt_jax.lfd import DemonstrationFolder, Frames
+from bt_jax.lfd import DemonstrationFolder, Frames, Lesson
 from bt_jax.lfd.clustering import NEEDED
 from bt_jax.mjx_env.layouts import sample_layouts
 from bt_jax.task import Task
@@ -59,7 +59,9 @@ class Teaching:
         self.replayed: str | None = None
         self._replay: asyncio.Task | None = None
         self._refreshing: asyncio.Task | None = None
-        self._lock = asyncio.Lock()
+        self.read = False  # whether `kept` has been read at all
+        self._lock = asyncio.Lock()  # for the demonstration in the making
+        self._reading = asyncio.Lock()
         self._layout = 0  # number of the next random layout
         studio.subscribe("task", self._task_changed)
 
@@ -223,15 +225,15 @@ class Teaching:
 
     async def refresh(self) -> None:
         """Reads the set again and learns from it."""
-        studio = self.studio
-        self.kept = await studio.work(_kept, self.folder)
-        studio.lesson, self.problem = None, ""
-        if self.kept:
-            try:
-                studio.lesson = await studio.work(lesson_from, self.folder.path, studio.task)
-            except UserError as error:
-                self.problem = str(error)
-        studio.changed("demonstrations", "lesson")
+        async with self._reading:
+            studio, folder, task = self.studio, self.folder, self.studio.task
+            kept, lesson, problem = await studio.work(_learnt, folder, task)
+            if (studio.task, self.folder) != (task, folder):
+                return  # another one was chosen meanwhile, and is read next
+            same = self.read and (kept, lesson, problem) == (self.kept, studio.lesson, self.problem)
+            self.read, self.kept, studio.lesson, self.problem = True, kept, lesson, problem
+        if not same:
+            studio.changed("demonstrations", "lesson")
 
     async def replay(self, name: str) -> None:
         """Shows a demonstration again, scene by scene, until it ends or `stop_replay` is called."""
@@ -314,6 +316,15 @@ def _kept(folder: DemonstrationFolder) -> tuple[Kept, ...]:
             )
             found.append(Kept(name, "cannot be used", why))
     return tuple(found)
+
+
+def _learnt(folder: DemonstrationFolder, task: Task) -> tuple[tuple[Kept, ...], Lesson | None, str]:
+    """The demonstrations of a set, what they teach for a task, and why they teach nothing."""
+    kept = _kept(folder)
+    try:
+        return kept, lesson_from(folder.path, task) if kept else None, ""
+    except UserError as error:
+        return kept, None, str(error)
 
 
 def _scenes(studio: Studio, folder: DemonstrationFolder, name: str) -> list[Scene]:

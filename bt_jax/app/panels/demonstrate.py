@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING
 from nicegui import ui
 from nicegui.events import GenericEventArguments
 
-from bt_jax.app.panels.parts import ask, ask_for, button, heading
+from bt_jax.app.panels.parts import ask, ask_for, button, heading, mark
 from bt_jax.app.studio import Studio
 from bt_jax.app.teaching import Direction
 from bt_jax.errors import UserError
 from bt_jax.teleoperation import Landing
 
 if TYPE_CHECKING:
-    from bt_jax.app.page import Page
+    from bt_jax.app.page import Page, Step
 
 __all__ = ["build"]
 
-KEYS_SCRIPT = Path(__file__).parents[1] / "keys.js"
+SCRIPTS = [Path(__file__).parents[1] / name for name in ("keys.js", "focus.js")]
 MOVES: dict[str, Direction] = {
     "ArrowLeft": "left",
     "ArrowRight": "right",
@@ -51,7 +51,8 @@ def build(studio: Studio, page: Page) -> None:
 class _Demonstrate:
     def __init__(self, studio: Studio, page: Page) -> None:
         self.studio, self.page, self.teaching = studio, page, studio.teaching
-        ui.add_head_html(f"<script>{KEYS_SCRIPT.read_text(encoding='utf-8')}</script>")
+        for script in SCRIPTS:
+            ui.add_head_html(f"<script>{script.read_text(encoding='utf-8')}</script>")
         ui.on("teach_key", page.guard(self._key))
         with ui.element("div").classes("teach"):
             self.idle = ui.element("div").classes("teach")
@@ -65,9 +66,10 @@ class _Demonstrate:
         page.on("task", self._task_changed)
         page.on("demonstrations", self._refresh)
         page.on("tree", self._refresh)
-        page.on_step(lambda step: self._enter())
+        page.on_step(page.guard(self._enter))
         page.scene.on_pick(self._clicked)
-        ui.timer(0, page.guard(self.teaching.refresh), once=True)
+        if not self.teaching.read:
+            ui.timer(0, page.guard(self.teaching.refresh), once=True)
 
     def _build_idle(self) -> None:
         teaching, page = self.teaching, self.page
@@ -77,7 +79,7 @@ class _Demonstrate:
                 .props("dense outlined data-testid=demonstrate-set")
                 .classes("w-48")
             )
-            self.set.on_value_change(page.guard(self._use_set))
+            self.set.on("update:model-value", page.guard(self._use_set))
             button("New set", "demonstrate-new-set", "create_new_folder", page.guard(self._new_set), more="flat")
         with ui.row().classes("items-center gap-3 no-wrap"):
             self.dots = ui.label().classes("teach-dots").props("aria-hidden=true")
@@ -95,7 +97,7 @@ class _Demonstrate:
         self.elsewhere = ui.checkbox("Each in another layout", value=teaching.elsewhere).props(
             "dense data-testid=demonstrate-elsewhere"
         )
-        self.elsewhere.on_value_change(lambda event: setattr(teaching, "elsewhere", bool(event.value)))
+        self.elsewhere.on("update:model-value", self._choose_layout)
         ui.label(LAYOUTS).classes("teach-hint")
         heading("Demonstrations")
         self.list = ui.element("div").classes("teach-list").props("data-testid=demonstrate-list role=list")
@@ -202,6 +204,10 @@ class _Demonstrate:
         await self.teaching.discard()
         self.studio.say("The demonstration was discarded; the others are kept.")
 
+    def _choose_layout(self) -> None:
+        self.teaching.elsewhere = bool(self.elsewhere.value)
+        self.studio.changed("demonstrations")
+
     async def _use_set(self) -> None:
         if self.set.value and self.set.value != self.studio.demonstration_set:
             await self.teaching.use_set(self.set.value)
@@ -236,11 +242,14 @@ class _Demonstrate:
             self.step.set_value(100 * self.teaching.step)
             raise
 
-    def _enter(self) -> None:
-        """Whatever other steps have shown in the meantime, here it is the demonstration."""
-        if self.page.step == "demonstrate" and self.studio.session is not None:
+    async def _enter(self, step: Step) -> None:
+        """Whatever other steps have shown in the meantime, here it is the demonstration; what is on the disk is read."""
+        if step != "demonstrate":
+            return
+        if self.studio.session is not None:
             self.studio.show(self.studio.session.world)
         self._refresh()
+        await self.teaching.refresh()
 
     def _task_changed(self) -> None:
         self.picks.clear()
@@ -362,7 +371,8 @@ class _Demonstrate:
 
     def _row(self, name: str, summary: str, problem: str) -> None:
         guard, playing = self.page.guard, self.teaching.replayed == name
-        with ui.element("div").classes("teach-row").props(f'role=listitem data-testid="demonstrate-row-{name}"'):
+        row = ui.element("div").classes("teach-row").props("role=listitem")
+        with mark(row, f"demonstrate-row-{name}"):
             with ui.element("div").classes("teach-what"):
                 ui.label(name).classes("text-bold")
                 ui.label(problem or f"moves {summary}").classes("teach-bad" if problem else "teach-hint")
@@ -371,8 +381,8 @@ class _Demonstrate:
                 ("rename", "edit", "Rename", self._rename),
                 ("delete", "delete", "Delete", self._delete),
             ):
-                label = f'flat aria-label="{text} {name}" title="{text}"'
-                action = button("", f"demonstrate-{key}", icon, guard(functools.partial(handler, name)), more=label)
+                action = button("", "", icon, guard(functools.partial(handler, name)), more="flat")
+                mark(action, f"demonstrate-{key}-{name}", aria_label=f"{text} {name}", title=text)
                 action.set_enabled(key != "replay" or not problem)
 
 

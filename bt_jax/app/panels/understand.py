@@ -15,6 +15,7 @@ from bt_jax.app.studio import Studio
 from bt_jax.app.tree_view import TreeView
 from bt_jax.behaviors import Behavior, Kind
 from bt_jax.encoding.words import Words
+from bt_jax.errors import UserError
 from bt_jax.lfd import Lesson
 from bt_jax.lfd.clustering import NEEDED, SPREAD_FLOOR, Candidate, Inference
 from bt_jax.lfd.explanation import order_sentences, precondition_sentences
@@ -89,7 +90,9 @@ class _Understand:
             with ui.element("div").classes("lesson-frames").props('role=group aria-label="Relative to"'):
                 for frame, candidate in scores(lesson, inference).items():
                     self._frame(lesson, index, inference, frame, candidate)
-            ui.label(_reason(inference, lesson)).classes("teach-hint").props(f"data-testid=understand-reason-{index + 1}")
+            ui.label(_reason(inference, lesson)).classes("teach-hint").props(
+                f"data-testid=understand-reason-{index + 1}"
+            )
             if inference.chosen:
                 back = self.page.guard(functools.partial(self.studio.teaching.choose_frame, index, None))
                 button("As the demonstrations say", f"understand-auto-{index + 1}", "undo", back, more="flat")
@@ -108,7 +111,9 @@ class _Understand:
 
     async def _choose(self, index: int, frame: str) -> None:
         lesson = self.studio.lesson
-        if lesson is None or (lesson.inferences[index].frame == frame and lesson.inferences[index].chosen):
+        if lesson is None or index >= len(lesson.inferences):
+            return  # another window has changed it
+        if lesson.inferences[index].frame == frame and lesson.inferences[index].chosen:
             return
         await self.studio.teaching.choose_frame(index, frame)
         self.studio.say(f"The place is now relative to {frame}, and the tree is learnt anew.")
@@ -138,8 +143,10 @@ class _Understand:
                             ui.label(sentence)
 
     def _run(self) -> None:
-        studio = self.studio
-        studio.tree, studio.run = studio.lesson.tree, None
+        studio, lesson = self.studio, self.studio.lesson
+        if lesson is None:
+            raise UserError("nothing has been learnt yet; demonstrate in step 3")
+        studio.tree, studio.run = lesson.tree, None
         studio.changed("tree", "runs")
         self.page.go("run")
 
