@@ -84,6 +84,18 @@ class Teleoperation:
         """Where the carried object's centre is, in a frame. Raises UserError where nothing is held."""
         return self._in_frame(self._carried(), frame)
 
+    def turn(self, frame: str) -> float:
+        """How far the carried object is turned about the vertical in a frame, degrees in (-180, 180]. Raises UserError where
+        nothing is held."""
+        self._carried()
+        poses = frames(self._now.world, self.task)[0].astype(float)
+        held, other = (
+            Rotation.from_quat(poses[self.task.frames.index(name), 3:], scalar_first=True)
+            for name in (self.held, frame)
+        )
+        (x, y, _) = (other.inv() * held).apply((1.0, 0.0, 0.0))
+        return float(np.degrees(np.arctan2(y, x)))
+
     def pick(self, name: str) -> None:
         """Takes an object and lifts it. Raises UserError where that is not possible."""
         if name not in self.task.box_names:

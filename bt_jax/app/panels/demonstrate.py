@@ -331,16 +331,18 @@ class _Demonstrate:
             self.held_title.set_text("" if held is None else f"Where {held} is, in cm")
             self._cells = {}
             with self.poses:
-                for title in () if held is None else ("seen from", "x", "y", "z"):
+                for title in () if held is None else ("seen from", "x", "y", "z", "turned"):
                     ui.label(title).classes("teach-hint")
                 for frame in () if held is None else [name for name in session.task.frames if name != held]:
                     ui.label(self._known(frame)).props(f'title="{frame}"')
                     self._cells[frame] = [
-                        ui.label().props(f"data-testid=demonstrate-pose-{frame}-{axis}") for axis in "xyz"
+                        ui.label().props(f"data-testid=demonstrate-pose-{frame}-{key}")
+                        for key in ("x", "y", "z", "turn")
                     ]
         for frame, cells in self._cells.items():
-            for cell, value in zip(cells, session.position(frame), strict=True):
-                cell.set_text(f"{round(100 * float(value), 1) + 0.0:.1f}".replace("-", "\N{MINUS SIGN}"))
+            values = [_number(100 * value) for value in session.position(frame)]
+            for cell, text in zip(cells, (*values, f"{_number(session.turn(frame))}°"), strict=True):
+                cell.set_text(text)
 
     def _known(self, frame: str) -> str:
         """What a person calls a frame."""
@@ -384,6 +386,11 @@ class _Demonstrate:
                 action = button("", "", icon, guard(functools.partial(handler, name)), more="flat")
                 mark(action, f"demonstrate-{key}-{name}", aria_label=f"{text} {name}", title=text)
                 action.set_enabled(key != "replay" or not problem)
+
+
+def _number(value: float) -> str:
+    """With one digit after the point, and no minus before zero."""
+    return f"{round(float(value), 1) + 0.0:.1f}".replace("-", "\N{MINUS SIGN}")
 
 
 def _landing_sentence(held: str, landing: Landing, *, drop: float) -> str:

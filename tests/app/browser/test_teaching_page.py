@@ -73,8 +73,10 @@ def test_three_demonstrations_by_keyboard_only(page, see, demonstrate):
     expect(see("understand-frame-2-YellowBox").locator("circle")).to_have_count(3)
     expect(see("understand-goal-1")).to_contain_text("GreenBox is on top of YellowBox")
     expect(see("understand-tree")).to_contain_text("Put GreenBox on")
-    see("understand-frame-2-KittingBox").click()
+    see("understand-frame-2-KittingBox").focus()
+    page.keyboard.press("Enter")
     expect(see("understand-frame-2-KittingBox")).to_have_attribute("aria-pressed", "true")
+    expect(see("understand-frame-2-KittingBox")).to_be_focused()
     expect(see("understand-reason-2")).to_contain_text("Chosen by hand; the demonstrations alone say YellowBox")
     expect(see("understand-tree")).not_to_contain_text("YellowBox")
     assert set(demonstrate.read().chosen.values()) == {"KittingBox"}
