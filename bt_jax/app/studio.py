@@ -93,6 +93,16 @@ class Studio:
         self.changed("task", "scene", "player")
 
     @property
+    def unsaved(self) -> bool:
+        """Whether the task is another than its file says, nor that of the run that is shown."""
+        with contextlib.suppress(UserError):
+            if self.workspace.task(self.task.name) == self.task:
+                return False
+        with contextlib.suppress(UserError):
+            return self.run is None or self.workspace.run(self.run).config().task != self.task
+        return True
+
+    @property
     def physics(self) -> Physics:
         """The C engine, which starts at once, for the task; to be used in `work` only."""
         if self._physics is None or self._physics.task is not self.task:

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import yaml
 
+from bt_jax.behaviors import Tree
+from bt_jax.encoding.reading import read_tree
 from bt_jax.errors import UserError
 from bt_jax.files import is_name, write_atomic
 from bt_jax.lfd import DemonstrationFolder
@@ -51,6 +53,15 @@ class Workspace:
         if not (path / "config.json").is_file():
             raise UserError(f"the run {name} is no longer there; choose another, or evolve again")
         return RunFolder(path)
+
+    def learnt_names(self) -> list[str]:
+        """Folders that `bt_jax.learn` has left among the runs, the newest first."""
+        found = [path for path in _folders(self.runs) if (path / LEARNT).is_file()]
+        return [path.name for path in sorted(found, key=lambda path: (path / LEARNT).stat().st_mtime, reverse=True)]
+
+    def learnt_tree(self, name: str) -> Tree:
+        """The tree in such a folder. Raises UserError where it has gone or cannot be read."""
+        return read_tree(self.inside(self.runs, name) / LEARNT)
 
     def delete_run(self, name: str) -> None:
         """Removes a run folder. Raises UserError as `run` does, and where a process is training there."""

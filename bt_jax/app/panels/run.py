@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from nicegui import ui
 
+from bt_jax.app.panels.parts import button, may_leave
 from bt_jax.app.player import Moment, Player
 from bt_jax.app.playing import SPEEDS
 from bt_jax.app.studio import Studio
@@ -41,6 +42,7 @@ class _Run:
     def __init__(self, studio: Studio, page: Page) -> None:
         self.studio, self.page = studio, page
         self._layout = 0
+        self.learnt: dict[str, str] = {}
         with ui.element("div").classes("run"):
             with ui.row().classes("items-center gap-2 w-full no-wrap"):
                 self.source = (
@@ -49,11 +51,11 @@ class _Run:
                     .props("dense outlined options-dense data-testid=run-source")
                     .classes("run-source")
                 )
-                self.anew = _button("Start over", "run-restart", "replay", page.guard(self._restart))
-                self.other = _button("Other start", "run-layout", "shuffle", page.guard(self._other_layout))
+                self.anew = button("Start over", "run-restart", "replay", page.guard(self._restart))
+                self.other = button("Other start", "run-layout", "shuffle", page.guard(self._other_layout))
             with ui.row().classes("items-center gap-2 w-full no-wrap"):
-                self.toggle = _button("Play", "run-play", "play_arrow", page.guard(self._toggle))
-                self.step = _button("One tick", "run-tick", "skip_next", page.guard(studio.playing.tick))
+                self.toggle = button("Play", "run-play", "play_arrow", page.guard(self._toggle))
+                self.step = button("One tick", "run-tick", "skip_next", page.guard(studio.playing.tick))
                 ui.select(
                     {speed: f"{speed:g} \N{MULTIPLICATION SIGN}" for speed in SPEEDS}, value=1.0, label="Speed"
                 ).props("dense outlined options-dense data-testid=run-speed").classes("run-speed").bind_value(
@@ -91,22 +93,31 @@ class _Run:
 
     def _sources(self) -> None:
         """Trees to choose from: those of the runs, and the demonstrated one."""
-        names = self.studio.workspace.run_names()
-        lesson = self.studio.lesson
-        options = {name: name for name in names} | ({LESSON: LESSON} if lesson is not None else {})
-        here = self.studio.run if self.studio.run in options else None
-        if lesson is not None and self.studio.tree == lesson.tree:
-            here = LESSON
-        self.source.set_options(options, value=here)
+        studio, lesson = self.studio, self.studio.lesson
+        self.learnt = {f"learnt: {name}": name for name in studio.workspace.learnt_names()}
+        options = [*studio.workspace.run_names(), *([LESSON] if lesson is not None else []), *self.learnt]
+        here = studio.run
+        if here is None and studio.tree is not None:
+            here = LESSON if lesson is not None and studio.tree == lesson.tree else self.source.value
+        self.source.set_options(options, value=here if here in options else None)
         self._refresh()
 
     async def _choose(self) -> None:
-        if self.source.value == LESSON:
-            self.studio.tree, self.studio.run = self.studio.lesson.tree, None
-            self.studio.changed("tree")
-        else:
-            self.studio.open_run(self.source.value)
-        await self.studio.playing.begin()
+        studio, name = self.studio, self.source.value
+        try:
+            if name == LESSON:
+                studio.tree, studio.run = studio.lesson.tree, None
+                studio.changed("tree")
+            elif name in self.learnt:
+                studio.tree, studio.run = studio.workspace.learnt_tree(self.learnt[name]), None
+                studio.changed("tree")
+            elif studio.workspace.run(name).config().task == studio.task or await may_leave(studio):
+                studio.open_run(name)
+            else:
+                return
+            await studio.playing.begin()
+        finally:
+            self._sources()
 
     async def _restart(self) -> None:
         await self.studio.playing.begin(None if self._layout == 0 else self._drawn())
@@ -165,10 +176,6 @@ class _Run:
     def _set_timeline(self, value: int, last: int) -> None:
         self.timeline.props(f"max={max(last, 1)}")
         self.timeline.set_value(value)
-
-
-def _button(text: str, testid: str, icon: str, handler) -> ui.button:
-    return ui.button(text, icon=icon, on_click=handler).props(f"no-caps unelevated dense data-testid={testid}")
 
 
 def _said(words: Words, player: Player) -> str:

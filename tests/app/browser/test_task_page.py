@@ -16,19 +16,20 @@ STACK = load_task("stack")
 def fresh(page, see):
     """Every test begins with the task `stack` as it comes with the package."""
     at_rest(page)
-    if see("task-description").inner_text() != STACK.description:
-        choose(page, see, "stack")
-    elif see("task-revert").is_visible():
+    if see("task-revert").is_visible():
         see("task-revert").click()
+        expect(see("task-revert")).not_to_be_visible()
+    choose(page, see, "pyramid")
+    choose(page, see, "stack")
     expect(see("task-saved")).to_have_text("")
     at_rest(page)
 
 
-def choose(page, see, name):
+def choose(page, see, name, *, described=None):
     see("task-choice").click()
     page.get_by_role("option", name=name, exact=True).click()
-    if name in task_names():
-        expect(see("task-description")).to_have_text(load_task(name).description)
+    if (described or name) in task_names():
+        expect(see("task-description")).to_have_text(load_task(described or name).description)
 
 
 def fill(page, see, field, value):
@@ -69,6 +70,24 @@ def test_a_target_is_dragged_beside_another(page, see):
     expect(see("task-up-GreenBox")).to_have_value("0.0")
     drag(page, "YellowBox", green, target=True)  # and on top of that
     expect(see("task-words-YellowBox")).to_have_text("on top of GreenBox")
+
+
+def test_changes_are_not_lost_unasked(page, see, server):
+    see("task-remove-GreenBox").click()
+    expect(see("task-saved")).to_have_text("Changed, and not saved yet.")
+    choose(page, see, "pyramid", described="stack")
+    page.get_by_text("Cancel").click()
+    expect(see("task-words-GreenBox")).to_have_text("may be anywhere")
+    (server.folder / "tasks").mkdir(exist_ok=True)
+    taken = server.folder / "tasks" / "taken.yaml"
+    taken.write_text("extends: pyramid\nname: taken\n")
+    see("task-name").fill("taken")
+    see("task-save").click()
+    page.get_by_text("Cancel").click()
+    assert load_task(taken).targets == load_task("pyramid").targets
+    choose(page, see, "pyramid", described="stack")
+    see("task-leave-yes").click()
+    expect(see("task-description")).to_have_text(load_task("pyramid").description)
 
 
 def test_a_target_is_written_by_keyboard(page, see):
