@@ -9,22 +9,21 @@ import contextlib
 import dataclasses
 import os
 import signal
-import tempfile
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Literal
 
-import yaml
-
+from bt_jax.app.orders import Orders
 from bt_jax.app.record import read_record, read_result
 from bt_jax.app.reserve import Reserve
 from bt_jax.app.workspace import Workspace
 from bt_jax.behaviors import Tree, gene_pool
-from bt_jax.encoding.text import format_tree, parse_tree
+from bt_jax.encoding.text import parse_tree
 from bt_jax.errors import UserError
 from bt_jax.files import unused
 from bt_jax.gp.config import GPConfig
+from bt_jax.lessons import Changes
 from bt_jax.progress import Progress, is_alive, read_progress
 from bt_jax.run_folder import RunFolder
 from bt_jax.task import Task
@@ -69,7 +68,7 @@ class Evolution:
         self._stopping = False
         self._halt: bool | None = None  # what was asked for last and not yet seen
         self._read_at: int | None = None  # modification time of what was read last
-        self._scratch = tempfile.TemporaryDirectory(prefix="bt_jax-")
+        self._orders = Orders()
 
     @property
     def running(self) -> bool:
@@ -108,7 +107,7 @@ class Evolution:
             return
         self.discard_reserve()
         self._reserve, self._prepared = Reserve(), key
-        self._reserve.warm(self._words(task, gp))
+        self._reserve.warm(self._orders.start(task, gp))
 
     def discard_reserve(self) -> None:
         """Ends the process in reserve; one that evolves goes on."""
@@ -121,14 +120,14 @@ class Evolution:
         self._check_idle()
         gp.check()
         path = unused(self.workspace.runs / f"{task.name}-{datetime.now():%Y%m%d-%H%M%S}")
-        self._launch([*self._words(task, gp), "--out", str(path.resolve())])
+        self._launch(self._orders.start(task, gp, path))
         self.run, self.task, self.progress, self.tree, self.phases = path.name, task, None, None, ()
 
     def more(self, generations: int) -> None:
         """Goes on for so many generations more."""
         folder = self._folder()
         total = generations + (self.progress.generation if self.progress else 0)
-        self._launch(["--resume", str(folder.path.resolve()), "--generations", str(total)])
+        self._launch(self._orders.go_on(folder.path, total))
 
     def next_phase(
         self,
@@ -142,16 +141,8 @@ class Evolution:
         """Goes on for so many generations with what demonstrations have taught; see `bt_jax.lessons.Changes`."""
         folder = self._folder()
         now = self.progress.generation if self.progress else 0
-        words = ["--resume", str(folder.path.resolve()), "--generations", str(now + generations)]
-        if baseline is not None:
-            words += ["--baseline", str(self._written("baseline.txt", format_tree(baseline)))]
-        if target_from is not None:
-            words += ["--add-target-from", str(target_from.resolve())]
-        if subgoal_from is not None:
-            words += ["--add-subgoal-from", str(subgoal_from.resolve())]
-        if baseline_index is not None:
-            words += ["--baseline-index", str(baseline_index)]
-        self._launch(words)
+        changes = Changes(baseline, target_from=target_from, subgoal_from=subgoal_from, baseline_index=baseline_index)
+        self._launch(self._orders.go_on(folder.path, now + generations, changes))
 
     def pause(self) -> None:
         """Halts the process where it is."""
@@ -314,29 +305,6 @@ class Evolution:
         reserve.train([*words, "--progress"])
         self._process, self._read_at = reserve, None
         self.stage, self.result, self._stopping, self._halt = "starting", None, False, None
-
-    def _written(self, name: str, text: str) -> Path:
-        """A file for the process to read."""
-        try:
-            source = Path(tempfile.mkdtemp(dir=self._scratch.name)) / name
-            source.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise UserError(f"{self._scratch.name} cannot be written ({error.strerror}); free some space") from None
-        return source
-
-    def _words(self, task: Task, gp: GPConfig) -> list[str]:
-        """The task as a file, and every setting that is not the default, as options of `bt_jax.train`."""
-        source = self._written(f"{task.name}.yaml", yaml.safe_dump(task.to_dict(), sort_keys=False))
-        words = ["--task", str(source)]
-        for field in dataclasses.fields(gp):
-            value, option = getattr(gp, field.name), field.name.replace("_", "-")
-            if value == field.default:
-                continue
-            if isinstance(value, bool):
-                words.append(f"--{option}" if value else f"--no-{option}")
-            else:
-                words += [f"--{option}", getattr(value, "name", str(value))]
-        return words
 
 
 def _is_halted(pid: int) -> bool:

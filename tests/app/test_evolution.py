@@ -12,12 +12,11 @@ from bt_jax.app.studio import Studio
 from bt_jax.app.workspace import Workspace
 from bt_jax.encoding.text import one_line, parse_tree
 from bt_jax.errors import UserError
-from bt_jax.gp.config import GPConfig, Selection
+from bt_jax.gp.config import GPConfig
 from bt_jax.gp.evolution import Generation
 from bt_jax.progress import Reporter, locked, read_progress
 from bt_jax.run_folder import RunConfig, RunFolder
 from bt_jax.task import load_task
-from bt_jax.train import parse
 from bt_jax.training import Settings
 
 STACK = load_task("stack")
@@ -161,20 +160,10 @@ def test_a_reserve_trains_what_it_is_told_though_prepared_for_another(evolution)
 
 def test_what_the_process_refuses_is_said(evolution):
     task = dataclasses.replace(STACK, boxes=(), targets=())
-    evolution._launch(evolution._words(task, GPConfig()))
+    evolution._launch(evolution._orders.start(task, GPConfig()))
     evolution.run = "none"
     until(evolution, "failed")
     assert "nothing to move" in evolution.sentence
-
-
-def test_every_setting_reaches_the_command_line(evolution):
-    gp = GPConfig(
-        population=24, generations=7, seed=3, max_nodes=32, baseline_keep=False, niches=True, p_add=0.2, p_change=0.3,
-        parent_selection=Selection.RANK, elites=3,
-    )  # fmt: skip
-    found = parse(evolution._words(STACK, gp))
-    assert found.gp == gp
-    assert load_task(found.task) == STACK
 
 
 @pytest.mark.parametrize(("stage", "shown"), [("evolving", "killed"), ("testing", "killed"), ("finished", "finished")])

@@ -39,8 +39,8 @@ def test_experiment_1_through_the_page(page, see, server, shoot):
 
     see("tab-demonstrate").click()
     for number in range(1, 4):
-        see("demonstrate-new-reached").focus()
-        page.keyboard.press("Enter")
+        expect(see("demonstrate-new-reached")).to_be_enabled()
+        see("demonstrate-new-reached").press("Enter")
         expect(see("demonstrate-finish")).to_be_visible()
         page.keyboard.press("3")
         expect(see("demonstrate-done")).to_contain_text("Pick up BlueBox")
@@ -50,8 +50,7 @@ def test_experiment_1_through_the_page(page, see, server, shoot):
             shoot("demonstrate")
         page.keyboard.press("r")
         expect(see("demonstrate-done")).to_contain_text("Put BlueBox on top of GreenBox")
-        see("demonstrate-finish").focus()
-        page.keyboard.press("Enter")
+        see("demonstrate-finish").press("Enter")
         expect(see("demonstrate-progress")).to_contain_text(re.compile(rf"^{number} "))
     taught = DemonstrationFolder(server.folder / "demonstrations" / "demonstrations").read()
     assert [len(one.actions) for one in taught] == [2, 2, 2]
