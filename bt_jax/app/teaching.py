@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from bt_jax.app.replay import Scene, described, handled, scenes
+from bt_jax.app.trial import Trial, try_out
 from bt_jax.behaviors import Tree
 from bt_jax.demonstrate import DEMONSTRATED, reached_by
 from bt_jax.errors import UserError
@@ -56,6 +57,8 @@ class Teaching:
         self.elsewhere = True
         self.kept: tuple[Kept, ...] = ()
         self.problem = ""
+        self.trial: Trial | None = None  # of the tree that was learnt
+        self.trying = False
         self.replayed: str | None = None
         self._replay: asyncio.Task | None = None
         self._refreshing: asyncio.Task | None = None
@@ -199,7 +202,7 @@ class Teaching:
         """Another set of demonstrations, there already or not."""
         self.studio.workspace.demonstration_set(name)
         self.studio.demonstration_set = name
-        self._layout = 0
+        self._layout, self.read = 0, False
         await self.refresh()
 
     async def rename(self, name: str, new: str) -> None:
@@ -233,7 +236,24 @@ class Teaching:
             same = self.read and (kept, lesson, problem) == (self.kept, studio.lesson, self.problem)
             self.read, self.kept, studio.lesson, self.problem = True, kept, lesson, problem
         if not same:
+            self.trial = None
             studio.changed("demonstrations", "lesson")
+
+    async def try_out(self) -> None:
+        """Finds out how often the learnt tree works, in a process of its own."""
+        studio, lesson = self.studio, self.studio.lesson
+        if lesson is None:
+            raise UserError("nothing has been learnt yet; give demonstrations in step 3")
+        if self.trying:
+            raise UserError("the tree is being tried already; wait for what comes of it")
+        self.trying = True
+        studio.changed("lesson")
+        try:
+            trial = await try_out(self.folder.path, lesson.task, studio.workspace.runs)
+            self.trial = trial if studio.lesson is lesson or studio.lesson == lesson else None
+        finally:
+            self.trying = False
+            studio.changed("lesson", "runs")
 
     async def replay(self, name: str) -> None:
         """Shows a demonstration again, scene by scene, until it ends or `stop_replay` is called."""

@@ -226,6 +226,19 @@ async def test_the_list_is_kept(studio, tmp_path):
 
 
 @in_loop
+async def test_windows_hear_of_another_set_and_of_nothing_else(studio):
+    heard = []
+    studio.subscribe("demonstrations", lambda: heard.append(studio.demonstration_set))
+    await studio.teaching.refresh()
+    await studio.teaching.use_set("other")
+    assert heard == ["demonstrations", "other"]
+    lesson = studio.lesson
+    await asyncio.gather(studio.teaching.refresh(), studio.teaching.refresh())
+    assert heard == ["demonstrations", "other"]
+    assert studio.lesson is lesson
+
+
+@in_loop
 async def test_a_replay_shows_what_was_recorded(studio, monkeypatch):
     monkeypatch.setattr("bt_jax.app.teaching.PACE", 0.0)
     teaching = studio.teaching

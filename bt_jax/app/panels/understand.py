@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING
 from nicegui import ui
 
 from bt_jax.app.clusters import cluster_svg, scores
+from bt_jax.app.panels.keep import FORMATS
 from bt_jax.app.panels.parts import button, heading
 from bt_jax.app.studio import Studio
 from bt_jax.app.tree_view import TreeView
+from bt_jax.app.trial import LAYOUTS
 from bt_jax.behaviors import Behavior, Kind
 from bt_jax.encoding.words import Words
 from bt_jax.errors import UserError
@@ -43,6 +45,14 @@ class _Understand:
                     button("Run it", "understand-run", "play_arrow", page.guard(self._run), more="outline")
                     combine = page.guard(lambda: page.go("combine"))
                     button("Combine with evolution", "understand-combine", "merge", combine)
+                with ui.row().classes("gap-2 items-center w-full"):
+                    text = f"Try it in {LAYOUTS} layouts"
+                    self.try_out = button(text, "understand-try", "casino", page.guard(self._try_out), more="outline")
+                    ui.label("Download").classes("teach-hint")
+                    for kind in FORMATS:
+                        download = page.guard(functools.partial(self._download, kind))
+                        button(kind.upper(), f"understand-{kind}", "download", download, more="flat")
+                self.trial = ui.label().props("data-testid=understand-trial")
                 with ui.element("div").classes("lesson-tree"):
                     self.tree = TreeView(page, testid="understand-tree")
         page.on("lesson", self._refresh)
@@ -53,6 +63,10 @@ class _Understand:
         self.learnt.set_visibility(lesson is not None)
         if lesson is not None:
             self.tree.show(lesson.tree, lesson.task)
+        self.try_out.set_enabled(not teaching.trying)
+        trying = "Running it; this takes a while the first time." if teaching.trying else ""
+        self.trial.set_text(teaching.trial.sentence if teaching.trial else trying)
+        self.trial.set_visibility(bool(self.trial.text))
         with self.area:
             ui.label(teaching.progress).props("data-testid=understand-progress")
             if teaching.problem:
@@ -141,6 +155,19 @@ class _Understand:
                     for sentence in sentences:
                         with ui.element("li"):
                             ui.label(sentence)
+
+    async def _try_out(self) -> None:
+        await self.studio.teaching.try_out()
+        trial = self.studio.teaching.trial
+        if trial is not None:
+            self.studio.say(f"{trial.sentence} All that was learnt is kept in {trial.folder}.")
+
+    def _download(self, kind: str) -> None:
+        lesson = self.studio.lesson
+        if lesson is None:
+            raise UserError("nothing has been learnt yet; demonstrate in step 3")
+        ui.download.content(FORMATS[kind](lesson.tree), f"learnt_tree.{kind}")
+        self.studio.say(f"The learnt tree is in your downloads, as learnt_tree.{kind}.")
 
     def _run(self) -> None:
         studio, lesson = self.studio, self.studio.lesson
