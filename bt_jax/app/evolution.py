@@ -82,7 +82,7 @@ class Evolution:
         if self.gone and self.running:
             return "The folder of this run has vanished; it is made anew, and what is evolved goes there."
         return {
-            "none": "Nothing has been evolved yet.",
+            "none": "Press Start: trees of steps are tried, and the best improved, until one does the task.",
             "starting": "Getting ready; the first time, this takes some seconds.",
             "evolving": "Evolving.",
             "paused": "Paused; resume when you like.",

@@ -61,7 +61,11 @@ class _Evolve:
                 self.best = _figure("best fitness (the closer to 0, the better)", "evolve-best")
                 self.mean = _figure("mean of the population", "evolve-mean")
                 self.episodes = _figure("trees tried", "evolve-episodes")
-            self.chart = ui.echart(curve_options([])).classes("evolve-chart").props("data-testid=evolve-chart")
+            self.chart = (
+                ui.echart(curve_options([]))
+                .classes("evolve-chart")
+                .props('data-testid=evolve-chart role=img aria-label="Learning curve"')
+            )
             heading("Best tree so far")
             with ui.element("div").classes("evolve-tree"):
                 self.tree = TreeView(page, testid="evolve-tree")

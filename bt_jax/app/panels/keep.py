@@ -60,7 +60,11 @@ class _Keep:
                     button("Film", "keep-film", "movie", page.guard(self._film)),
                     button("Delete", "keep-delete", "delete", page.guard(self._delete)),
                 ]
-            self.chart = ui.echart(curve_options([])).classes("evolve-chart").props("data-testid=keep-chart")
+            self.chart = (
+                ui.echart(curve_options([]))
+                .classes("evolve-chart")
+                .props('data-testid=keep-chart role=img aria-label="Learning curves"')
+            )
             with ui.row().classes("w-full no-wrap gap-2 keep-trees"):
                 self.trees = [_Side(page, number) for number in range(2)]
         page.on("runs", page.guard(self._list), now=False)
