@@ -24,26 +24,38 @@ class PlaceFields:
     is said, and the fields show again what is."""
 
     def __init__(
-        self, page: Page, name: str, references: Sequence[str], spot: Spot, moved: Callable[[Spot], Awaitable[None]]
+        self,
+        page: Page,
+        name: str,
+        references: Sequence[str],
+        spot: Spot,
+        moved: Callable[[Spot], Awaitable[None]],
+        *,
+        step: str = "task",
     ) -> None:
         self._name, self._moved, self._spot = name, moved, spot
         self._reference = (
             ui.select(list(references), value=spot.reference, label="measured from")
             .on("update:model-value", page.guard(self._change))
-            .props(f"dense outlined options-dense data-testid=task-reference-{name}")
+            .props(f"dense outlined options-dense data-testid={step}-reference-{name}")
             .classes("place-reference")
         )
         self._fields: dict[str, ui.number] = {}
         for axis, label in AXES:
-            field = ui.number(label, step=1, format="%.1f").props(f"dense outlined data-testid=task-{axis}-{name}")
+            field = ui.number(label, step=1, format="%.1f").props(f"dense outlined data-testid={step}-{axis}-{name}")
             for event in APPLY:
                 field.on(event, page.guard(self._apply))
             self._fields[axis] = field.classes("place-number")
-        self.show(spot)
+        self._restore()
 
     def show(self, spot: Spot) -> None:
-        """The fields show another place."""
-        self._spot = spot
+        """The fields show another place; what somebody is writing stays where it is still the same."""
+        if spot != self._spot:
+            self._spot = spot
+            self._restore()
+
+    def _restore(self) -> None:
+        spot = self._spot
         self._reference.set_value(spot.reference)
         for axis, field in self._fields.items():
             field.set_value(_centimetres(spot, axis))
@@ -53,7 +65,7 @@ class PlaceFields:
         if values == {axis: _centimetres(self._spot, axis) for axis in values}:
             return
         if None in values.values():
-            self.show(self._spot)
+            self._restore()
             raise UserError(f"a number is missing for {self._name}; write how many centimetres")
         metres = {
             axis: getattr(self._spot, axis) if value == _centimetres(self._spot, axis) else value / 100
@@ -69,7 +81,7 @@ class PlaceFields:
         try:
             await self._moved(spot)
         except UserError:
-            self.show(self._spot)
+            self._restore()
             raise
 
 

@@ -23,6 +23,8 @@ from bt_jax.task import Task, load_task, task_names
 
 __all__ = ["Workspace"]
 
+LEARNT = "learnt_tree.txt"
+
 
 @dataclasses.dataclass(frozen=True)
 class Workspace:

@@ -108,6 +108,9 @@ def test_a_fold_inside_a_gene():
     some = _drawn(to_svg(tree, words=STACK, folded={"node-1-2"}))
     assert [name for name in some if name.startswith("node-1")] == ["node-1", "node-1-1", "node-1-2"]
     assert "foldable" in some["node-1"].get("class")
+    assert some["node-1"].get("tabindex") == "0"
+    assert 'role="group"' in to_svg(tree, folded=set())
+    assert 'role="img"' in to_svg(tree)
     gene = _drawn(to_svg(tree, words=STACK, folded={"node-1"}))
     assert list(gene) == ["node-0", "node-1", "node-2"]
     assert "foldable" not in gene["node-2"].get("class")

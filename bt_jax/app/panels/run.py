@@ -8,8 +8,10 @@ import numpy as np
 from nicegui import ui
 
 from bt_jax.app.panels.parts import button, may_leave
+from bt_jax.app.place_fields import PlaceFields
 from bt_jax.app.player import Moment, Player
 from bt_jax.app.playing import SPEEDS
+from bt_jax.app.spots import Spot, origins, spot_at
 from bt_jax.app.studio import Studio
 from bt_jax.app.tree_view import TreeView
 from bt_jax.encoding.words import Words
@@ -43,6 +45,7 @@ class _Run:
         self.studio, self.page = studio, page
         self._layout = 0
         self.learnt: dict[str, str] = {}
+        self.fields: PlaceFields | None = None
         with ui.element("div").classes("run"):
             with ui.row().classes("items-center gap-2 w-full no-wrap"):
                 self.source = (
@@ -71,7 +74,16 @@ class _Run:
             with ui.row().classes("gap-2") as self.targets:
                 pass
             self.verdict = ui.label().props("data-testid=run-verdict")
-            self.hint = ui.label("Drag a box in the scene at any time, and watch how the tree reacts.").classes("hint")
+            with ui.row().classes("items-center gap-2") as self.hint:
+                ui.label("Drag a box in the scene at any time, and watch how the tree reacts.").classes("hint")
+                self.hand = (
+                    ui.select([], label="or by numbers", clearable=True)
+                    .on("update:model-value", page.guard(self._take))
+                    .props("dense outlined options-dense data-testid=run-box")
+                    .classes("run-box")
+                )
+            with ui.row().classes("items-center gap-2 no-wrap") as self.numbers:
+                pass
             self.tree = TreeView(page, testid="run-tree", legend=True)
         page.on("tree", self._sources)
         page.on("runs", self._sources, now=False)
@@ -141,6 +153,25 @@ class _Run:
         if self.studio.player is not None and self.timeline.value != self.studio.player.at:
             await self.studio.playing.seek(int(self.timeline.value))
 
+    def _take(self) -> None:
+        """Fields for the place of the box that is chosen."""
+        self.numbers.clear()
+        self.fields, player, task = None, self.studio.player, self.studio.task
+        if self.hand.value not in task.box_names or player is None:
+            return
+        name = self.hand.value
+        others = [other for other in task.box_names if other != name]
+        references = [*(table.name for table in task.tables), task.kit.name, *others]
+        with self.numbers:
+            spot = spot_at(task, player.world, name)
+            self.fields = PlaceFields(self.page, name, references, spot, self._move, step="run")
+
+    async def _move(self, spot: Spot) -> None:
+        player, task, name = self.studio.player, self.studio.task, self.hand.value
+        if player is None:
+            raise UserError("nothing runs; choose a tree first")
+        await self.studio.playing.put(name, spot.point(task, name, origins(task, player.world, ended=False)))
+
     async def _drop(self, dragged: str, name: str, position: np.ndarray) -> None:
         if self.page.step != "run":
             return
@@ -160,6 +191,10 @@ class _Run:
         self.hint.set_visibility(player is not None)
         self.tree.show(studio.tree if player is None else player.tree, studio.task)
         self.targets.clear()
+        names = list(studio.task.box_names)
+        if self.hand.options != names or (player is None and self.hand.value is not None):
+            self.hand.set_options(names, value=None)
+            self._take()
         if player is None:
             self._set_timeline(0, 1)
             self.what.set_text("" if studio.tree else "There is no tree yet: evolve one first, or choose a run above.")
@@ -169,6 +204,8 @@ class _Run:
         self.what.set_text(_said(Words(studio.task), player))
         self.verdict.set_text(_verdict(studio, player))
         self.tree.colour(player.statuses)
+        if self.fields is not None:
+            self.fields.show(spot_at(studio.task, player.world, self.hand.value))
         with self.targets:
             for target in studio.task.targets:
                 _target(studio.task, target.object, player.distances[target.object])

@@ -160,6 +160,25 @@ def test_the_tree_reacts_to_a_box_that_is_dragged_away(page, see):
     assert math.dist(position(page, "GreenBox")[:2], kit[:2]) < 0.05
 
 
+def test_a_box_is_moved_by_numbers(page, see):
+    play_to_the_end(see)
+    see("run-box").click()
+    page.get_by_role("option", name="GreenBox").click()
+    see("run-right-GreenBox").fill("300")
+    page.keyboard.press("Enter")
+    expect(see("message")).to_contain_text("out of reach for GreenBox")
+    see("run-reference-GreenBox").click()
+    page.get_by_role("option", name=free_table(page), exact=True).click()
+    expect(see("run-what")).to_contain_text(re.compile("you moved GreenBox|Pick up GreenBox"))
+    expect(see("run-verdict")).to_contain_text("Everything is where it should be.")
+
+
+def free_table(page):
+    """A table on which neither the kit nor a box stands."""
+    taken = [position(page, name)[0] for name in ("KittingBox", *STACK.box_names)]
+    return next(table.name for table in STACK.tables if min(abs(table.position[0] - x) for x in taken) > 0.4)
+
+
 def test_what_cannot_be_is_said_and_the_run_goes_on(page, see):
     blue = position(page, "BlueBox")
     drag(page, "BlueBox", [0.5, blue[1]])
