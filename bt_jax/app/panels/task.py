@@ -214,10 +214,11 @@ class _Task:
     def _begin(self, world) -> None:
         """The scene starts like this; so does every episode, where that was wanted."""
         task = self.studio.task
-        self.studio.amend(fixed_layout(task, world) if task.layout.fixed else task, world)
+        self._amend(fixed_layout(task, world) if task.layout.fixed else task, world)
 
-    def _amend(self, task) -> None:
-        self.studio.amend(task)
+    def _amend(self, task: Task, start: World | None = None) -> None:
+        """Takes what can be; what was said of what cannot be is over."""
+        self.studio.amend(task, start)
         self.studio.say("")
 
     async def _choose(self) -> None:

@@ -173,6 +173,7 @@ def test_a_box_cannot_start_just_anywhere(page, see, field, value, says):
 
 def test_a_box_cannot_start_inside_another(page, see):
     see("task-start").click()
+    expect(see("task-right-BlueBox")).to_be_visible()
     for axis in ("right", "away"):
         there = see(f"task-{axis}-GreenBox").input_value()
         see(f"task-{axis}-BlueBox").fill(there)
