@@ -9,7 +9,7 @@ from nicegui import ui
 
 from bt_jax.app.curve import Curve, curve_options
 from bt_jax.app.filming import film_run
-from bt_jax.app.panels.parts import ask, button
+from bt_jax.app.panels.parts import ask, button, may_leave
 from bt_jax.app.record import Record, read_record, tested
 from bt_jax.app.studio import Studio
 from bt_jax.app.tree_view import TreeView
@@ -113,6 +113,8 @@ class _Keep:
 
     async def _open(self) -> None:
         record = await self._one()
+        if record.config.task != self.studio.task and not await may_leave(self.studio):
+            return
         self.studio.open_run(record.name)
         self.studio.say(f"The run {record.name} is open: run its tree in step 6, or go on evolving it in step 2.")
 
