@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Literal, ParamSpec, TypeVar
 from bt_jax.app.evolution import Evolution
 from bt_jax.app.playing import Playing
 from bt_jax.app.record import read_record
+from bt_jax.app.shelf import Shelf
 from bt_jax.app.teaching import Teaching
 from bt_jax.app.workspace import Workspace
 from bt_jax.behaviors import Tree
@@ -69,6 +70,7 @@ class Studio:
         self.message = ""
         self._listeners: dict[Topic, list[Callable[[], None]]] = defaultdict(list)
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="studio")
+        self.shelf = Shelf(self)
         self.teaching = Teaching(self)
 
     def set_task(self, task: Task, start: World | None = None) -> None:

@@ -91,7 +91,7 @@ class _Combine:
         if self.page.step != "combine":
             return
         lesson = self.studio.lesson
-        self.taught.set_text(_taught(lesson, self.studio.teaching.problem))
+        self.taught.set_text(_taught(lesson, self.studio.shelf.problem))
         self.drawing.set_visibility(lesson is not None)
         if lesson is not None:
             self.tree.show(lesson.tree, lesson.task)
@@ -112,7 +112,7 @@ class _Combine:
 
     def _changes(self) -> Changes:
         """What the evolution is to be changed by. Raises UserError where that is not known."""
-        lesson, path = self.studio.lesson, self.studio.teaching.folder.path
+        lesson, path = self.studio.lesson, self.studio.shelf.folder.path
         if lesson is None:
             return Changes()
         use, where = self.use.value, self.where.value

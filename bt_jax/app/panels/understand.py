@@ -58,19 +58,19 @@ class _Understand:
         page.on("lesson", self._refresh)
 
     def _refresh(self) -> None:
-        lesson, teaching = self.studio.lesson, self.studio.teaching
+        lesson, shelf = self.studio.lesson, self.studio.shelf
         self.area.clear()
         self.learnt.set_visibility(lesson is not None)
         if lesson is not None:
             self.tree.show(lesson.tree, lesson.task)
-        self.try_out.set_enabled(not teaching.trying)
-        trying = "Running it; this takes a while the first time." if teaching.trying else ""
-        self.trial.set_text(teaching.trial.sentence if teaching.trial else trying)
+        self.try_out.set_enabled(not shelf.trying)
+        trying = "Running it; this takes a while the first time." if shelf.trying else ""
+        self.trial.set_text(shelf.trial.sentence if shelf.trial else trying)
         self.trial.set_visibility(bool(self.trial.text))
         with self.area:
-            ui.label(teaching.progress).props("data-testid=understand-progress")
-            if teaching.problem:
-                ui.label(teaching.problem).classes("teach-landing teach-bad").props("data-testid=understand-problem")
+            ui.label(shelf.progress).props("data-testid=understand-progress")
+            if shelf.problem:
+                ui.label(shelf.problem).classes("teach-landing teach-bad").props("data-testid=understand-problem")
             if lesson is None:
                 button("Demonstrate", "understand-demonstrate", "back_hand", lambda: self.page.go("demonstrate"))
                 return
@@ -108,7 +108,7 @@ class _Understand:
                 f"data-testid=understand-reason-{index + 1}"
             )
             if inference.chosen:
-                back = self.page.guard(functools.partial(self.studio.teaching.choose_frame, index, None))
+                back = self.page.guard(functools.partial(self.studio.shelf.choose_frame, index, None))
                 button("As the demonstrations say", f"understand-auto-{index + 1}", "undo", back, more="flat")
 
     def _frame(self, lesson: Lesson, index: int, inference: Inference, frame: str, candidate: Candidate | None) -> None:
@@ -129,7 +129,7 @@ class _Understand:
             return  # another window has changed it
         if lesson.inferences[index].frame == frame and lesson.inferences[index].chosen:
             return
-        await self.studio.teaching.choose_frame(index, frame)
+        await self.studio.shelf.choose_frame(index, frame)
         self.studio.say(f"The place is now relative to {frame}, and the tree is learnt anew.")
 
     def _goal(self, lesson: Lesson) -> None:
@@ -157,8 +157,8 @@ class _Understand:
                             ui.label(sentence)
 
     async def _try_out(self) -> None:
-        await self.studio.teaching.try_out()
-        trial = self.studio.teaching.trial
+        await self.studio.shelf.try_out()
+        trial = self.studio.shelf.trial
         if trial is not None:
             self.studio.say(f"{trial.sentence} All that was learnt is kept in {trial.folder}.")
 
