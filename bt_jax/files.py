@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import itertools
 import os
+import re
 import tempfile
 from pathlib import Path
 
 from bt_jax.errors import UserError
 
-__all__ = ["unused", "write_atomic"]
+__all__ = ["is_name", "unused", "write_atomic"]
+
+
+def is_name(text: str) -> bool:
+    """Whether a text can name a file or folder that a person has chosen a name for: in one folder, visible, harmless."""
+    return re.fullmatch(r"\w[\w .+-]{0,99}", text) is not None
 
 
 def unused(path: Path) -> Path:

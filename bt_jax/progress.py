@@ -1,17 +1,16 @@
 """What a training says of itself to other processes while it runs: `progress.json` in its run folder.
 
-Whether the process that wrote it still lives is told by a lock on `progress.lock`, which ends with the process however that
-ends.
+Whether a process trains there is told by a lock on `training.lock`, which ends with the process however that ends.
 """
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-import fcntl
 import json
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Literal
@@ -20,10 +19,11 @@ from bt_jax.errors import UserError
 from bt_jax.files import write_atomic
 from bt_jax.gp.evolution import Generation
 
-__all__ = ["Progress", "Reporter", "is_alive", "read_progress"]
+__all__ = ["Progress", "Reporter", "is_alive", "locked", "read_progress"]
 
 Stage = Literal["starting", "evolving", "testing", "finished", "stopped", "failed"]
 SECONDS = 0.2  # between two writings of generations, at least
+LOCK = "training.lock"
 ROWS = 500  # of the history that are kept, at most
 LOCK_SECONDS = 1.0  # `is_alive` holds the lock for a moment
 
@@ -68,30 +68,27 @@ class Progress:
 
 class Reporter:
     """Writes the progress of this process into a run folder; without one, it does nothing. As a context, it also says that
-    the training has failed or was interrupted."""
+    the training has failed or was interrupted. What was reported before is kept until there is news. A report that cannot be
+    written is left out: the training goes on.
+    """
 
     def __init__(self, folder: Path | None, generations: int) -> None:
         self._folder, self._written = folder, 0.0
-        self._now = Progress(os.getpid(), generations=generations)
-        self._lock: IO[bytes] | None = None
+        before = None if folder is None else read_progress(folder)
+        new = {"pid": os.getpid(), "stage": "starting", "generations": generations, "message": ""}
+        self._now = dataclasses.replace(before or Progress(0), **new)
 
     def __enter__(self) -> Reporter:
-        """Raises UserError where another process is training in that folder."""
-        self._lock = None if self._folder is None else _locked(self._folder)
         self._write()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
-        try:
-            if isinstance(error, KeyboardInterrupt):
-                self.stage("stopped")
-            elif error is not None:
-                said = str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
-                self._now = dataclasses.replace(self._now, message=said)
-                self.stage("failed")
-        finally:
-            if self._lock is not None:
-                self._lock.close()
+        if isinstance(error, KeyboardInterrupt):
+            self.stage("stopped")
+        elif error is not None:
+            said = str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
+            self._now = dataclasses.replace(self._now, message=said)
+            self.stage("failed")
 
     def stage(self, stage: Stage) -> None:
         """Another part of the work begins, or the last has ended."""
@@ -110,8 +107,9 @@ class Reporter:
     def _write(self) -> None:
         if self._folder is None:
             return
-        write_atomic(self._folder / "progress.json", json.dumps(dataclasses.asdict(self._now)) + "\n")
         self._written = time.monotonic()
+        with contextlib.suppress(UserError):
+            write_atomic(self._folder / "progress.json", json.dumps(dataclasses.asdict(self._now)) + "\n")
 
 
 def _chosen(count: int) -> list[int]:
@@ -131,28 +129,36 @@ def read_progress(folder: Path) -> Progress | None:
 
 
 def is_alive(folder: Path) -> bool:
-    """Whether a process that reports its progress is training in a run folder."""
+    """Whether a process is training in a run folder."""
     try:
-        with open(folder / "progress.lock", "rb") as file:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
+        with open(folder / LOCK, "rb") as file:
+            return not _lock(file, shared=True)
     except OSError:
         return False
-    return False
 
 
-def _locked(folder: Path) -> IO[bytes]:
-    """An open file; as long as it is open, no other process has it."""
-    file, began = open(folder / "progress.lock", "wb"), time.monotonic()  # noqa: SIM115
-    while True:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return file
-        except BlockingIOError:
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Keeps other processes from training in a run folder meanwhile. Raises UserError where one does already."""
+    folder.mkdir(parents=True, exist_ok=True)
+    began = time.monotonic()
+    with open(folder / LOCK, "wb") as file:
+        while not _lock(file, shared=False):
             if time.monotonic() - began > LOCK_SECONDS:
-                file.close()
-                raise UserError(
-                    f"another process is training in {folder}; wait until it has ended, or stop it"
-                ) from None
+                raise UserError(f"another process is training in {folder}; wait until it has ended, or stop it")
             time.sleep(0.02)
+        yield
+
+
+def _lock(file: IO[bytes], *, shared: bool) -> bool:
+    """Whether the lock of an open file could be had; it is given back when the file is closed. Where a system has no such
+    locks, it always can."""
+    try:
+        import fcntl
+    except ImportError:
+        return True
+    try:
+        fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True

@@ -162,6 +162,13 @@ class Task:
     def box_names(self) -> tuple[str, ...]:
         return tuple(box.name for box in self.boxes)
 
+    def size(self, name: str) -> float:
+        """Edge of a box, metres. Raises UserError where there is no such box."""
+        for box in self.boxes:
+            if box.name == name:
+                return box.size
+        raise UserError(f"there is no box '{name}'; choose one of {', '.join(self.box_names)}")
+
     @property
     def floor(self) -> float:
         """World z of the floor: 0, or the foot of the lowest table where tables reach below 0."""

@@ -84,6 +84,18 @@ class Teleoperation:
         """Where the carried object's centre is, in a frame. Raises UserError where nothing is held."""
         return self._in_frame(self._carried(), frame)
 
+    def turn(self, frame: str) -> float:
+        """How far the carried object is turned about the vertical in a frame, degrees in (-180, 180]. Raises UserError where
+        nothing is held."""
+        self._carried()
+        poses = frames(self._now.world, self.task)[0].astype(float)
+        held, other = (
+            Rotation.from_quat(poses[self.task.frames.index(name), 3:], scalar_first=True)
+            for name in (self.held, frame)
+        )
+        (x, y, _) = (other.inv() * held).apply((1.0, 0.0, 0.0))
+        return float(np.degrees(np.arctan2(y, x)))
+
     def pick(self, name: str) -> None:
         """Takes an object and lifts it. Raises UserError where that is not possible."""
         if name not in self.task.box_names:
@@ -147,9 +159,10 @@ class Teleoperation:
         inside = names[int(np.argmax(np.where(sunk, tops, -np.inf)))] if sunk.any() else None
         return Landing(np.array([*centre[:2], float(tops[best] + half)]), names[best], inside)
 
-    def release(self) -> None:
-        """Lowers the held object to where it is meant to be, or until it touches something, and lets go. Raises UserError
-        where it is inside another object, or where something would fall to the floor."""
+    def release(self, *, lowered: bool = False) -> None:
+        """Lowers the held object to where it is meant to be, or until it touches something, and lets go; it is meant to be
+        where it is now, or `lowered` on what is below. Raises UserError where it is inside another object, or where
+        something would fall to the floor."""
         position, landing = self._carried(), self.landing()
         if landing.inside is not None:
             raise UserError(
@@ -157,6 +170,7 @@ class Teleoperation:
             )
         if landing.on is None:
             raise UserError(self._lost(self.held))
+        position = landing.position if lowered else position
         place = self._in_frame(position, self.task.robot_frame)
         action = Behavior("place", (self.held, tuple(float(x) for x in place), self.task.robot_frame))
         held = int(self._now.world.held[0])

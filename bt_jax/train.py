@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import itertools
 import signal
@@ -22,7 +23,7 @@ from bt_jax.gp.config import GPConfig
 from bt_jax.gp.evolution import Generation, State, best_of
 from bt_jax.lessons import Changes, baseline_from
 from bt_jax.plots import learning_curve
-from bt_jax.progress import Reporter
+from bt_jax.progress import Reporter, locked
 from bt_jax.run_folder import Checkpoint, RunConfig, RunFolder, package_version
 from bt_jax.startup import CompileClock, Device, configure_jax, exit_code
 from bt_jax.task import load_task
@@ -91,8 +92,14 @@ def run(arguments: Arguments) -> None:
     configure_jax(arguments.device)
     config, folder = _configuration(arguments)
     training = _training(config)
-    _begin(folder, _pinned(config, training), resume=arguments.resume is not None)
-    with Reporter(folder.path if arguments.progress else None, config.gp.generations) as reporter:
+    config, resume = _pinned(config, training), arguments.resume is not None
+    with contextlib.ExitStack() as stack:
+        if not resume:
+            folder.start(config)
+        stack.enter_context(locked(folder.path))
+        reporter = stack.enter_context(Reporter(folder.path if arguments.progress else None, config.gp.generations))
+        if resume:
+            _begin_again(folder, config)
         _train(training, folder, config, arguments, reporter)
 
 
@@ -114,8 +121,9 @@ def _train(training: Training, folder: RunFolder, config: RunConfig, arguments: 
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with display:
-            state, history = _evolve(training, folder, display, reporter, state, history, arguments, config.phase)
+            state, history = _evolve(training, folder, display, reporter, state, history, arguments, config)
     except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # until what was learnt is saved
         stopped = True
         state, history = display.last
         if state is None:
@@ -123,8 +131,9 @@ def _train(training: Training, folder: RunFolder, config: RunConfig, arguments: 
     session = Session(time.monotonic() - began, clock.seconds, training.num_broken, stopped)
     reporter.update(history, lambda: one_line(training.best_tree(state)), now=True)
     reporter.stage("testing")
-    folder.save_checkpoint(Checkpoint(state, training.vocabulary.leaves, config.phase, history))
+    _save(folder, config, Checkpoint(state, training.vocabulary.leaves, config.phase, history))
     folder.save_tree(training.best_tree(state), title=config.task.name)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     if stopped:
         # The interruption may have come in the middle of an entry into the table: the test starts from a new one.
         training = _training(config)
@@ -136,12 +145,12 @@ def _training(config: RunConfig) -> Training:
     return Training(config.task, config.gp, config.settings, baseline=config.baseline, extra_leaves=config.extra_leaves)
 
 
-def _begin(folder: RunFolder, config: RunConfig, *, resume: bool) -> None:
-    """Writes the configuration of a new run, of one that goes on, or of its next phase."""
-    if resume and folder.config().phase < config.phase:
+def _begin_again(folder: RunFolder, config: RunConfig) -> None:
+    """Writes the configuration of a run that goes on, or of its next phase."""
+    if folder.config().phase < config.phase:
         folder.begin_phase(config)
     else:
-        folder.start(config, resume=resume)
+        folder.start(config, resume=True)
 
 
 def _restored(training: Training, saved: Checkpoint | None, config: RunConfig) -> tuple[State | None, list[Generation]]:
@@ -226,7 +235,7 @@ def _evolve(
     state: State | None,
     history: list[Generation],
     arguments: Arguments,
-    phase: int,
+    config: RunConfig,
 ) -> tuple[State, list[Generation]]:
     known = {row.generation for row in history}
     saved, wait = time.monotonic(), CHECKPOINT_SECONDS
@@ -238,10 +247,17 @@ def _evolve(
         reporter.update(history, lambda state=state: one_line(training.best_tree(state)))
         if time.monotonic() - saved >= wait:
             began = time.monotonic()
-            folder.save_checkpoint(Checkpoint(state, training.vocabulary.leaves, phase, history))
+            _save(folder, config, Checkpoint(state, training.vocabulary.leaves, config.phase, history))
             saved = time.monotonic()
             wait = max(CHECKPOINT_SECONDS, CHECKPOINT_SHARE * (saved - began))
     return state, history
+
+
+def _save(folder: RunFolder, config: RunConfig, checkpoint: Checkpoint) -> None:
+    """Replaces the checkpoint; where somebody has removed the folder meanwhile, it is made anew."""
+    if not (folder.path / "config.json").is_file():
+        folder.start(config, resume=True)
+    folder.save_checkpoint(checkpoint)
 
 
 def _finish(

@@ -11,16 +11,17 @@ import time
 import pytest
 from samples import train, train_command
 
+from bt_jax.encoding.text import one_line
 from bt_jax.errors import UserError
 from bt_jax.gp.evolution import Generation
-from bt_jax.progress import Progress, Reporter, is_alive, read_progress
-from bt_jax.run_folder import read_history
+from bt_jax.progress import Progress, Reporter, is_alive, locked, read_progress
+from bt_jax.run_folder import RunFolder, read_history
 
 QUICK = ("stack", "--level", "kinematic", "--population", 8, "--max-nodes", 32, "--test-layouts", 10, "--device", "cpu")
 HOLD = """
 import pathlib, sys
-from bt_jax.progress import Reporter
-with Reporter(pathlib.Path(sys.argv[1]), 5):
+from bt_jax.progress import locked
+with locked(pathlib.Path(sys.argv[1])):
     print(flush=True)
     sys.stdin.read()
 """
@@ -40,7 +41,7 @@ def until(condition, seconds=120):
 
 @pytest.fixture
 def holder(tmp_path):
-    """A process that reports its progress into `tmp_path`."""
+    """A process that trains in `tmp_path`."""
     process = subprocess.Popen(
         [sys.executable, "-c", HOLD, str(tmp_path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     )
@@ -131,10 +132,34 @@ def test_a_writer_lives_until_its_process_ends(tmp_path, holder):
 
 
 def test_two_processes_do_not_train_in_one_folder(tmp_path, holder):
-    before = (tmp_path / "progress.json").read_bytes()
-    with pytest.raises(UserError, match="another process"), Reporter(tmp_path, 50):
+    with pytest.raises(UserError, match="another process"), locked(tmp_path):
         pytest.fail("it has begun")
-    assert (tmp_path / "progress.json").read_bytes() == before
+    holder.kill()
+    holder.wait()
+    with locked(tmp_path):
+        assert is_alive(tmp_path)
+    assert not is_alive(tmp_path)
+
+
+def test_what_was_reported_before_is_kept_until_there_is_news(tmp_path):
+    history = [row(0, -90.0, -200.5), row(1, -30.0, -50.0)]
+    with Reporter(tmp_path, 50) as reporter:
+        reporter.update(history, lambda: "pick(YellowBox)")
+        reporter.stage("finished")
+    before = read_progress(tmp_path)
+    with Reporter(tmp_path, 60):
+        assert read_progress(tmp_path) == dataclasses.replace(before, stage="starting", generations=60)
+    with pytest.raises(UserError), Reporter(tmp_path, 60):
+        raise UserError("mend it")
+    assert read_progress(tmp_path) == dataclasses.replace(before, stage="failed", generations=60, message="mend it")
+
+
+def test_a_report_that_cannot_be_written_ends_no_training(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with Reporter(tmp_path / "file", 50) as reporter:
+        reporter.update([row(1, -1.0, -2.0)], lambda: "", now=True)
+        reporter.stage("finished")
+    assert (tmp_path / "file").read_text() == "in the way"
 
 
 def test_a_training_reports_what_it_writes_at_the_end(tmp_path):
@@ -149,17 +174,38 @@ def test_a_training_reports_what_it_writes_at_the_end(tmp_path):
     assert not is_alive(tmp_path / "run")
 
 
-def test_an_interrupted_training_reports_that(tmp_path):
+def test_an_interrupted_training_reports_that_however_often_it_is_interrupted(tmp_path):
     folder = tmp_path / "run"
     process = subprocess.Popen(train_command(*QUICK, "--generations", 100_000, "--out", folder, "--progress"))
     try:
         until(lambda: (found := read_progress(folder)) is not None and found.generation >= 2)
         assert is_alive(folder)
         process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=120) == 0
+        until(lambda: read_progress(folder).stage == "testing")
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=120) in (0, 130)
     finally:
         process.kill()
     found = read_progress(folder)
     assert found.stage == "stopped"
     assert found.generation == found.history[-1][0] >= 2
+    assert RunFolder(folder).load_checkpoint().state.generation == found.generation
+    assert one_line(RunFolder(folder).tree()) == found.tree
     assert not is_alive(folder)
+
+
+@pytest.mark.slow
+def test_a_folder_that_is_removed_meanwhile_is_made_anew(tmp_path):
+    folder = tmp_path / "run"
+    process = subprocess.Popen(train_command(*QUICK, "--generations", 100_000, "--out", folder, "--progress"))
+    try:
+        until(lambda: (found := read_progress(folder)) is not None and found.generation >= 2)
+        folder.rename(tmp_path / "elsewhere")
+        until(lambda: (folder / "checkpoint.npz").is_file())
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=120) == 0
+    finally:
+        process.kill()
+    assert RunFolder(folder).config().task.name == "stack"
+    assert read_progress(folder).stage == "stopped"
+    assert (folder / "result.json").is_file()

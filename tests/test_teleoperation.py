@@ -184,3 +184,23 @@ def test_moves_can_be_undone_together():
         assert hand.undo(moves_together=True)
         np.testing.assert_array_equal(hand.world.poses, expected.poses)
     assert not hand.undo(moves_together=True)
+
+
+@given(seed=st.integers(0, 1000), height=st.floats(0.1, 0.5))
+def test_what_is_lowered_is_recorded_where_it_stands(seed, height):
+    hand = carried(session(seed), "BlueBox", (0.01, -0.02, height), "GreenBox")
+    hand.release(lowered=True)
+    np.testing.assert_allclose(hand.actions[1].handled("GreenBox"), (0.01, -0.02, 0.1), atol=2e-4)
+    assert hand.undo()
+    np.testing.assert_allclose(hand.position("GreenBox"), (0.01, -0.02, height), atol=1e-5)
+
+
+@given(degrees=st.floats(-179, 179), other=st.floats(-179, 179))
+def test_a_turned_object_is_turned_in_every_frame(degrees, other):
+    start = sample_layouts(TASK, 0, 1)
+    for index, angle in ((2, degrees), (1, other)):
+        start.poses[0, index, 3:] = Rotation.from_euler("z", angle, degrees=True).as_quat(scalar_first=True)
+    hand = Teleoperation(TASK, PHYSICS, start)
+    hand.pick("BlueBox")
+    for frame, expected in (("base_link", degrees), ("KittingBox", degrees), ("GreenBox", degrees - other)):
+        assert abs((hand.turn(frame) - expected + 180) % 360 - 180) < 0.2

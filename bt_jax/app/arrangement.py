@@ -34,7 +34,7 @@ def put(task: Task, physics: Physics, world: World, name: str, position: Point) 
 
     Raises UserError where the box is in the gripper, off the tables, inside something, or does not stay.
     """
-    index, size = _index(task, name), _size(task, name)
+    index, size = _index(task, name), task.size(name)
     if world.held[0] == index:
         raise UserError(f"{name} is in the gripper; wait until the robot has put it down")
     _check_over_table(task, name, position)
@@ -98,7 +98,7 @@ def retarget(task: Task, physics: Physics, world: World, name: str, position: Po
 
     Raises UserError where nothing carries the box there, it would not stay, or it would be inside something.
     """
-    size = _size(task, name)
+    size = task.size(name)
     rest = {box: world.poses[0, i, :3].astype(float) for i, box in enumerate(task.box_names)}
     standing = {**rest, **goals(task, world)}
     others = {box: point for box, point in standing.items() if box not in {name, *_dependent(task, name)}}
@@ -111,7 +111,7 @@ def retarget(task: Task, physics: Physics, world: World, name: str, position: Po
     origin = standing.get(frame, frames(world, task)[0, task.frames.index(frame), :3].astype(float))
     local = np.round(_snapped(task, name, frame, position - origin), 4) + 0.0
     for box in (target.object for target in task.targets):
-        if box in others and _inside(origin + local, size, others[box], _size(task, box)):
+        if box in others and _inside(origin + local, size, others[box], task.size(box)):
             raise UserError(f"{name} would be inside {box}, which should be there; put it beside or on top of it")
     changed = task.with_targets([Target(name, tuple(local.tolist()), frame)], source="the target")
     _check_carried(task, world, name, origin + local, others)
@@ -152,10 +152,6 @@ def _index(task: Task, name: str) -> int:
     return task.box_names.index(name)
 
 
-def _size(task: Task, name: str) -> float:
-    return task.boxes[_index(task, name)].size
-
-
 def _over(table, point) -> bool:
     return bool(np.all(np.abs(np.subtract(point, table.position[:2])) <= np.array(table.size[:2]) / 2))
 
@@ -166,7 +162,7 @@ def _check_over_table(task: Task, name: str, position: Point) -> None:
     tables = [table for table in task.tables if _over(table, position[:2])]
     if not tables:
         raise UserError(f"there is no table there, out of reach for {name}; put it over one of the tables")
-    size = _size(task, name)
+    size = task.size(name)
     if position[2] - size / 2 < tables[0].top - INSIDE * size:
         raise UserError(f"{name} would be inside {tables[0].name}; put it higher")
     if position[2] > tables[0].top + 10 * size:
@@ -174,7 +170,7 @@ def _check_over_table(task: Task, name: str, position: Point) -> None:
 
 
 def _check_free(task: Task, world: World, name: str, position: Point) -> None:
-    size = _size(task, name)
+    size = task.size(name)
     for i, other in enumerate(task.boxes):
         if other.name != name and _inside(position, size, world.poses[0, i, :3], other.size):
             raise UserError(f"{name} would be inside {other.name}; put it beside or on top of it")
@@ -183,7 +179,7 @@ def _check_free(task: Task, world: World, name: str, position: Point) -> None:
 
 def _check_kit(task: Task, world: World, name: str, position: Point) -> None:
     """Not inside the kit's plate or walls."""
-    size, kit = _size(task, name), fixed_surfaces(task, world.kit)
+    size, kit = task.size(name), fixed_surfaces(task, world.kit)
     first = 1 + len(task.tables)
     parts = Surfaces(kit.centre[:, first:], kit.half[:, first:], kit.top[:, first:])
     hit = overlaps(parts, np.array([position[:2]], np.float32), np.array([size / 2], np.float32))[0]
@@ -205,10 +201,10 @@ def _dependent(task: Task, name: str) -> set[str]:
 
 def _carriers(task: Task, world: World, name: str, position: Point, others: Mapping[str, Point]) -> list[str]:
     """What lies right under a box at a position: boxes by name, then the kit."""
-    size = _size(task, name)
+    size = task.size(name)
     found = []
     for box, point in others.items():
-        reach = (size + _size(task, box)) / 2
+        reach = (size + task.size(box)) / 2
         level = position[2] - point[2] - reach
         if np.all(np.abs(position[:2] - point[:2]) < 0.95 * reach) and abs(level) < 0.4 * size:
             found.append((float(np.linalg.norm(position[:2] - point[:2])), box))
@@ -222,7 +218,7 @@ def _snapped(task: Task, name: str, frame: str, local: Point) -> Point:
     """Level position of the closest gene, where one is close; the height stays."""
     genes = [gene for gene in gene_pool(task).leaves if gene.object == name and gene.frame == frame]
     places = np.array([gene.position for gene in genes if gene.position is not None]).reshape(-1, 3)
-    size = _size(task, name)
+    size = task.size(name)
     near = [place for place in places if abs(place[2] - local[2]) < size / 2]
     best = min(near, key=lambda place: np.linalg.norm(place[:2] - local[:2]), default=None)
     if best is None or np.linalg.norm(best[:2] - local[:2]) > SNAP * size:
@@ -245,7 +241,7 @@ def _check_stays(task: Task, physics: Physics, world: World, name: str) -> None:
 
 def _check_carried(task: Task, world: World, name: str, goal: Point, others: Mapping[str, Point]) -> None:
     """Something is right below."""
-    size = _size(task, name)
+    size = task.size(name)
     poses = world.poses.copy()
     for i, box in enumerate(task.box_names):
         poses[0, i] = (*others.get(box, (0, 0, -100 * size)), 1, 0, 0, 0)

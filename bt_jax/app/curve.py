@@ -38,7 +38,7 @@ def curve_options(curves: Sequence[Curve], *, generations: int = 0) -> dict[str,
                 "symbol": "none",
                 "silent": True,
                 "lineStyle": {"color": GREY, "type": "dotted"},
-                "label": {"formatter": "taught", "color": "#56616d"},
+                "label": {"formatter": "taught", "position": "start", "color": "#56616d"},
                 "data": [{"xAxis": generation} for generation in curve.phases],
             }
         if len(curves) == 1:

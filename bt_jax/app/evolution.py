@@ -9,22 +9,21 @@ import contextlib
 import dataclasses
 import os
 import signal
-import tempfile
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Literal
 
-import yaml
-
+from bt_jax.app.orders import Orders
 from bt_jax.app.record import read_record, read_result
 from bt_jax.app.reserve import Reserve
 from bt_jax.app.workspace import Workspace
 from bt_jax.behaviors import Tree, gene_pool
-from bt_jax.encoding.text import format_tree, parse_tree
+from bt_jax.encoding.text import parse_tree
 from bt_jax.errors import UserError
-from bt_jax.files import unused, write_atomic
+from bt_jax.files import unused
 from bt_jax.gp.config import GPConfig
+from bt_jax.lessons import Changes
 from bt_jax.progress import Progress, is_alive, read_progress
 from bt_jax.run_folder import RunFolder
 from bt_jax.task import Task
@@ -58,6 +57,8 @@ class Evolution:
         self.run: str | None = None
         self.stage: Stage = "none"
         self.progress: Progress | None = None
+        self.gone = False  # whether somebody has removed the run folder
+        self.task: Task | None = None  # that it evolves for
         self.tree: Tree | None = None  # the best so far
         self.result: dict[str, Any] | None = None  # `result.json`, where the best tree has been tested
         self.phases: tuple[int, ...] = ()  # generations at which something was taught
@@ -67,7 +68,7 @@ class Evolution:
         self._stopping = False
         self._halt: bool | None = None  # what was asked for last and not yet seen
         self._read_at: int | None = None  # modification time of what was read last
-        self._scratch = tempfile.TemporaryDirectory(prefix="bt_jax-")
+        self._orders = Orders()
 
     @property
     def running(self) -> bool:
@@ -78,8 +79,10 @@ class Evolution:
     def sentence(self) -> str:
         """Where it is, in words."""
         now = self.progress.generation if self.progress else 0
+        if self.gone and self.running:
+            return "The folder of this run has vanished; it is made anew, and what is evolved goes there."
         return {
-            "none": "Nothing has been evolved yet.",
+            "none": "Press Start: trees of steps are tried, and the best improved, until one does the task.",
             "starting": "Getting ready; the first time, this takes some seconds.",
             "evolving": "Evolving.",
             "paused": "Paused; resume when you like.",
@@ -87,7 +90,7 @@ class Evolution:
             "testing": "Testing the best tree in layouts that it has never seen.",
             "finished": f"Finished at generation {now}.",
             "stopped": f"Stopped at generation {now}; what was learnt is kept."
-            if self.progress
+            if self.progress and self.progress.best is not None
             else "Stopped before the first generation; nothing was learnt.",
             "failed": self._why(),
             "killed": f"The process that evolved was killed after generation {now}; go on, and it continues from its "
@@ -104,7 +107,7 @@ class Evolution:
             return
         self.discard_reserve()
         self._reserve, self._prepared = Reserve(), key
-        self._reserve.warm(self._words(task, gp))
+        self._reserve.warm(self._orders.start(task, gp))
 
     def discard_reserve(self) -> None:
         """Ends the process in reserve; one that evolves goes on."""
@@ -117,14 +120,14 @@ class Evolution:
         self._check_idle()
         gp.check()
         path = unused(self.workspace.runs / f"{task.name}-{datetime.now():%Y%m%d-%H%M%S}")
-        self.run, self.progress, self.tree, self.phases = path.name, None, None, ()
-        self._launch([*self._words(task, gp), "--out", str(path.resolve())])
+        self._launch(self._orders.start(task, gp, path))
+        self.run, self.task, self.progress, self.tree, self.phases = path.name, task, None, None, ()
 
     def more(self, generations: int) -> None:
         """Goes on for so many generations more."""
         folder = self._folder()
         total = generations + (self.progress.generation if self.progress else 0)
-        self._launch(["--resume", str(folder.path.resolve()), "--generations", str(total)])
+        self._launch(self._orders.go_on(folder.path, total))
 
     def next_phase(
         self,
@@ -138,18 +141,8 @@ class Evolution:
         """Goes on for so many generations with what demonstrations have taught; see `bt_jax.lessons.Changes`."""
         folder = self._folder()
         now = self.progress.generation if self.progress else 0
-        words = ["--resume", str(folder.path.resolve()), "--generations", str(now + generations)]
-        if baseline is not None:
-            source = Path(self._scratch.name) / "baseline.txt"
-            write_atomic(source, format_tree(baseline))
-            words += ["--baseline", str(source)]
-        if target_from is not None:
-            words += ["--add-target-from", str(target_from.resolve())]
-        if subgoal_from is not None:
-            words += ["--add-subgoal-from", str(subgoal_from.resolve())]
-        if baseline_index is not None:
-            words += ["--baseline-index", str(baseline_index)]
-        self._launch(words)
+        changes = Changes(baseline, target_from=target_from, subgoal_from=subgoal_from, baseline_index=baseline_index)
+        self._launch(self._orders.go_on(folder.path, now + generations, changes))
 
     def pause(self) -> None:
         """Halts the process where it is."""
@@ -169,6 +162,8 @@ class Evolution:
         """Ends the evolution after the present generation; what it has found is kept, and tested."""
         if not self.running:
             raise UserError("nothing is evolving that could be stopped; start an evolution first")
+        if self._stopping:
+            return
         self._stopping = True
         if self.stage == "starting":
             self._signal(signal.SIGKILL)  # it imports and compiles, and has nothing to lose
@@ -184,19 +179,31 @@ class Evolution:
         self._halt = None
         record = read_record(folder)
         self._take(record.progress)
-        self.result, self.phases = record.result, record.phases
-        self.tree = self.tree or record.tree
+        self.task, self.tree, self.result, self.phases = record.config.task, record.tree, record.result, record.phases
         self.stage = self._stage_of_living() if is_alive(folder.path) else self._stage_of_dead()
 
+    def forget(self, name: str) -> None:
+        """Shows nothing any more of a run that was deleted."""
+        if self.run == name and not self.running:
+            self.run, self.stage, self.progress, self.tree, self.result, self.phases = (
+                None,
+                "none",
+                None,
+                None,
+                None,
+                (),
+            )
+
     def find(self) -> str | None:
-        """The name of a run that a process is working on; it was started before this page."""
-        return next((name for name in self.workspace.run_names() if is_alive(self.workspace.runs / name)), None)
+        """The name of the run that a process is working on, which was started before this page, or else of the newest."""
+        names = self.workspace.run_names()
+        return next((name for name in names if is_alive(self.workspace.runs / name)), next(iter(names), None))
 
     def poll(self) -> bool:
         """Looks at what the process has written and whether it lives; whether anything has changed."""
         if self.run is None:
             return False
-        before = self.stage, self.progress
+        before = self.stage, self.progress, self.gone
         path = self.workspace.runs / self.run
         alive = self._process.alive if self._process is not None else is_alive(path)
         self._read(path)
@@ -204,13 +211,14 @@ class Evolution:
             self.stage = self._stage_of_living()
         elif self.stage in RUNNING:
             self.stage = self._stage_of_dead()
-        if not alive and self.progress is not None and not (path / "config.json").is_file():
+        self.gone = self.progress is not None and not (path / "config.json").is_file()
+        if self.gone and not alive:
             self.stage = "vanished"
         if before[0] != self.stage and self.stage in ("evolving", "finished", "stopped"):
             self.result = read_result(RunFolder(path)) if self.stage != "evolving" else None
             with contextlib.suppress(UserError):
-                self.phases = tuple(RunFolder(path).phases())
-        return before != (self.stage, self.progress)
+                self.task, self.phases = RunFolder(path).config().task, tuple(RunFolder(path).phases())
+        return before != (self.stage, self.progress, self.gone)
 
     def _read(self, path: Path) -> None:
         try:
@@ -223,8 +231,6 @@ class Evolution:
         found = read_progress(path)
         if found is None or (self._process is not None and found.pid != self._process.process.pid):
             return
-        if found.stage == "starting" and self.progress is not None:
-            found = dataclasses.replace(self.progress, pid=found.pid, stage=found.stage, generations=found.generations)
         self._take(found)
 
     def _take(self, progress: Progress | None) -> None:
@@ -294,26 +300,11 @@ class Evolution:
         return self.workspace.run(self.run)
 
     def _launch(self, words: Sequence[str]) -> None:
-        if self._reserve is None or not self._reserve.alive:
-            self._reserve = Reserve()
-        self._reserve.train([*words, "--progress"])
-        self._process, self._reserve, self._prepared = self._reserve, None, None
+        reserve = self._reserve if self._reserve is not None and self._reserve.alive else Reserve()
+        self._reserve = self._prepared = None
+        reserve.train([*words, "--progress"])
+        self._process, self._read_at = reserve, None
         self.stage, self.result, self._stopping, self._halt = "starting", None, False, None
-
-    def _words(self, task: Task, gp: GPConfig) -> list[str]:
-        """The task as a file, and every setting that is not the default, as options of `bt_jax.train`."""
-        source = Path(tempfile.mkdtemp(dir=self._scratch.name)) / f"{task.name}.yaml"
-        write_atomic(source, yaml.safe_dump(task.to_dict(), sort_keys=False))
-        words = ["--task", str(source)]
-        for field in dataclasses.fields(gp):
-            value, option = getattr(gp, field.name), field.name.replace("_", "-")
-            if value == field.default:
-                continue
-            if isinstance(value, bool):
-                words.append(f"--{option}" if value else f"--no-{option}")
-            else:
-                words += [f"--{option}", getattr(value, "name", str(value))]
-        return words
 
 
 def _is_halted(pid: int) -> bool:

@@ -5,7 +5,8 @@ document.addEventListener(
   (event) => {
     const area = document.querySelector("[data-teach-keys]");
     if (!area || area.offsetParent === null) return;
-    if (event.target.closest("input, textarea, select, [contenteditable=true], .q-menu, .q-dialog")) return;
+    if (event.target.closest("input, textarea, select, [contenteditable=true], [role=slider], .q-menu, .q-dialog")) return;
+    if (event.key.startsWith("Arrow") && event.target.closest("[role=tab], [role=tablist], [role=radiogroup]")) return;
     const undo = (event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z";
     if (!undo && (event.ctrlKey || event.metaKey || event.altKey)) return;
     const key = undo ? "undo" : event.key.length === 1 ? event.key.toLowerCase() : event.key;

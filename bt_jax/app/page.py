@@ -54,10 +54,18 @@ class Page:
                 self._message = ui.label().props("data-testid=message")
         for name, panel in self._panels.items():
             with panel:
-                PANELS[name](studio, self)
+                self._build(name)
         self.on("message", lambda: self._message.set_text(studio.message))
         self._tabs.set_value(self.step)
         self._show(self.step)
+
+    def _build(self, step: Step) -> None:
+        """One panel; where that fails, the others are there nevertheless."""
+        try:
+            PANELS[step](self.studio, self)
+        except Exception as error:
+            traceback.print_exc()
+            ui.label(f"This step cannot be shown ({type(error).__name__}: {error}); the others can, see the terminal.")
 
     def on(self, topic: Topic, callback: Callable[[], Any], *, now: bool = True) -> None:
         """Calls back after each change of the studio, in this window, as long as it is open; and `now`, at once. The
@@ -85,14 +93,21 @@ class Page:
 
     def _call(self, callback: Callable[..., Any], *args: Any) -> None:
         """Calls back in this window, or starts what is a coroutine."""
-        with self.client:
-            result = callback(*args)
+        try:
+            with self.client:
+                result = callback(*args)
+        except Exception as error:
+            self._fail(error)
+            return
         if inspect.isawaitable(result):
             background_tasks.create(self._inside(result))
 
     async def _inside(self, result: Awaitable[Any]) -> None:
-        with self.client:
-            await result
+        try:
+            with self.client:
+                await result
+        except Exception as error:
+            self._fail(error)
 
     def guard(self, handler: Callable[..., Any]) -> Callable[..., Any]:
         """A handler whose errors become a sentence on the page."""
@@ -103,13 +118,18 @@ class Page:
                 result = handler(*args, **kwargs)
                 if inspect.isawaitable(result):
                     await result
-            except UserError as error:
-                self.complain(str(error))
             except Exception as error:
-                traceback.print_exc()
-                self.complain(f"{type(error).__name__}: {error}; nothing was lost, see the terminal")
+                self._fail(error)
 
         return guarded
+
+    def _fail(self, error: Exception) -> None:
+        """Says that something went wrong which nobody has foreseen, or what a person can mend."""
+        if isinstance(error, UserError):
+            self.complain(str(error))
+            return
+        traceback.print_exception(error)
+        self.complain(f"{type(error).__name__}: {error}; nothing was lost, see the terminal")
 
     def complain(self, sentence: str) -> None:
         """Says what went wrong, in the footer and as a notification in this window."""

@@ -24,38 +24,48 @@ class PlaceFields:
     is said, and the fields show again what is."""
 
     def __init__(
-        self, page: Page, name: str, references: Sequence[str], spot: Spot, moved: Callable[[Spot], Awaitable[None]]
+        self,
+        page: Page,
+        name: str,
+        references: Sequence[str],
+        spot: Spot,
+        moved: Callable[[Spot], Awaitable[None]],
+        *,
+        step: str = "task",
     ) -> None:
-        self._name, self._moved, self._spot, self._quiet = name, moved, spot, False
+        self._name, self._moved, self._spot = name, moved, spot
         self._reference = (
-            ui.select(list(references), value=spot.reference, label="measured from", on_change=page.guard(self._change))
-            .props(f"dense outlined options-dense data-testid=task-reference-{name}")
+            ui.select(list(references), value=spot.reference, label="measured from")
+            .on("update:model-value", page.guard(self._change))
+            .props(f"dense outlined options-dense data-testid={step}-reference-{name}")
             .classes("place-reference")
         )
         self._fields: dict[str, ui.number] = {}
         for axis, label in AXES:
-            field = ui.number(label, step=1, format="%.1f").props(f"dense outlined data-testid=task-{axis}-{name}")
+            field = ui.number(label, step=1, format="%.1f").props(f"dense outlined data-testid={step}-{axis}-{name}")
             for event in APPLY:
                 field.on(event, page.guard(self._apply))
             self._fields[axis] = field.classes("place-number")
-        self.show(spot)
+        self._restore()
 
     def show(self, spot: Spot) -> None:
-        """The fields show another place."""
-        self._spot, self._quiet = spot, True
-        try:
-            self._reference.set_value(spot.reference)
-            for axis, field in self._fields.items():
-                field.set_value(_centimetres(spot, axis))
-        finally:
-            self._quiet = False
+        """The fields show another place; what somebody is writing stays where it is still the same."""
+        if spot != self._spot:
+            self._spot = spot
+            self._restore()
+
+    def _restore(self) -> None:
+        spot = self._spot
+        self._reference.set_value(spot.reference)
+        for axis, field in self._fields.items():
+            field.set_value(_centimetres(spot, axis))
 
     async def _apply(self) -> None:
         values = {axis: field.value for axis, field in self._fields.items()}
         if values == {axis: _centimetres(self._spot, axis) for axis in values}:
             return
         if None in values.values():
-            self.show(self._spot)
+            self._restore()
             raise UserError(f"a number is missing for {self._name}; write how many centimetres")
         metres = {
             axis: getattr(self._spot, axis) if value == _centimetres(self._spot, axis) else value / 100
@@ -63,16 +73,15 @@ class PlaceFields:
         }
         await self._move(Spot(self._spot.reference, **metres))
 
-    async def _change(self, event) -> None:
+    async def _change(self) -> None:
         """The same numbers from elsewhere would mean another place: it begins in the middle, or on top."""
-        if not self._quiet and event.value != self._spot.reference:
-            await self._move(Spot(event.value, 0.0, 0.0, 0.0))
+        await self._move(Spot(self._reference.value, 0.0, 0.0, 0.0))
 
     async def _move(self, spot: Spot) -> None:
         try:
             await self._moved(spot)
         except UserError:
-            self.show(self._spot)
+            self._restore()
             raise
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from jaxtyping import Float
 
-from bt_jax.app.player import Moment, Player
+from bt_jax.app.player import Player
 from bt_jax.errors import UserError
 from bt_jax.mjx_env.fitness import Ending
 from bt_jax.mjx_env.motion import Shot
@@ -59,9 +59,11 @@ class Playing:
             raise UserError("there is no tree to run yet; evolve one, or choose a run")
         self.halt()
         async with self._turn:
-            world = studio.start if start is None else start
-            studio.player = await studio.work(Player, studio.task, studio.physics, studio.tree, world)
-            self._show(studio.player.now, moving=False)
+            world, task = studio.start if start is None else start, studio.task
+            player = await studio.work(Player, task, studio.physics, studio.tree, world)
+            if studio.task is task:  # else nobody waits for this any more
+                studio.player = player
+                self._show(player, moving=False)
 
     def play(self) -> None:
         """Goes on until the episode ends; from its beginning where it has ended."""
@@ -70,7 +72,7 @@ class Playing:
             return
         if player.at == len(player.moments) - 1 and player.ending != Ending.OPEN:
             player.seek(0)
-            self._show(player.now, moving=False)
+            self._show(player, moving=False)
         self.on = self._lasting = True
         self._stop = asyncio.Event()
         if self._left is not None:
@@ -101,15 +103,16 @@ class Playing:
         self.halt()
         async with self._turn:
             before = player.at
-            moment = await self.studio.work(player.tick)
-            self._show(moment, moving=player.at != before)
+            await self.studio.work(player.tick)
+            self._show(player, moving=player.at != before)
 
     async def seek(self, at: int) -> None:
         """Pauses and shows another moment."""
         player = self._player()
         self.halt()
         async with self._turn:
-            self._show(player.seek(at), moving=False)
+            player.seek(at)
+            self._show(player, moving=False)
 
     async def put(self, name: str, position: Float[np.ndarray, "3"]) -> None:
         """A person moves a box, once the motion that is shown has ended; then things go on as before. Raises UserError, and
@@ -118,9 +121,9 @@ class Playing:
         async with self._turn:
             if self._left is None:
                 await asyncio.sleep(max(0.0, self._ends - self._now()))
-            moment = await self.studio.work(player.put, name, position)
+            await self.studio.work(player.put, name, position)
             self._left = None
-            self._show(moment, moving=False)
+            self._show(player, moving=False)
         if self._lasting and not self.on:
             self.play()
 
@@ -132,7 +135,11 @@ class Playing:
     def _now(self) -> float:
         return asyncio.get_running_loop().time()
 
-    def _show(self, moment: Moment, *, moving: bool) -> None:
+    def _show(self, player: Player, *, moving: bool) -> None:
+        """Tells of the moment that a player is in, unless another has taken its place meanwhile."""
+        if player is not self.studio.player:
+            return
+        moment = player.now
         moving = moving and len(moment.shots) > 1
         seconds = moment.seconds / self.speed
         self._ends = self._now() + (seconds if self.on or moving else 0.0)
@@ -147,7 +154,8 @@ class Playing:
                         continue
                     if player.at == len(player.moments) - 1 and player.ending != Ending.OPEN:
                         break
-                    self._show(await self.studio.work(player.tick), moving=True)
+                    await self.studio.work(player.tick)
+                    self._show(player, moving=True)
         except Exception as error:
             traceback.print_exc()
             self.studio.say(f"the tree could not go on ({error}); start it anew")

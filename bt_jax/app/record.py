@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from bt_jax.behaviors import Tree
-from bt_jax.encoding.text import one_line
+from bt_jax.encoding.text import one_line, parse_tree
 from bt_jax.errors import UserError
 from bt_jax.progress import Progress, read_progress
 from bt_jax.run_folder import RunConfig, RunFolder, read_history
@@ -39,8 +39,11 @@ def tested(result: dict[str, Any]) -> str:
 
 def read_record(folder: RunFolder) -> Record:
     """Reads a run folder. Raises UserError where its configuration is not there or damaged."""
-    config, tree = folder.config(), _or_none(folder.tree)
-    progress = read_progress(folder.path) or _or_none(lambda: _from_history(folder, config, tree))
+    config, progress = folder.config(), read_progress(folder.path)
+    if progress is None or progress.best is None:
+        progress = _or_none(lambda: _from_history(folder, config)) or progress
+    tree = None if progress is None else _or_none(lambda: parse_tree(progress.tree))
+    tree = tree or _or_none(folder.tree)
     return Record(folder.path.name, config, progress, tree, read_result(folder), tuple(folder.phases()))
 
 
@@ -50,11 +53,10 @@ def read_result(folder: RunFolder) -> dict[str, Any] | None:
     return found if isinstance(found, dict) and {"test_layouts", "success_rate"} <= found.keys() else None
 
 
-def _from_history(folder: RunFolder, config: RunConfig, tree: Tree | None) -> Progress:
+def _from_history(folder: RunFolder, config: RunConfig) -> Progress:
     """The progress of a run that did not report any."""
     rows = read_history((folder.path / "history.csv").read_text(encoding="utf-8"))
-    line = "" if tree is None else one_line(tree)
-    return Progress(0, "finished", generations=config.gp.generations, tree=line).with_history(rows)
+    return Progress(0, "finished", generations=config.gp.generations, tree=one_line(folder.tree())).with_history(rows)
 
 
 def _or_none(read: Callable[[], T]) -> T | None:

@@ -60,6 +60,15 @@ function nameTag(text) {
   return tag;
 }
 
+// Gives back what an object and all in it take of the graphics memory.
+function discard(object) {
+  object.traverse(({ geometry, material }) => {
+    geometry?.dispose();
+    material?.map?.dispose();
+    material?.dispose();
+  });
+}
+
 export default {
   template: `<div style="position: absolute; inset: 0">
     <canvas style="display: block; touch-action: none; outline-offset: -3px" tabindex="0"></canvas>
@@ -82,6 +91,7 @@ export default {
       return;
     }
     this.renderer.setClearColor(0xaeb6c0); // the floor, which need not be drawn then
+    canvas.setAttribute("role", "img");
     canvas.setAttribute("aria-label", this.label);
     this.camera = new THREE.PerspectiveCamera(30, 1, 0.02, 80);
     this.camera.up.copy(AXIS);
@@ -101,17 +111,22 @@ export default {
     this.observer = new ResizeObserver(() => this.resize());
     this.observer.observe(this.$el);
     this.build();
-    const connected = setInterval(() => {
+    this.connecting = setInterval(() => {
       if (window.socket?.id === undefined) return;
-      clearInterval(connected);
+      clearInterval(this.connecting);
       this.$emit("ready");
     }, 50);
   },
 
   beforeUnmount() {
     window.removeEventListener("keydown", this.onKey);
+    clearInterval(this.connecting);
+    clearTimeout(this.resting);
     this.observer?.disconnect();
+    this.controls?.dispose();
+    if (this.scene) discard(this.scene);
     this.renderer?.dispose();
+    this.renderer = null;
   },
 
   watch: {
@@ -125,6 +140,7 @@ export default {
   methods: {
     // What the scene consists of -------------------------------------------------------------------------------------
     build() {
+      if (this.scene) discard(this.scene);
       this.scene = new THREE.Scene();
       this.scene.add(new THREE.HemisphereLight(0xffffff, 0x9aa4b0, 1.9));
       const key = new THREE.DirectionalLight(0xffffff, 1.5);
@@ -206,6 +222,7 @@ export default {
       for (const [key, ghost] of Object.entries(this.ghosts)) {
         if (ghost.userData.group !== group) continue;
         ghost.removeFromParent();
+        discard(ghost);
         delete this.ghosts[key];
       }
       for (const { name, pose, text } of ghosts) {
@@ -437,7 +454,7 @@ export default {
 
     // Height of the highest thing that the dragged box would stand on there, null where that is the floor.
     support(x, y, half) {
-      const tops = this.model.tables.map((table) => ({ ...table, x: table.x, y: table.y }));
+      const tops = [...this.model.tables];
       const kit = this.bodies[this.model.kit].position;
       for (const part of this.model.kit_parts) {
         tops.push({ x: kit.x + part.x, y: kit.y + part.y, half: part.half, top: kit.z + part.top });

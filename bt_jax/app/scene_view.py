@@ -201,7 +201,6 @@ def _model(task: Task) -> dict[str, Any]:
         "kit": task.kit.name,
         "tables": tops[1 : 1 + count],
         "kit_parts": tops[1 + count :],
-        "unit": max(box.size for box in task.boxes),
         "top": max(table.top for table in task.tables),
         "room": [(low - 0.1 * (high - low)).tolist(), (high + 0.1 * (high - low)).tolist()],
         "light": (np.array([0, 0, 3.0]) - 1.2 * np.array(task.right) - 0.9 * np.array(task.away)).tolist(),

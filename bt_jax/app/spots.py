@@ -33,7 +33,7 @@ class Spot:
     def point(self, task: Task, name: str, where: Mapping[str, Point]) -> Point:
         """Centre of the box `name` in the world; `where` are the `origins`."""
         offset = self.right * np.array(task.right) + self.away * np.array(task.away)
-        half = next(box.size for box in task.boxes if box.name == name) / 2
+        half = task.size(name) / 2
         return where[self.reference] + offset + np.array([0, 0, self.up + half])
 
     def frame(self, task: Task) -> str:
@@ -70,7 +70,7 @@ def spot_of_target(task: Task, world: World, name: str) -> Spot:
 
 def _relative(task: Task, name: str, centre: Point, reference: str, where: Mapping[str, Point]) -> Spot:
     offset = centre - where[reference]
-    half = next(box.size for box in task.boxes if box.name == name) / 2
+    half = task.size(name) / 2
     right, away = float(offset @ np.array(task.right)), float(offset @ np.array(task.away))
     return Spot(reference, right, away, float(offset[2]) - half)
 

@@ -7,6 +7,7 @@ The state is changed on the event loop only; `changed` tells every window. What 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import dataclasses
 import traceback
 from collections import defaultdict
@@ -16,9 +17,12 @@ from typing import TYPE_CHECKING, Literal, ParamSpec, TypeVar
 
 from bt_jax.app.evolution import Evolution
 from bt_jax.app.playing import Playing
+from bt_jax.app.record import read_record
+from bt_jax.app.shelf import Shelf
 from bt_jax.app.teaching import Teaching
 from bt_jax.app.workspace import Workspace
 from bt_jax.behaviors import Tree
+from bt_jax.errors import UserError
 from bt_jax.gp.config import GPConfig
 from bt_jax.lfd import Lesson
 from bt_jax.mjx_env.layouts import sample_layouts
@@ -58,31 +62,47 @@ class Studio:
         self.session: Teleoperation | None = None
         self.player: Player | None = None
         self.playing = Playing(self)
+        self.turn = asyncio.Lock()  # for changes that are computed from the task and the scene, one after the other
         self._physics: Physics | None = None
+        self._launched: Task | None = None  # the task as it was when the evolution was started
         self.gp = GPConfig()  # of the next evolution
         self.evolution = Evolution(workspace)
         self.message = ""
         self._listeners: dict[Topic, list[Callable[[], None]]] = defaultdict(list)
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="studio")
+        self.shelf = Shelf(self)
         self.teaching = Teaching(self)
 
     def set_task(self, task: Task, start: World | None = None) -> None:
-        """Another task: the scene begins anew, in a layout of one's own or in the first that is drawn."""
-        self.task = task
-        self.start = self.shown = sample_layouts(task, 0, 1) if start is None else start
+        """Another task: the scene begins anew, in a layout of one's own or the first that is drawn. Raises UserError where
+        that would lose a demonstration in the making."""
+        if self.session is not None and self.session.actions:
+            raise UserError("a demonstration is in the making; finish or discard it in step 3 first")
+        start = sample_layouts(task, 0, 1) if start is None else start
+        if (task.boxes, task.frames) != (self.task.boxes, self.task.frames):
+            self.run = self.tree = None
+        self.task, self.start, self.shown = task, start, start
         self.session = self.player = self.lesson = None
-        self.changed("task", "scene", "lesson", "player")
+        self.changed("task", "scene", "lesson", "player", "tree")
 
     def amend(self, task: Task, start: World | None = None) -> None:
         """The task with other targets or another beginning, but the same things in the scene, which stays as it is unless
-        there is another `start`."""
-        self.task = task
-        self.start, self.shown = (
-            dataclasses.replace(world, reached=see_subgoals(task, world))
-            for world in ((self.start, self.shown) if start is None else (start, start))
-        )
-        self.player = None
+        there is another `start`; a demonstration in the making goes on where it is."""
+        shown = self.shown if start is None or self.session is not None else start
+        worlds = [self.start if start is None else start, shown]
+        worlds = [dataclasses.replace(world, reached=see_subgoals(task, world)) for world in worlds]
+        self.task, (self.start, self.shown), self.player = task, worlds, None
         self.changed("task", "scene", "player")
+
+    @property
+    def unsaved(self) -> bool:
+        """Whether the task is another than its file says, nor that of the run that is shown."""
+        with contextlib.suppress(UserError):
+            if self.workspace.task(self.task.name) == self.task:
+                return False
+        with contextlib.suppress(UserError):
+            return self.run is None or self.workspace.run(self.run).config().task != self.task
+        return True
 
     @property
     def physics(self) -> Physics:
@@ -100,31 +120,38 @@ class Studio:
     def open_run(self, name: str) -> None:
         """Shows the task and the best tree of a run, and its evolution unless another is running. Raises UserError where the
         run has gone or cannot be read."""
-        folder = self.workspace.run(name)
-        task, tree = folder.config().task, folder.tree()
+        record = read_record(self.workspace.run(name))
+        if record.config.task != self.task:
+            self.set_task(record.config.task)
         if not self.evolution.running:
             self.evolution.open(name)
-        self.run, self.tree = name, tree
-        if task != self.task:
-            self.set_task(task)
+        self.run, self.tree = name, record.tree
         self.changed("tree", "runs", "evolution")
 
+    def forget_run(self, name: str) -> None:
+        """A run was deleted; its tree may still be looked at."""
+        self.evolution.forget(name)
+        if self.run == name:
+            self.run = None
+        self.changed("runs", "evolution", "tree")
+
     def find_evolution(self) -> None:
-        """Shows the evolution that was going on before this page, if there is one."""
+        """Shows the evolution that was going on before this page, or else the newest run."""
         name = self.evolution.find()
         if name is not None:
-            self.evolution.open(name)
-            self.run, self.tree, self.task = name, self.evolution.tree, self.workspace.run(name).config().task
-            self.start = self.shown = sample_layouts(self.task, 0, 1)
+            with contextlib.suppress(UserError):
+                self.open_run(name)
 
     def watch(self) -> None:
         """Looks after the evolution; to be called a few times a second."""
-        before = self.evolution.stage
+        before, gone = self.evolution.stage, self.evolution.gone
+        if before == "starting" and self._launched is None:
+            self._launched = self.task
         if not self.evolution.poll():
             return
         if self.run == self.evolution.run:
             self._follow(started=before == "starting" != self.evolution.stage)
-        if self.evolution.stage != before:
+        if (self.evolution.stage, self.evolution.gone) != (before, gone):
             self.say(self.evolution.sentence)
             self.changed("runs")
         self.changed("evolution")
@@ -134,7 +161,12 @@ class Studio:
         if self.evolution.tree is not None and self.evolution.tree != self.tree:
             self.tree = self.evolution.tree
             self.changed("tree")
-        if started and self.evolution.running:
+        if not started:
+            return
+        launched, self._launched = self._launched, None
+        if (
+            self.evolution.running and self.task is launched
+        ):  # else a person has changed it since, and goes on with that
             task = self.workspace.run(self.run).config().task
             if task != self.task:
                 self.amend(task)

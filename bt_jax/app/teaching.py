@@ -1,4 +1,4 @@
-"""Everything between the buttons and a demonstration: the gripper under a person's control, and what is kept and learnt.
+"""Between the buttons and a demonstration: the gripper under a person's control, and what was demonstrated shown again.
 
 One demonstration is in the making at a time, in `studio.session`; all windows show it. Inputs are carried out one after the
 other, in the order in which they come. An input that raises UserError has changed nothing.
@@ -7,19 +7,16 @@ other, in the order in which they come. An input that raises UserError has chang
 from __future__ import annotations
 
 import asyncio
-import dataclasses
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from bt_jax.app.replay import Scene, described, handled, scenes
+from bt_jax.app.replay import Scene, described, scenes
 from bt_jax.behaviors import Tree
 from bt_jax.demonstrate import DEMONSTRATED, reached_by
 from bt_jax.errors import UserError
-from bt_jax.lessons import choose_frames, lesson_from
-from bt_jax.lfd import DemonstrationFolder, Frames
-from bt_jax.lfd.clustering import NEEDED
+from bt_jax.lfd import Frames
 from bt_jax.mjx_env.layouts import sample_layouts
 from bt_jax.task import Task
 from bt_jax.teleoperation import Landing, Teleoperation
@@ -27,7 +24,7 @@ from bt_jax.teleoperation import Landing, Teleoperation
 if TYPE_CHECKING:
     from bt_jax.app.studio import Studio
 
-__all__ = ["DIRECTIONS", "Direction", "Kept", "Teaching"]
+__all__ = ["DIRECTIONS", "Direction", "Teaching"]
 
 Direction = Literal["left", "right", "away", "near", "up", "down"]
 DIRECTIONS: tuple[Direction, ...] = ("left", "right", "away", "near", "up", "down")
@@ -37,36 +34,19 @@ OVER = 1.5  # how high the held object is carried over another, in its sizes
 PACE = 0.9  # seconds for which each scene of a replay is shown
 
 
-@dataclasses.dataclass(frozen=True)
-class Kept:
-    """A demonstration in the list: its name, what it does, and why it cannot be used, if so."""
-
-    name: str
-    summary: str
-    problem: str = ""
-
-
 class Teaching:
-    """`kept` are the demonstrations of the set, `problem` why nothing can be learnt from them; `step` is how far a key moves
-    the gripper [m]; with `elsewhere`, each demonstration begins in another layout. `replayed` is what is being replayed."""
+    """`step` is how far a key moves the gripper [m]; with `elsewhere`, each demonstration begins in another layout.
+    `replayed` is the name of what is being replayed."""
 
     def __init__(self, studio: Studio) -> None:
         self.studio = studio
         self.step = FIRST_STEP
         self.elsewhere = True
-        self.kept: tuple[Kept, ...] = ()
-        self.problem = ""
         self.replayed: str | None = None
         self._replay: asyncio.Task | None = None
-        self._refreshing: asyncio.Task | None = None
         self._lock = asyncio.Lock()
         self._layout = 0  # number of the next random layout
-        studio.subscribe("task", self._task_changed)
-
-    @property
-    def folder(self) -> DemonstrationFolder:
-        """The set of demonstrations. Raises UserError where its name leads out of the workspace."""
-        return self.studio.workspace.demonstration_set(self.studio.demonstration_set)
+        studio.subscribe("task", self.stop_replay)
 
     @property
     def session(self) -> Teleoperation:
@@ -80,18 +60,6 @@ class Teaching:
         """What is below the object in the gripper, None where there is none."""
         session = self.studio.session
         return None if session is None or session.held is None else session.landing()
-
-    @property
-    def progress(self) -> str:
-        """How many demonstrations there are and how many are needed, in a sentence."""
-        count = sum(not one.problem for one in self.kept)
-        if count == 0:
-            return f"No demonstration yet; {NEEDED} are needed to tell what each place is relative to."
-        if count < NEEDED:
-            return (
-                f"{count} of {NEEDED} demonstrations: {NEEDED - count} more will tell what each place is relative to."
-            )
-        return f"{count} demonstrations: enough to tell what each place is relative to."
 
     @property
     def done(self) -> list[str]:
@@ -112,10 +80,10 @@ class Teaching:
             if studio.session is not None and studio.session.actions:
                 raise UserError("a demonstration is in the making; finish or discard it first")
             self.stop_replay()
-            folder, tree = self.folder, studio.tree if reached else None
+            folder, tree = studio.shelf.folder, studio.tree if reached else None
             if (folder.path / "info.yaml").exists():
                 folder.create(Frames.of(task))  # says now, and not at the end, that this set is for another task
-            number = max(self._layout, len(self.kept))
+            number = max(self._layout, len(studio.shelf.kept))
             session = await studio.work(_begun, studio, task, tree, number if self.elsewhere else None)
             self._layout = number + 1
             studio.session = session
@@ -145,9 +113,9 @@ class Teaching:
             self._shown()
 
     async def release(self) -> None:
-        """Lets the held object go."""
+        """Sets the held object down on what is below, and lets it go."""
         async with self._lock:
-            await self.studio.work(self.session.release)
+            await self.studio.work(self.session.release, lowered=True)
             self._shown()
 
     async def undo(self) -> None:
@@ -161,7 +129,7 @@ class Teaching:
         """Keeps the demonstration, learns anew, and returns its name."""
         async with self._lock:
             recorded = self.session.demonstration()
-            frames, folder = Frames.of(self.session.task), self.folder
+            frames, folder = Frames.of(self.session.task), self.studio.shelf.folder
 
             def keep() -> str:
                 folder.create(frames)
@@ -169,7 +137,7 @@ class Teaching:
 
             name = await self.studio.work(keep)
             self.studio.session = None
-        await self.refresh()
+        await self.studio.shelf.refresh()
         return name
 
     async def discard(self) -> None:
@@ -193,52 +161,12 @@ class Teaching:
         if others:
             self.set_step(min(others, key=lambda step: abs(step - self.step)))
 
-    async def use_set(self, name: str) -> None:
-        """Another set of demonstrations, there already or not."""
-        self.studio.workspace.demonstration_set(name)
-        self.studio.demonstration_set = name
-        self._layout = 0
-        await self.refresh()
-
-    async def rename(self, name: str, new: str) -> None:
-        """Gives a demonstration another name."""
-        await self.studio.work(self.folder.rename, name, new.strip())
-        await self.refresh()
-
-    async def delete(self, name: str) -> None:
-        """Removes a demonstration for good."""
-        self.stop_replay()
-        await self.studio.work(self.folder.delete, name)
-        await self.refresh()
-
-    async def choose_frame(self, index: int, frame: str | None) -> None:
-        """The frame of an inference as a person says, None for what the demonstrations say; the tree is learnt anew."""
-        lesson = self.studio.lesson
-        if lesson is None:
-            raise UserError("nothing has been learnt yet; give demonstrations in step 3")
-        try:
-            await self.studio.work(choose_frames, self.folder.path, lesson, {index: frame})
-        finally:
-            await self.refresh()
-
-    async def refresh(self) -> None:
-        """Reads the set again and learns from it."""
-        studio = self.studio
-        self.kept = await studio.work(_kept, self.folder)
-        studio.lesson, self.problem = None, ""
-        if self.kept:
-            try:
-                studio.lesson = await studio.work(lesson_from, self.folder.path, studio.task)
-            except UserError as error:
-                self.problem = str(error)
-        studio.changed("demonstrations", "lesson")
-
     async def replay(self, name: str) -> None:
         """Shows a demonstration again, scene by scene, until it ends or `stop_replay` is called."""
         if self.studio.session is not None:
             raise UserError("a demonstration is in the making; finish or discard it first")
         self.stop_replay()
-        found = await self.studio.work(_scenes, self.studio, self.folder, name)
+        found = await self.studio.work(_scenes, self.studio, name)
         self.replayed = name
         self._replay = asyncio.create_task(self._show_all(found))
         self.studio.changed("demonstrations")
@@ -256,15 +184,6 @@ class Teaching:
             await asyncio.sleep(PACE)
         self._replay, self.replayed = None, None
         self.studio.changed("demonstrations")
-
-    def _task_changed(self) -> None:
-        """What is learnt depends on the task."""
-        self.stop_replay()
-        try:
-            loop = asyncio.get_running_loop()
-        except RuntimeError:
-            return  # before the server runs; the first window reads the set
-        self._refreshing = loop.create_task(self.refresh())
 
     def _shown(self) -> None:
         self.studio.show(self.session.world)
@@ -292,32 +211,8 @@ def _vector(task: Task, direction: Direction) -> np.ndarray:
     return axes[direction]
 
 
-def _kept(folder: DemonstrationFolder) -> tuple[Kept, ...]:
-    """The demonstrations of a set in their order, those that cannot be used among them."""
-    if not (folder.path / "info.yaml").is_file():
-        return ()
-    good, problems = {}, ()
-    try:
-        read = folder.read()
-        good, problems = {one.name: one for one in read}, read.problems
-    except UserError as error:
-        problems = (str(error),)
-    found = []
-    for name in folder.names():
-        if name in good:
-            things = handled(good[name], read.frames)
-            found.append(Kept(name, ", then ".join(things[::2])))
-        else:
-            why = next(
-                (problem for problem in problems if f"{name} is" in problem or f"{name}/" in problem),
-                problems[0] if problems else "",
-            )
-            found.append(Kept(name, "cannot be used", why))
-    return tuple(found)
-
-
-def _scenes(studio: Studio, folder: DemonstrationFolder, name: str) -> list[Scene]:
-    read = folder.read()
+def _scenes(studio: Studio, name: str) -> list[Scene]:
+    read = studio.shelf.folder.read()
     one = next((one for one in read if one.name == name), None)
     if one is None:
         raise UserError(

@@ -1,5 +1,5 @@
 // A tree as SVG that is coloured by changing classes only; what can be folded is folded by a click, Enter or space.
-const SMALLEST = 0.62; // scale, below which one scrolls
+const SMALLEST = 0.75; // scale, below which one scrolls
 const STATUSES = ["success", "failure", "running", "idle"];
 
 export default {
@@ -42,6 +42,16 @@ export default {
         node.classList.remove(...STATUSES);
         node.classList.add(status);
       }
+      this.follow();
+    },
+
+    // Where not all of the tree is in sight, what is at work is.
+    follow() {
+      const node = [...this.$el.querySelectorAll(".node.running")].at(-1);
+      if (!node) return;
+      const [at, room] = [node.getBoundingClientRect(), this.$el.getBoundingClientRect()];
+      if (at.left < room.left || at.right > room.right) this.$el.scrollLeft += at.left - room.left - 24;
+      if (at.top < room.top || at.bottom > room.bottom) this.$el.scrollTop += at.bottom - room.bottom + 24;
     },
 
     fit() {

@@ -12,15 +12,18 @@ from pathlib import Path
 
 import yaml
 
+from bt_jax.behaviors import Tree
+from bt_jax.encoding.reading import read_tree
 from bt_jax.errors import UserError
-from bt_jax.files import write_atomic
+from bt_jax.files import is_name, write_atomic
 from bt_jax.lfd import DemonstrationFolder
+from bt_jax.progress import is_alive
 from bt_jax.run_folder import RunFolder
 from bt_jax.task import Task, load_task, task_names
 
 __all__ = ["Workspace"]
 
-_NAME = re.compile(r"\w[\w .+-]{0,99}")
+LEARNT = "learnt_tree.txt"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,9 +56,26 @@ class Workspace:
             raise UserError(f"the run {name} is no longer there; choose another, or evolve again")
         return RunFolder(path)
 
+    def learnt_names(self) -> list[str]:
+        """Folders that `bt_jax.learn` has left among the runs, the newest first."""
+        found = [path for path in _folders(self.runs) if (path / LEARNT).is_file()]
+        return [path.name for path in sorted(found, key=lambda path: (path / LEARNT).stat().st_mtime, reverse=True)]
+
+    def learnt_tree(self, name: str) -> Tree:
+        """The tree in such a folder. Raises UserError where it has gone or cannot be read."""
+        return read_tree(self.inside(self.runs, name) / LEARNT)
+
     def delete_run(self, name: str) -> None:
-        """Removes a run folder. Raises UserError as `run` does."""
-        shutil.rmtree(self.run(name).path)
+        """Removes a run folder. Raises UserError as `run` does, and where a process is training there."""
+        path = self.run(name).path
+        if is_alive(path):
+            raise UserError(f"{name} is evolving; stop it before you delete it")
+        going = path.with_name(f".{name}.deleted")
+        try:
+            path.rename(going)
+            shutil.rmtree(going)
+        except OSError as error:
+            raise UserError(f"{name} cannot be deleted ({error.strerror}); look at the rights of {path}") from None
 
     def demonstration_sets(self) -> list[str]:
         """Names of the sets of demonstrations."""
@@ -90,7 +110,7 @@ class Workspace:
     def inside(self, folder: Path, name: str) -> Path:
         """The path of a name in a folder of the workspace. Raises UserError where it would lead out of it."""
         path = folder / name
-        if not _NAME.fullmatch(name) or path.resolve().parent != folder.resolve():
+        if not is_name(name) or path.resolve().parent != folder.resolve():
             raise UserError(f"'{name}' leads out of {self.root}; choose a name from the list")
         return path
 
@@ -99,7 +119,7 @@ def _folders(folder: Path) -> list[Path]:
     """Folders in a folder that are not links to elsewhere."""
     if not folder.is_dir():
         return []
-    return [path for path in folder.iterdir() if path.is_dir() and not path.is_symlink() and _NAME.fullmatch(path.name)]
+    return [path for path in folder.iterdir() if path.is_dir() and not path.is_symlink() and is_name(path.name)]
 
 
 def _changed(run: Path) -> float:

@@ -88,8 +88,9 @@ def to_svg(
     height = top + layout.height + MARGIN
     flat = _prefix(nodes)
     known = {} if statuses is None else dict(zip(range(len(prefix(tree))), statuses, strict=True))
+    role = "img" if folded is None else "group"  # in a picture, nothing could be reached by keyboard or screen reader
     parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" class="bt" role="img" viewBox="0 0 {width:.0f} {height:.0f}" '
+        f'<svg xmlns="http://www.w3.org/2000/svg" class="bt" role="{role}" viewBox="0 0 {width:.0f} {height:.0f}" '
         f'width="{width:.0f}" height="{height:.0f}">',
         f"<title>{escape(title or 'Behavior Tree')}</title>",
         f"<style>{STYLE}</style>",

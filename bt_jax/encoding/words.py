@@ -70,15 +70,15 @@ class Words:
         return f"“{_spoken(condition.args[0])}” was reached before"
 
     def place(self, thing: str, position: Vec3, frame: str) -> str:
-        """Where `thing` is with its centre at `position` [m] in `frame`: "on top of YellowBox"."""
+        """Where `thing` is with its centre at `position` [m] in `frame`: "on top of YellowBox". A thing or a frame that the
+        task does not have is told by numbers."""
+        if thing not in self.task.box_names or frame not in self.task.frames:
+            return f"at {_numbers(position)} cm from {frame}"
         if frame == self.task.kit.name:
             return self._in_kit(thing, position)
         if frame == self.task.robot_frame:
             return self._on_table(thing, position)
         return self._by_box(thing, position, frame)
-
-    def _size(self, name: str) -> float:
-        return next(box.size for box in self.task.boxes if box.name == name)
 
     def _seen(self, position: Sequence[float]) -> tuple[float, float]:
         """How far to the right and how far away, metres."""
@@ -88,7 +88,7 @@ class Words:
         return right, away
 
     def _by_box(self, thing: str, position: Vec3, frame: str) -> str:
-        size, other = self._size(thing), self._size(frame)
+        size, other = self.task.size(thing), self.task.size(frame)
         right, away = self._seen(position)
         above = position[2] - (size + other) / 2
         level = position[2] - (size - other) / 2
@@ -106,7 +106,7 @@ class Words:
         return f"{self._offset(right, away, size)} {frame}" + (raised if abs(level) >= LEVEL * size else "")
 
     def _in_kit(self, thing: str, position: Vec3) -> str:
-        kit, size = self.task.kit, self._size(thing)
+        kit, size = self.task.kit, self.task.size(thing)
         right, away = self._seen(position)
         raised = position[2] - (kit.thickness + size) / 2
         height = f", {_length(raised)} up" if raised >= LEVEL * size else ""
@@ -125,7 +125,7 @@ class Words:
 
     def _on_table(self, thing: str, position: Vec3) -> str:
         """A place in the robot's frame, told by the table that is there."""
-        size = self._size(thing)
+        size = self.task.size(thing)
         point = [a + b for a, b in zip(position, self.task.robot_position, strict=True)]
         for table in self.task.tables:
             offset = [a - b for a, b in zip(point, table.position, strict=True)]
@@ -136,8 +136,7 @@ class Words:
                 if max(abs(right), abs(away)) < NEAR * size:
                     return f"in the middle of {table.name}{height}"
                 return f"on {table.name}, {self._offset(right, away, size)} its middle{height}"
-        x, y, z = (f"{100 * value:.1f}".removesuffix(".0") for value in position)
-        return f"at x {x}, y {y}, z {z} cm from the robot"
+        return f"at {_numbers(position)} cm from the robot"
 
     def _offset(self, right: float, away: float, size: float) -> str:
         """ "5 cm right of and 3 cm behind" """
@@ -151,6 +150,12 @@ class Words:
 
 def _length(metres: float) -> str:
     return f"{math.floor(round(1000 * metres, 3) + 0.5) / 10:g} cm"
+
+
+def _numbers(position: Vec3) -> str:
+    return ", ".join(
+        f"{axis} {100 * value:.1f}".removesuffix(".0") for axis, value in zip("xyz", position, strict=True)
+    )
 
 
 def _spoken(name: str) -> str:

@@ -20,7 +20,7 @@ from typing import Any
 import yaml
 
 from bt_jax.errors import UserError
-from bt_jax.files import write_atomic
+from bt_jax.files import is_name, write_atomic
 from bt_jax.lfd.demonstration import Action, Demonstration, Demonstrations, Frames, Moment, Pose, Scene
 
 __all__ = ["DemonstrationFolder"]
@@ -127,22 +127,21 @@ class DemonstrationFolder:
 
     def delete(self, name: str) -> None:
         """Removes one demonstration, whole or not at all. Raises UserError where there is none of that name."""
+        source = self._existing(name)
         gone = self.path / f".{name}.deleted"
+        shutil.rmtree(gone, ignore_errors=True)
         try:
-            shutil.rmtree(gone, ignore_errors=True)
-            self._existing(name).rename(gone)
+            source.rename(gone)
         except OSError as error:
-            raise UserError(
-                f"{self.path / name} cannot be deleted ({error.strerror}); check who may write there"
-            ) from None
+            raise UserError(f"{source} cannot be deleted ({error.strerror}); check who may write there") from None
         shutil.rmtree(gone, ignore_errors=True)
         self._forget(name)
 
     def rename(self, name: str, new: str) -> None:
         """Gives a demonstration another name; it stays where it is in the order. Raises UserError where that is taken or no
         name."""
-        if not re.fullmatch(r"\w[\w -]{0,63}", new):
-            raise UserError(f"'{new}' cannot name a demonstration; use letters, digits, spaces, - and _, 64 at most")
+        if not is_name(new):
+            raise UserError(f"'{new}' cannot name a demonstration; use letters, digits, spaces, . + - and _, 100 at most")
         if (self.path / new).exists():
             raise UserError(f"{self.path / new} exists already; choose another name")
         source, chosen = self._existing(name), dict(self._chosen())

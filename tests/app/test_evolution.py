@@ -12,11 +12,11 @@ from bt_jax.app.studio import Studio
 from bt_jax.app.workspace import Workspace
 from bt_jax.encoding.text import one_line, parse_tree
 from bt_jax.errors import UserError
-from bt_jax.gp.config import GPConfig, Selection
-from bt_jax.progress import Reporter, read_progress
+from bt_jax.gp.config import GPConfig
+from bt_jax.gp.evolution import Generation
+from bt_jax.progress import Reporter, locked, read_progress
 from bt_jax.run_folder import RunConfig, RunFolder
 from bt_jax.task import load_task
-from bt_jax.train import parse
 from bt_jax.training import Settings
 
 STACK = load_task("stack")
@@ -55,8 +55,8 @@ def left_behind(workspace, name="old", *, stage="evolving"):
     """A run folder whose process has ended in a stage."""
     folder = RunFolder.create(workspace.runs / name, RunConfig(STACK, GPConfig(), Settings()))
     folder.save_tree(parse_tree(TREE), title="old")
-    with Reporter(folder.path, 50) as reporter:
-        reporter.update([], lambda: TREE)
+    with locked(folder.path), Reporter(folder.path, 50) as reporter:
+        reporter.update([Generation(0, 3, 30, -90.0, -200.0, 1.0, 3, 0.5, 2.0, 0, -1)], lambda: TREE)
         reporter.stage(stage)
     return folder
 
@@ -160,27 +160,17 @@ def test_a_reserve_trains_what_it_is_told_though_prepared_for_another(evolution)
 
 def test_what_the_process_refuses_is_said(evolution):
     task = dataclasses.replace(STACK, boxes=(), targets=())
-    evolution._launch(evolution._words(task, GPConfig()))
+    evolution._launch(evolution._orders.start(task, GPConfig()))
     evolution.run = "none"
     until(evolution, "failed")
     assert "nothing to move" in evolution.sentence
-
-
-def test_every_setting_reaches_the_command_line(evolution):
-    gp = GPConfig(
-        population=24, generations=7, seed=3, max_nodes=32, baseline_keep=False, niches=True, p_add=0.2, p_change=0.3,
-        parent_selection=Selection.RANK, elites=3,
-    )  # fmt: skip
-    found = parse(evolution._words(STACK, gp))
-    assert found.gp == gp
-    assert load_task(found.task) == STACK
 
 
 @pytest.mark.parametrize(("stage", "shown"), [("evolving", "killed"), ("testing", "killed"), ("finished", "finished")])
 def test_a_run_that_ended_while_no_page_was_open(tmp_path, stage, shown):
     evolution = Evolution(Workspace(tmp_path))
     left_behind(evolution.workspace, stage=stage)
-    assert evolution.find() is None
+    assert evolution.find() == "old"
     evolution.open("old")
     evolution.poll()
     assert evolution.stage == shown
@@ -201,6 +191,45 @@ def test_a_run_folder_that_vanishes(tmp_path):
             order()
     with pytest.raises(UserError, match="no longer there"):
         evolution.open("old")
+
+
+def test_the_newest_run_is_shown_again_though_it_was_killed_before_it_wrote_its_tree(tmp_path):
+    folder = left_behind(Workspace(tmp_path))
+    for kind in ("txt", "xml", "svg"):
+        (folder.path / f"best_tree.{kind}").unlink()
+    studio = Studio(Workspace(tmp_path), load_task("pyramid"))
+    studio.find_evolution()
+    assert (studio.run, studio.task, studio.tree) == ("old", STACK, parse_tree(TREE))
+    assert studio.evolution.stage == "killed"
+    folder.path.joinpath("progress.json").unlink()
+    studio.open_run("old")
+    assert (studio.tree, studio.evolution.stage) == (None, "stopped")
+
+
+def test_a_run_is_deleted_and_forgotten_but_not_while_a_process_trains_there(tmp_path):
+    studio = Studio(Workspace(tmp_path), STACK)
+    folder = left_behind(studio.workspace, stage="finished")
+    studio.open_run("old")
+    with locked(folder.path), pytest.raises(UserError, match="stop it before"):
+        studio.workspace.delete_run("old")
+    studio.workspace.delete_run("old")
+    studio.forget_run("old")
+    studio.watch()
+    assert (studio.run, studio.evolution.run, studio.evolution.stage) == (None, None, "none")
+    assert list(studio.workspace.runs.iterdir()) == []
+
+
+def test_a_start_that_fails_changes_nothing(tmp_path, monkeypatch):
+    evolution = Evolution(Workspace(tmp_path))
+    left_behind(evolution.workspace, stage="finished")
+    evolution.open("old")
+    monkeypatch.setattr(
+        "bt_jax.app.evolution.Reserve.train", lambda *_: (_ for _ in ()).throw(UserError("it has died"))
+    )
+    with pytest.raises(UserError, match="died"):
+        evolution.start(STACK, LONG)
+    assert (evolution.run, evolution.stage, evolution.tree) == ("old", "finished", parse_tree(TREE))
+    evolution.discard_reserve()
 
 
 def test_nothing_has_been_evolved(tmp_path):

@@ -138,6 +138,25 @@ def test_another_task_ends_it(studio):
     asyncio.run(check())
 
 
+def test_a_player_of_the_task_before_never_comes_late(studio):
+    async def check():
+        beginning = asyncio.ensure_future(studio.playing.begin())
+        await asyncio.sleep(0)
+        studio.set_task(load_task("pyramid"))
+        await beginning
+        assert studio.player is None
+        await studio.playing.begin()
+        old, ticking = studio.player, asyncio.ensure_future(studio.playing.tick())
+        await asyncio.sleep(0)
+        studio.set_task(load_task("stack"))
+        cue = studio.playing.cue
+        await ticking
+        assert studio.playing.cue is cue
+        assert studio.player is not old
+
+    asyncio.run(check())
+
+
 def test_without_a_tree(studio):
     studio.tree = None
     with pytest.raises(UserError, match="no tree to run"):

@@ -6,8 +6,9 @@ import functools
 import numpy as np
 import pytest
 
+from bt_jax.app.shelf import Kept
 from bt_jax.app.studio import Studio
-from bt_jax.app.teaching import DIRECTIONS, Kept
+from bt_jax.app.teaching import DIRECTIONS
 from bt_jax.app.workspace import Workspace
 from bt_jax.encoding.text import parse_tree
 from bt_jax.errors import UserError
@@ -63,22 +64,21 @@ async def demonstrate(studio, *, reached=False):
 
 @in_loop
 async def test_three_demonstrations_teach_a_tree(studio):
-    teaching = studio.teaching
     seen = []
     studio.subscribe("lesson", lambda: seen.append(studio.lesson))
-    said = [teaching.progress]
+    said = [studio.shelf.progress]
     for number in (1, 2, 3):
         assert await demonstrate(studio) == f"demo{number}"
-        said.append(teaching.progress)
+        said.append(studio.shelf.progress)
     assert said[0].startswith("No demonstration yet; 3 are needed")
     assert said[1].startswith("1 of 3 demonstrations: 2 more")
     assert said[2].startswith("2 of 3 demonstrations: 1 more")
     assert said[3].startswith("3 demonstrations: enough")
-    assert teaching.kept == tuple(Kept(f"demo{number}", "GreenBox") for number in (1, 2, 3))
+    assert studio.shelf.kept == tuple(Kept(f"demo{number}", "GreenBox") for number in (1, 2, 3))
     assert studio.lesson is seen[-1]
     assert studio.lesson.missing == 0
     assert (studio.lesson.tree.name, studio.lesson.tree.frame) == ("move", "YellowBox")
-    assert studio.lesson.tree.position == pytest.approx((0, 0, 0.12), abs=2e-3)
+    assert studio.lesson.tree.position == pytest.approx((0, 0, 0.1), abs=2e-3)  # lowered, though it was let go above
     starts = {one.actions[0].poses["base_link"].position for one in studio.lesson.demonstrations}
     assert len(starts) == 3  # each in another layout
 
@@ -202,27 +202,39 @@ def test_steps_grow_and_shrink(studio):
 
 @in_loop
 async def test_the_list_is_kept(studio, tmp_path):
-    teaching = studio.teaching
     for _ in range(2):
         await demonstrate(studio)
-    await teaching.rename("demo1", " over the top ")
-    assert [one.name for one in teaching.kept] == ["over the top", "demo2"]
-    (teaching.folder.path / "demo2" / "data_2.yaml").write_text("type: pla")
-    await teaching.refresh()
-    good, bad = teaching.kept
+    await studio.shelf.rename("demo1", " over the top ")
+    assert [one.name for one in studio.shelf.kept] == ["over the top", "demo2"]
+    (studio.shelf.folder.path / "demo2" / "data_2.yaml").write_text("type: pla")
+    await studio.shelf.refresh()
+    good, bad = studio.shelf.kept
     assert good.problem == ""
     assert "demo2/data_2.yaml" in bad.problem
-    assert teaching.progress.startswith("1 of 3")
-    await teaching.delete("demo2")
-    await teaching.delete("over the top")
-    assert teaching.kept == ()
+    assert studio.shelf.progress.startswith("1 of 3")
+    await studio.shelf.delete("demo2")
+    await studio.shelf.delete("over the top")
+    assert studio.shelf.kept == ()
     assert studio.lesson is None
-    assert teaching.problem == ""
+    assert studio.shelf.problem == ""
     with pytest.raises(UserError, match="has no demonstration 'demo2'"):
-        await teaching.delete("demo2")
+        await studio.shelf.delete("demo2")
     with pytest.raises(UserError, match="leads out of"):
-        await teaching.use_set("../elsewhere")
+        await studio.shelf.use_set("../elsewhere")
     assert studio.demonstration_set == "demonstrations"
+
+
+@in_loop
+async def test_windows_hear_of_another_set_and_of_nothing_else(studio):
+    heard = []
+    studio.subscribe("demonstrations", lambda: heard.append(studio.demonstration_set))
+    await studio.shelf.refresh()
+    await studio.shelf.use_set("other")
+    assert heard == ["demonstrations", "other"]
+    lesson = studio.lesson
+    await asyncio.gather(studio.shelf.refresh(), studio.shelf.refresh())
+    assert heard == ["demonstrations", "other"]
+    assert studio.lesson is lesson
 
 
 @in_loop
@@ -256,18 +268,17 @@ async def test_a_replay_shows_what_was_recorded(studio, monkeypatch):
 
 @in_loop
 async def test_a_chosen_frame_is_learnt_anew(studio):
-    teaching = studio.teaching
     with pytest.raises(UserError, match="nothing has been learnt yet"):
-        await teaching.choose_frame(1, "KittingBox")
+        await studio.shelf.choose_frame(1, "KittingBox")
     await demonstrate(studio)
     assert studio.lesson.tree.frame == "base_link"
-    await teaching.choose_frame(1, "YellowBox")
+    await studio.shelf.choose_frame(1, "YellowBox")
     assert studio.lesson.tree.frame == "YellowBox"
     assert studio.lesson.inferences[1].chosen
     with pytest.raises(UserError, match="cannot be in the frame"):
-        await teaching.choose_frame(1, "GreenBox")
+        await studio.shelf.choose_frame(1, "GreenBox")
     assert studio.lesson.tree.frame == "YellowBox"
-    await teaching.choose_frame(1, None)
+    await studio.shelf.choose_frame(1, None)
     assert studio.lesson.tree.frame == "base_link"
 
 
@@ -275,8 +286,20 @@ async def test_a_chosen_frame_is_learnt_anew(studio):
 async def test_another_task_says_why_nothing_is_learnt(studio):
     await demonstrate(studio)
     studio.set_task(load_task("yumi_stack"))
-    await studio.teaching._refreshing
+    await studio.shelf._refreshing
     assert studio.lesson is None
-    assert "YellowBox measures 0.1 m in task stack and 0.04 m in yumi_stack" in studio.teaching.problem
+    assert "YellowBox measures 0.1 m in task stack and 0.04 m in yumi_stack" in studio.shelf.problem
     with pytest.raises(UserError, match="choose another folder"):
         await studio.teaching.begin(reached=False)
+
+
+@in_loop
+async def test_another_task_does_not_lose_a_demonstration(studio):
+    await studio.teaching.begin(reached=False)
+    await studio.teaching.pick("GreenBox")
+    with pytest.raises(UserError, match="in the making; finish or discard it in step 3 first"):
+        studio.set_task(load_task("stack3"))
+    assert studio.task is TASK
+    await studio.teaching.discard()
+    studio.set_task(load_task("stack3"))
+    await studio.shelf._refreshing

@@ -104,3 +104,17 @@ def test_a_broken_task_file_is_a_sentence(tmp_path, text):
     (workspace.tasks / "broken.yaml").write_text(text)
     with pytest.raises(UserError, match=r"broken\.yaml"):
         workspace.task("broken")
+
+
+def test_trees_that_were_learnt_on_the_command_line_are_found(tmp_path):
+    workspace = Workspace(tmp_path)
+    run_in(workspace)
+    folder = workspace.runs / "learn-demos"
+    folder.mkdir()
+    (folder / "learnt_tree.txt").write_text("pick(YellowBox)\n")
+    assert workspace.learnt_names() == ["learn-demos"]
+    assert str(workspace.learnt_tree("learn-demos")) == "pick(YellowBox)"
+    with pytest.raises(UserError):
+        workspace.learnt_tree("../one")
+    with pytest.raises(UserError, match="no file"):
+        workspace.learnt_tree("gone")

@@ -70,6 +70,14 @@ def test_all_that_evolution_may_use_reads_differently_and_without_coordinates(na
     assert not any("(" in text or " x " in text for text in words)
 
 
+def test_what_another_task_has_is_told_by_numbers():
+    assert STACK(parse_behavior("pick(Cup)")) == "Pick up Cup"
+    assert (
+        STACK(parse_behavior("at(Cup, (0, 0.01, 0.1), KittingBox)")) == "Is Cup at x 0, y 1, z 10 cm from KittingBox?"
+    )
+    assert STACK(parse_behavior("move(BlueBox, (0, 0, 0.1), Shelf)")) == "Put BlueBox at x 0, y 0, z 10 cm from Shelf"
+
+
 @given(trees())
 def test_every_node_has_words_and_its_symbol_on_hover(tree):
     root = ElementTree.fromstring(to_svg(tree, words=STACK))
@@ -100,6 +108,9 @@ def test_a_fold_inside_a_gene():
     some = _drawn(to_svg(tree, words=STACK, folded={"node-1-2"}))
     assert [name for name in some if name.startswith("node-1")] == ["node-1", "node-1-1", "node-1-2"]
     assert "foldable" in some["node-1"].get("class")
+    assert some["node-1"].get("tabindex") == "0"
+    assert 'role="group"' in to_svg(tree, folded=set())
+    assert 'role="img"' in to_svg(tree)
     gene = _drawn(to_svg(tree, words=STACK, folded={"node-1"}))
     assert list(gene) == ["node-0", "node-1", "node-2"]
     assert "foldable" not in gene["node-2"].get("class")

@@ -98,6 +98,16 @@ def test_delete_takes_one_only(folder):
     assert files(folder) == {name: data for name, data in before.items() if not name.startswith("demo2")}
 
 
+@pytest.mark.parametrize("name", ["../stacking", "x/../../other", "demo9", ""])
+def test_what_is_no_demonstration_is_not_deleted(folder, name):
+    for other in (folder.path.parent / "other.deleted", folder.path / ".x", folder.path.parent / "other"):
+        other.mkdir()
+    before = sorted(folder.path.parent.rglob("*"))
+    with pytest.raises(UserError, match="has no demonstration"):
+        folder.delete(name)
+    assert sorted(folder.path.parent.rglob("*")) == before
+
+
 def test_rename_loses_nothing(folder):
     before = list(folder.read())
     folder.rename("demo1", "first try")

@@ -2,30 +2,46 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import dataclasses
+from typing import TYPE_CHECKING, Literal
 
 from nicegui import ui
 
 from bt_jax.app.panels.parts import button, heading
 from bt_jax.app.studio import Studio
 from bt_jax.app.tree_view import TreeView
-from bt_jax.behaviors import parse_behavior
+from bt_jax.behaviors import Tree, parse_behavior
 from bt_jax.encoding.words import Words
 from bt_jax.errors import UserError
+from bt_jax.gp.config import GPConfig
 from bt_jax.lessons import Changes
 from bt_jax.lfd import Lesson
+from bt_jax.run_folder import RunConfig, RunFolder
+from bt_jax.task import Task
+from bt_jax.training import Settings
 
 if TYPE_CHECKING:
-    from bt_jax.app.page import Page
+    from bt_jax.app.page import Page, Step
 
 __all__ = ["build"]
 
-USES = {
+Use = Literal["target", "subgoal", "baseline"]
+USES: dict[Use, str] = {
     "target": "Its result is a new target, and its tree a model to breed from",
     "subgoal": "It is a step on the way: one whole, done once, and rewarded",
     "baseline": "Only its tree, as a model to breed from; the targets stay",
 }
 MOST = 100_000  # generations
+ANYWHERE = -1
+
+
+@dataclasses.dataclass(frozen=True)
+class _Preview:
+    """The task as it was and as it will be; `problem` says why it cannot become that."""
+
+    before: Task
+    after: Task
+    problem: str = ""
 
 
 def build(studio: Studio, page: Page) -> None:
@@ -36,16 +52,18 @@ def build(studio: Studio, page: Page) -> None:
 class _Combine:
     def __init__(self, studio: Studio, page: Page) -> None:
         self.studio, self.page = studio, page
+        self._asked = 0  # counts previews, so that only the newest is shown
         with ui.element("div").classes("teach"):
             heading("What you taught")
             self.taught = ui.label().props("data-testid=combine-taught")
             with ui.element("div").classes("combine-tree") as self.drawing:
                 self.tree = TreeView(page, testid="combine-tree")
             heading("How evolution uses it")
-            self.use = ui.radio(USES, value="target", on_change=self._refresh).props("dense data-testid=combine-use")
+            self.use = ui.radio(USES, value="target").props("dense data-testid=combine-use")
+            self.use.on("update:model-value", page.guard(self._refresh))
             with ui.row().classes("items-center gap-3"):
                 self.where = (
-                    ui.select({}, label="Where it enters the tree", on_change=self._refresh)
+                    ui.select({}, label="Where it enters the tree")
                     .props("dense outlined data-testid=combine-where")
                     .classes("combine-where")
                 )
@@ -60,42 +78,75 @@ class _Combine:
             with ui.row().classes("gap-2"):
                 self.go = button("Go on evolving", "combine-go", "fast_forward", page.guard(self._go_on))
         page.on("lesson", self._refresh)
-        page.on("evolution", self._refresh_state)
         page.on("task", self._refresh)
+        page.on("runs", self._refresh)
+        page.on("evolution", self._refresh_state)
+        page.on_step(self._enter)
 
-    def _refresh(self) -> None:
+    async def _enter(self, step: Step) -> None:
+        if step == "combine":
+            await self._refresh()
+
+    async def _refresh(self) -> None:
+        if self.page.step != "combine":
+            return
         lesson = self.studio.lesson
-        self.taught.set_text(_taught(lesson, self.studio.teaching.problem))
+        self.taught.set_text(_taught(lesson, self.studio.shelf.problem))
         self.drawing.set_visibility(lesson is not None)
         if lesson is not None:
             self.tree.show(lesson.tree, lesson.task)
-        self._refresh_targets(lesson)
         self._refresh_state()
+        self._asked += 1
+        asked, run, changes = self._asked, self._run(), self._changes()
+        preview = await self.studio.work(_preview, self.studio.task, run, changes)
+        if asked == self._asked:
+            self._show(preview, lesson)
 
-    def _refresh_targets(self, lesson: Lesson | None) -> None:
+    def _run(self) -> RunFolder | None:
+        """The folder of the evolution, None where there is none any more."""
+        name = self.studio.evolution.run
+        try:
+            return None if name is None else self.studio.workspace.run(name)
+        except UserError:
+            return None
+
+    def _changes(self) -> Changes:
+        """What the evolution is to be changed by. Raises UserError where that is not known."""
+        lesson, path = self.studio.lesson, self.studio.shelf.folder.path
+        if lesson is None:
+            return Changes()
+        use, where = self.use.value, self.where.value
+        return Changes(
+            baseline=lesson.tree if use == "baseline" else None,
+            target_from=path if use == "target" else None,
+            subgoal_from=path if use == "subgoal" else None,
+            baseline_index=None if where in (None, ANYWHERE) else int(where),
+        )
+
+    def _show(self, preview: _Preview, lesson: Lesson | None) -> None:
         """The targets as they will be; what is new is marked."""
-        known, problem = self.studio.task.targets, ""
-        targets = known
-        if lesson is not None and self.use.value == "target":
-            try:
-                targets = self.studio.task.with_targets(lesson.targets, source="the demonstrations").targets
-            except UserError as error:
-                problem = str(error)
-        words, objects = Words(self.studio.task), [target.object for target in known]
+        words, known = Words(preview.after), preview.before.targets
+        objects = [target.object for target in known]
         self.targets.clear()
         with self.targets:
-            for target in targets:
-                with ui.element("li"):
-                    said = f"{target.object} {words.place(target.object, target.position, target.frame)}"
-                    mark = "" if target in known else " (changed)" if target.object in objects else " (new)"
-                    ui.label(said + mark).classes("text-bold" if mark else "")
-            if lesson is not None and self.use.value == "subgoal":
-                with ui.element("li"):
-                    ui.label(f"on the way, once: {_reached(lesson, words)} (new)").classes("text-bold")
-            if problem:
-                ui.label(problem).classes("teach-bad").props("data-testid=combine-problem")
+            for target in preview.after.targets:
+                said = f"{target.object} {words.place(target.object, target.position, target.frame)}"
+                mark = "" if target in known else " (changed)" if target.object in objects else " (new)"
+                _line(said + mark, marked=bool(mark))
+            for subgoal in preview.after.subgoals:
+                if "{box}" in "".join(subgoal.conditions):
+                    said = f"on the way, once: {subgoal.name}"
+                else:
+                    said = ", ".join(words.statement(parse_behavior(text)) for text in subgoal.conditions)
+                    said = f"on the way, once: {said}"
+                new = subgoal not in preview.before.subgoals
+                _line(f"{said} (new)" if new else said, marked=new)
+            if preview.problem:
+                ui.label(preview.problem).classes("teach-bad").props("data-testid=combine-problem")
 
     def _refresh_state(self) -> None:
+        if self.page.step != "combine":
+            return
         evolution, lesson = self.studio.evolution, self.studio.lesson
         if evolution.run is None:
             sentence = "Nothing has been evolved yet: start in step 2, then come back."
@@ -108,36 +159,20 @@ class _Combine:
             sentence = f"Evolution goes on in the run {evolution.run}, from generation {now}."
         self.state.set_text(sentence)
         self.go.set_enabled(evolution.run is not None and not evolution.running and lesson is not None)
-        self._refresh_places()
-
-    def _refresh_places(self) -> None:
-        """Where the learnt tree may enter: as a child of the root of another, or anywhere."""
-        tree = self.studio.evolution.tree
-        words, children = Words(self.studio.task), getattr(tree, "children", ())
-        options = {-1: "anywhere, wherever it proves best"}
-        for index, child in enumerate(children):
-            options[index] = f"as step {index + 1}, before “{words(child)}”"
-        options[len(children)] = f"as step {len(children) + 1}, at the end"
+        options = _places(evolution.tree, Words(self.studio.task))
         if self.where.options != options:
-            self.where.set_options(options, value=self.where.value if self.where.value in options else -1)
+            self.where.set_options(options, value=self.where.value if self.where.value in options else ANYWHERE)
 
     async def _go_on(self) -> None:
-        studio, lesson, use = self.studio, self.studio.lesson, self.use.value
-        if lesson is None:
+        studio, generations = self.studio, self.generations.value
+        if studio.lesson is None:
             raise UserError("nothing has been taught yet; demonstrate in step 3")
-        generations = self.generations.value
-        if generations is None or generations != int(generations):
-            raise UserError("the number of generations is no whole number; write one into its field")
-        path, index = studio.teaching.folder.path, self.where.value
-        changes = Changes(
-            baseline=lesson.tree if use == "baseline" else None,
-            target_from=path if use == "target" else None,
-            subgoal_from=path if use == "subgoal" else None,
-            baseline_index=None if index in (None, -1) else int(index),
-        )
-        if studio.evolution.run is not None:
-            config = studio.workspace.run(studio.evolution.run).config()
-            await studio.work(changes.applied, config)  # says now what cannot be
+        if generations is None or generations != int(generations) or not 1 <= generations <= MOST:
+            raise UserError(f"the number of generations must be from 1 to {MOST:,}; write one into its field")
+        if studio.evolution.run is None:
+            raise UserError("nothing has been evolved yet; start in step 2")
+        folder, changes = studio.workspace.run(studio.evolution.run), self._changes()
+        await studio.work(lambda: changes.applied(folder.config()))  # says now what cannot be
         studio.evolution.next_phase(
             generations=int(generations),
             baseline=changes.baseline,
@@ -150,13 +185,33 @@ class _Combine:
         self.page.go("evolve")
 
 
+def _preview(task: Task, run: RunFolder | None, changes: Changes) -> _Preview:
+    """What a run works for once the changes are made; without a run, what one for the task would."""
+    try:
+        config = RunConfig(task, GPConfig(), Settings()) if run is None else run.config()
+        task = config.task
+        return _Preview(task, changes.applied(config).task)
+    except UserError as error:
+        return _Preview(task, task, str(error))
+
+
+def _places(tree: Tree | None, words: Words) -> dict[int, str]:
+    """Where the learnt tree may enter another: as a child of its root, or anywhere."""
+    children = getattr(tree, "children", ())
+    options = {ANYWHERE: "anywhere, wherever it proves best"}
+    for index, child in enumerate(children):
+        options[index] = f"as step {index + 1}, before “{words(child)}”"
+    options[len(children)] = f"as step {len(children) + 1}, at the end"
+    return options
+
+
+def _line(text: str, *, marked: bool) -> None:
+    with ui.element("li"):
+        ui.label(text).classes("text-bold" if marked else "")
+
+
 def _taught(lesson: Lesson | None, problem: str) -> str:
     if lesson is None:
         return problem or "Nothing yet: demonstrate in step 3."
     count = len(lesson.demonstrations)
     return f"This tree, from {count} demonstration{'s' * (count > 1)}:"
-
-
-def _reached(lesson: Lesson, words: Words) -> str:
-    """What the demonstrations reach, as a subgoal."""
-    return ", ".join(words.statement(parse_behavior(text)) for text in lesson.subgoal("taught").conditions)

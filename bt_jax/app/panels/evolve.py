@@ -61,7 +61,11 @@ class _Evolve:
                 self.best = _figure("best fitness (the closer to 0, the better)", "evolve-best")
                 self.mean = _figure("mean of the population", "evolve-mean")
                 self.episodes = _figure("trees tried", "evolve-episodes")
-            self.chart = ui.echart(curve_options([])).classes("evolve-chart").props("data-testid=evolve-chart")
+            self.chart = (
+                ui.echart(curve_options([]))
+                .classes("evolve-chart")
+                .props('data-testid=evolve-chart role=img aria-label="Learning curve"')
+            )
             heading("Best tree so far")
             with ui.element("div").classes("evolve-tree"):
                 self.tree = TreeView(page, testid="evolve-tree")
@@ -121,7 +125,7 @@ class _Evolve:
         self.chart.options.clear()
         self.chart.options.update(curve_options(curves, generations=progress.generations if progress else 0))
         self.chart.update()
-        self.tree.show(evolution.tree, self.studio.task)
+        self.tree.show(evolution.tree, evolution.task or self.studio.task)
 
 
 def _number(label: str, testid: str, value: int, low: int, high: int) -> ui.number:

@@ -9,7 +9,7 @@ from nicegui import ui
 
 from bt_jax.app.curve import Curve, curve_options
 from bt_jax.app.filming import film_run
-from bt_jax.app.panels.parts import ask, button
+from bt_jax.app.panels.parts import ask, button, may_leave
 from bt_jax.app.record import Record, read_record, tested
 from bt_jax.app.studio import Studio
 from bt_jax.app.tree_view import TreeView
@@ -60,7 +60,11 @@ class _Keep:
                     button("Film", "keep-film", "movie", page.guard(self._film)),
                     button("Delete", "keep-delete", "delete", page.guard(self._delete)),
                 ]
-            self.chart = ui.echart(curve_options([])).classes("evolve-chart").props("data-testid=keep-chart")
+            self.chart = (
+                ui.echart(curve_options([]))
+                .classes("evolve-chart")
+                .props('data-testid=keep-chart role=img aria-label="Learning curves"')
+            )
             with ui.row().classes("w-full no-wrap gap-2 keep-trees"):
                 self.trees = [_Side(page, number) for number in range(2)]
         page.on("runs", page.guard(self._list), now=False)
@@ -101,42 +105,40 @@ class _Keep:
         for number, side in enumerate(self.trees):
             side.show(shown[number] if number < len(shown) else None)
 
-    def _one(self) -> Record:
+    async def _one(self) -> Record:
         """The ticked run, as it is now. Raises UserError where it has gone."""
         if len(self.chosen) != 1:
             raise UserError("tick exactly one run in the list")
-        return read_record(self.studio.workspace.run(self.chosen[0]))
+        return await asyncio.to_thread(read_record, self.studio.workspace.run(self.chosen[0]))
 
     async def _open(self) -> None:
-        record = self._one()
+        record = await self._one()
+        if record.config.task != self.studio.task and not await may_leave(self.studio):
+            return
         self.studio.open_run(record.name)
         self.studio.say(f"The run {record.name} is open: run its tree in step 6, or go on evolving it in step 2.")
 
-    def _download(self, kind: str) -> None:
-        record = self._one()
+    async def _download(self, kind: str) -> None:
+        record = await self._one()
         if record.tree is None:
             raise UserError(f"{record.name} has no tree yet; let it evolve a generation")
         ui.download.content(FORMATS[kind](record.tree), f"{record.name}.{kind}")
         self.studio.say(f"The tree of {record.name} is in your downloads, as {record.name}.{kind}.")
 
     async def _film(self) -> None:
-        record = self._one()
-        folder = self.studio.workspace.run(record.name).path
+        record = await self._one()
+        folder = self.studio.workspace.run(record.name).path.resolve()
         self.studio.say(f"Filming {record.name}; this takes a while, and you can go on.")
-        await film_run(folder.resolve(), folder.resolve() / "film.mp4")
-        ui.download.file(folder / "film.mp4", f"{record.name}.mp4")
+        ui.download.file(await film_run(folder), f"{record.name}.mp4")
         self.studio.say(f"The film of {record.name} is in your downloads, and in its folder.")
 
     async def _delete(self) -> None:
-        name = self._one().name
-        evolution = self.studio.evolution
-        if evolution.running and evolution.run == name:
-            raise UserError(f"{name} is evolving; stop it before you delete it")
+        name = (await self._one()).name
         question = f"Delete the run {name} for good, with its trees and curves?"
         if await ask(question, yes="Delete", testid="keep-delete"):
-            self.studio.workspace.delete_run(name)
+            await asyncio.to_thread(self.studio.workspace.delete_run, name)
+            self.studio.forget_run(name)
             self.studio.say(f"The run {name} is deleted.")
-            self.studio.changed("runs")
 
 
 class _Side:

@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 from nicegui import ui
+from nicegui.element import Element
 
-__all__ = ["ask", "ask_for", "button", "heading"]
+__all__ = ["ask", "ask_for", "button", "heading", "mark"]
+
+E = TypeVar("E", bound=Element)
 
 
 def button(text: str, testid: str, icon: str, handler: Callable[..., Any], *, more: str = "") -> ui.button:
     """A button with an icon; `more` are further Quasar props."""
     made = ui.button(text or None, icon=icon, on_click=handler).classes("part-button" if text else "")
-    return made.props(f"no-caps unelevated dense data-testid={testid} {more}")
+    return mark(made.props(f"no-caps unelevated dense {more}"), testid)
+
+
+def mark(element: E, testid: str, **props: str) -> E:
+    """Sets properties whose values may hold anything, such as names that a person has chosen; _ in a key stands for -."""
+    element.props["data-testid"] = testid
+    for key, value in props.items():
+        element.props[key.replace("_", "-")] = value
+    return element
 
 
 def heading(text: str) -> ui.label:
@@ -31,6 +42,13 @@ async def ask(question: str, *, yes: str, testid: str) -> bool:
     answer = await dialog
     dialog.delete()
     return bool(answer)
+
+
+async def may_leave(studio: Studio) -> bool:
+    """Whether another task may take the place of this one: its changes are saved, or a person lets them go."""
+    if not studio.unsaved:
+        return True
+    return await ask(f"The changes of {studio.task.name} are not saved.", yes="Discard them", testid="task-leave")
 
 
 async def ask_for(question: str, *, value: str, yes: str, testid: str) -> str | None:

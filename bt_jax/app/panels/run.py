@@ -7,8 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from nicegui import ui
 
+from bt_jax.app.panels.parts import button, may_leave
+from bt_jax.app.place_fields import PlaceFields
 from bt_jax.app.player import Moment, Player
 from bt_jax.app.playing import SPEEDS
+from bt_jax.app.spots import Spot, origins, spot_at
 from bt_jax.app.studio import Studio
 from bt_jax.app.tree_view import TreeView
 from bt_jax.encoding.words import Words
@@ -41,25 +44,29 @@ class _Run:
     def __init__(self, studio: Studio, page: Page) -> None:
         self.studio, self.page = studio, page
         self._layout = 0
+        self.learnt: dict[str, str] = {}
+        self.fields: PlaceFields | None = None
         with ui.element("div").classes("run"):
             with ui.row().classes("items-center gap-2 w-full no-wrap"):
                 self.source = (
-                    ui.select([], label="Tree of", on_change=page.guard(self._choose))
+                    ui.select([], label="Tree of")
+                    .on("update:model-value", page.guard(self._choose))
                     .props("dense outlined options-dense data-testid=run-source")
                     .classes("run-source")
                 )
-                self.anew = _button("Start over", "run-restart", "replay", page.guard(self._restart))
-                self.other = _button("Other start", "run-layout", "shuffle", page.guard(self._other_layout))
+                self.anew = button("Start over", "run-restart", "replay", page.guard(self._restart))
+                self.other = button("Other start", "run-layout", "shuffle", page.guard(self._other_layout))
             with ui.row().classes("items-center gap-2 w-full no-wrap"):
-                self.toggle = _button("Play", "run-play", "play_arrow", page.guard(self._toggle))
-                self.step = _button("One tick", "run-tick", "skip_next", page.guard(studio.playing.tick))
+                self.toggle = button("Play", "run-play", "play_arrow", page.guard(self._toggle))
+                self.step = button("One tick", "run-tick", "skip_next", page.guard(studio.playing.tick))
                 ui.select(
                     {speed: f"{speed:g} \N{MULTIPLICATION SIGN}" for speed in SPEEDS}, value=1.0, label="Speed"
                 ).props("dense outlined options-dense data-testid=run-speed").classes("run-speed").bind_value(
                     studio.playing, "speed"
                 )
                 self.timeline = (
-                    ui.slider(min=0, max=1, value=0, on_change=page.guard(self._scrub))
+                    ui.slider(min=0, max=1, value=0)
+                    .on("update:model-value", page.guard(self._scrub), throttle=0.1)
                     .props('data-testid=run-timeline markers snap aria-label="Timeline"')
                     .classes("run-timeline")
                 )
@@ -67,7 +74,16 @@ class _Run:
             with ui.row().classes("gap-2") as self.targets:
                 pass
             self.verdict = ui.label().props("data-testid=run-verdict")
-            self.hint = ui.label("Drag a box in the scene at any time, and watch how the tree reacts.").classes("hint")
+            with ui.row().classes("items-center gap-2") as self.hint:
+                ui.label("Drag a box in the scene at any time, and watch how the tree reacts.").classes("hint")
+                self.hand = (
+                    ui.select([], label="or by numbers", clearable=True)
+                    .on("update:model-value", page.guard(self._take))
+                    .props("dense outlined options-dense data-testid=run-box")
+                    .classes("run-box")
+                )
+            with ui.row().classes("items-center gap-2 no-wrap") as self.numbers:
+                pass
             self.tree = TreeView(page, testid="run-tree", legend=True)
         page.on("tree", self._sources)
         page.on("runs", self._sources, now=False)
@@ -89,26 +105,31 @@ class _Run:
 
     def _sources(self) -> None:
         """Trees to choose from: those of the runs, and the demonstrated one."""
-        if self.page.step != "run":
-            return
-        names = self.studio.workspace.run_names()
-        lesson = self.studio.lesson
-        options = {name: name for name in names} | ({LESSON: LESSON} if lesson is not None else {})
-        here = self.studio.run if self.studio.run in options else None
-        if lesson is not None and self.studio.tree == lesson.tree:
-            here = LESSON
-        self._quietly(lambda: self.source.set_options(options, value=here))
+        studio, lesson = self.studio, self.studio.lesson
+        self.learnt = {f"learnt: {name}": name for name in studio.workspace.learnt_names()}
+        options = [*studio.workspace.run_names(), *([LESSON] if lesson is not None else []), *self.learnt]
+        here = studio.run
+        if here is None and studio.tree is not None:
+            here = LESSON if lesson is not None and studio.tree == lesson.tree else self.source.value
+        self.source.set_options(options, value=here if here in options else None)
         self._refresh()
 
-    async def _choose(self, event) -> None:
-        if self._quiet or event.value is None:
-            return
-        if event.value == LESSON:
-            self.studio.tree, self.studio.run = self.studio.lesson.tree, None
-            self.studio.changed("tree")
-        else:
-            self.studio.open_run(event.value)
-        await self.studio.playing.begin()
+    async def _choose(self) -> None:
+        studio, name = self.studio, self.source.value
+        try:
+            if name == LESSON:
+                studio.tree, studio.run = studio.lesson.tree, None
+                studio.changed("tree")
+            elif name in self.learnt:
+                studio.tree, studio.run = studio.workspace.learnt_tree(self.learnt[name]), None
+                studio.changed("tree")
+            elif studio.workspace.run(name).config().task == studio.task or await may_leave(studio):
+                studio.open_run(name)
+            else:
+                return
+            await studio.playing.begin()
+        finally:
+            self._sources()
 
     async def _restart(self) -> None:
         await self.studio.playing.begin(None if self._layout == 0 else self._drawn())
@@ -128,9 +149,28 @@ class _Run:
         else:
             self.studio.playing.play()
 
-    async def _scrub(self, event) -> None:
-        if not self._quiet and self.studio.player is not None and event.value != self.studio.player.at:
-            await self.studio.playing.seek(int(event.value))
+    async def _scrub(self) -> None:
+        if self.studio.player is not None and self.timeline.value != self.studio.player.at:
+            await self.studio.playing.seek(int(self.timeline.value))
+
+    def _take(self) -> None:
+        """Fields for the place of the box that is chosen."""
+        self.numbers.clear()
+        self.fields, player, task = None, self.studio.player, self.studio.task
+        if self.hand.value not in task.box_names or player is None:
+            return
+        name = self.hand.value
+        others = [other for other in task.box_names if other != name]
+        references = [*(table.name for table in task.tables), task.kit.name, *others]
+        with self.numbers:
+            spot = spot_at(task, player.world, name)
+            self.fields = PlaceFields(self.page, name, references, spot, self._move, step="run")
+
+    async def _move(self, spot: Spot) -> None:
+        player, task, name = self.studio.player, self.studio.task, self.hand.value
+        if player is None:
+            raise UserError("nothing runs; choose a tree first")
+        await self.studio.playing.put(name, spot.point(task, name, origins(task, player.world, ended=False)))
 
     async def _drop(self, dragged: str, name: str, position: np.ndarray) -> None:
         if self.page.step != "run":
@@ -138,16 +178,6 @@ class _Run:
         if self.studio.player is None:
             raise UserError("nothing runs yet; press Play first, or arrange boxes in the step Task")
         await self.studio.playing.put(name, position)
-
-    _quiet = False
-
-    def _quietly(self, change) -> None:
-        """Changes a control without that counting as a person's choice."""
-        self._quiet = True
-        try:
-            change()
-        finally:
-            self._quiet = False
 
     def _refresh(self) -> None:
         if self.page.step != "run":
@@ -161,15 +191,21 @@ class _Run:
         self.hint.set_visibility(player is not None)
         self.tree.show(studio.tree if player is None else player.tree, studio.task)
         self.targets.clear()
+        names = list(studio.task.box_names)
+        if self.hand.options != names or (player is None and self.hand.value is not None):
+            self.hand.set_options(names, value=None)
+            self._take()
         if player is None:
-            self._quietly(lambda: self._set_timeline(0, 1))
+            self._set_timeline(0, 1)
             self.what.set_text("" if studio.tree else "There is no tree yet: evolve one first, or choose a run above.")
             self.verdict.set_text("")
             return
-        self._quietly(lambda: self._set_timeline(player.at, len(player.moments) - 1))
+        self._set_timeline(player.at, len(player.moments) - 1)
         self.what.set_text(_said(Words(studio.task), player))
         self.verdict.set_text(_verdict(studio, player))
         self.tree.colour(player.statuses)
+        if self.fields is not None:
+            self.fields.show(spot_at(studio.task, player.world, self.hand.value))
         with self.targets:
             for target in studio.task.targets:
                 _target(studio.task, target.object, player.distances[target.object])
@@ -177,10 +213,6 @@ class _Run:
     def _set_timeline(self, value: int, last: int) -> None:
         self.timeline.props(f"max={max(last, 1)}")
         self.timeline.set_value(value)
-
-
-def _button(text: str, testid: str, icon: str, handler) -> ui.button:
-    return ui.button(text, icon=icon, on_click=handler).props(f"no-caps unelevated dense data-testid={testid}")
 
 
 def _said(words: Words, player: Player) -> str:

@@ -9,13 +9,15 @@ import numpy as np
 from nicegui import ui
 
 from bt_jax.app.arrangement import fixed_layout, free_layout, kit_table, move_kit, put, retarget, untarget
+from bt_jax.app.panels.parts import ask, button, may_leave
 from bt_jax.app.place_fields import PlaceFields
 from bt_jax.app.spots import Spot, origins, spot_at, spot_of_target
 from bt_jax.app.studio import Studio
 from bt_jax.encoding.words import Words
 from bt_jax.errors import UserError
 from bt_jax.mjx_env.layouts import sample_layouts
-from bt_jax.task import Box, load_task, task_names
+from bt_jax.mjx_env.world import World
+from bt_jax.task import Box, Task, load_task, task_names
 
 if TYPE_CHECKING:
     from bt_jax.app.page import Page
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
 __all__ = ["build"]
 
 Side = Literal["targets", "start"]
+CHOSEN = "update:model-value"  # by a person: a change by the program would be taken for one in every other window
+UNSAVED = "Changed, and not saved yet."
 HINTS = {
     "targets": "Drag a dashed box in the scene to where the box should be, or write it here.",
     "start": "Drag a box in the scene to where it should start, or write it here.",
@@ -38,14 +42,14 @@ class _Task:
     def __init__(self, studio: Studio, page: Page) -> None:
         self.studio, self.page = studio, page
         self.draws = 0
-        self.quiet = False
         self.shape: tuple = ()
         self.fields: dict[str, PlaceFields] = {}
         self.words: dict[str, ui.label] = {}
         with ui.element("div").classes("task"):
             with ui.row().classes("items-center gap-2 w-full no-wrap"):
                 self.choice = (
-                    ui.select([], label="Task", on_change=page.guard(self._choose))
+                    ui.select([], label="Task")
+                    .on(CHOSEN, page.guard(self._choose))
                     .props("dense outlined options-dense data-testid=task-choice")
                     .classes("task-choice")
                 )
@@ -59,26 +63,30 @@ class _Task:
             with ui.element("div").classes("task-beginning") as self.beginning:
                 with ui.row().classes("items-center gap-2"):
                     self.kit = (
-                        ui.select([], label="The kit stands on", on_change=page.guard(self._move_kit))
+                        ui.select([], label="The kit stands on")
+                        .on(CHOSEN, page.guard(self._move_kit))
                         .props("dense outlined options-dense data-testid=task-kit")
                         .classes("task-reference")
                     )
-                    _button("Another random start", "task-random", "shuffle", page.guard(self._random))
-                self.fixed = ui.radio(
-                    {False: "Every episode starts at random", True: "Every episode starts as shown now"},
-                    on_change=page.guard(self._fix),
-                ).props("dense data-testid=task-fixed")
+                    button("Another random start", "task-random", "shuffle", page.guard(self._random))
+                self.fixed = (
+                    ui.radio({False: "Every episode starts at random", True: "Every episode starts as shown now"})
+                    .on(CHOSEN, page.guard(self._fix))
+                    .props("dense data-testid=task-fixed")
+                )
             ui.separator()
             with ui.row().classes("items-center gap-2 no-wrap"):
                 self.name = (
                     ui.input("Name of your task").props("dense outlined data-testid=task-name").classes("task-name")
                 )
-                _button("Save", "task-save", "save", page.guard(self._save))
+                button("Save", "task-save", "save", page.guard(self._save))
+                self.revert = button("Discard changes", "task-revert", "undo", page.guard(self._revert)).props(
+                    "outline"
+                )
                 self.saved = ui.label().classes("hint").props("data-testid=task-saved")
         self.tabs.on_value_change(lambda event: self._turn())
         self.tabs.set_value("targets")
         page.on("task", self._refresh)
-        page.on("scene", self._refresh, now=False)
         page.on_step(lambda step: self._refresh())
         page.scene.on_drop(self._drop)
 
@@ -94,20 +102,17 @@ class _Task:
         if self.page.step != "task":
             return
         studio, task = self.studio, self.studio.task
-        self.quiet = True
-        try:
-            names = studio.workspace.task_names()
-            self.choice.set_options([*names, *([] if task.name in names else [task.name])], value=task.name)
-            self.kit.set_options([table.name for table in task.tables], value=kit_table(task, studio.start))
-            self.fixed.set_value(bool(task.layout.fixed))
-        finally:
-            self.quiet = False
+        names = studio.workspace.task_names()
+        self.choice.set_options([*names, *([] if task.name in names else [task.name])], value=task.name)
+        self.kit.set_options([table.name for table in task.tables], value=kit_table(task, studio.start))
+        self.fixed.set_value(bool(task.layout.fixed))
         self.description.set_text(task.description)
         self.beginning.set_visibility(self.side == "start")
         self.hint.set_text(HINTS[self.side])
         if not self.name.value:
             self.name.set_value(task.name if task.name not in task_names() else f"my_{task.name}")
         self.saved.set_text(self._state())
+        self.revert.set_visibility(self.saved.text == UNSAVED)
         targets = {target.object: target for target in task.targets}
         shape = (self.side, task.boxes, tuple(targets))
         if shape != self.shape:
@@ -121,14 +126,11 @@ class _Task:
                 self.words[name].set_text(Words(task).place(name, targets[name].position, targets[name].frame))
 
     def _state(self) -> str:
-        """Whether the task is as in its file."""
-        try:
-            saved = self.studio.workspace.task(self.studio.task.name)
-        except UserError:
-            saved = None
-        if saved != self.studio.task:
-            return "Changed, and not saved yet."
-        return "" if saved.name in task_names() else f"Saved as tasks/{saved.name}.yaml"
+        """What became of the changes, in words."""
+        name = self.studio.task.name
+        if self.studio.unsaved:
+            return UNSAVED
+        return "" if name in task_names() else f"Saved as tasks/{name}.yaml"
 
     def _build_rows(self, targets: Collection[str]) -> None:
         """One row a box; they stay as long as there is the same to say, so that the focus does."""
@@ -155,7 +157,7 @@ class _Task:
             self.words[name] = ui.label("may be anywhere").props(f"data-testid=task-words-{name}")
             ui.space()
             if not has_target:
-                _button("Add a target", f"task-add-{name}", "add", self.page.guard(lambda: self._add(name)))
+                button("Add a target", f"task-add-{name}", "add", self.page.guard(lambda: self._add(name)))
                 return
             hint = f"{name} may be anywhere"
             remove = self.page.guard(lambda: self._amend(untarget(self.studio.task, name)))
@@ -191,63 +193,85 @@ class _Task:
 
     async def _target(self, name: str, position: np.ndarray, frame: str | None = None) -> None:
         studio = self.studio
-        self._amend(await studio.work(retarget, studio.task, studio.physics, studio.start, name, position, frame))
+        async with studio.turn:
+            task, start = studio.task, studio.start
+            changed = await studio.work(retarget, task, studio.physics, start, name, position, frame)
+            self._check_same(task, start)
+            self._amend(changed)
 
     async def _start(self, name: str, position: np.ndarray) -> None:
         studio = self.studio
-        world = await studio.work(put, studio.task, studio.physics, studio.start, name, position)
-        self._begin(world)
+        async with studio.turn:
+            task, start = studio.task, studio.start
+            world = await studio.work(put, task, studio.physics, start, name, position)
+            self._check_same(task, start)
+            self._begin(world)
+
+    def _check_same(self, task: Task, start: World) -> None:
+        if self.studio.task is not task or self.studio.start is not start:
+            raise UserError("the task was changed meanwhile; do it again if it is still what you want")
 
     def _begin(self, world) -> None:
         """The scene starts like this; so does every episode, where that was wanted."""
         task = self.studio.task
-        self.studio.amend(fixed_layout(task, world) if task.layout.fixed else task, world)
+        self._amend(fixed_layout(task, world) if task.layout.fixed else task, world)
 
-    def _amend(self, task) -> None:
-        self.studio.amend(task)
+    def _amend(self, task: Task, start: World | None = None) -> None:
+        """Takes what can be; what was said of what cannot be is over."""
+        self.studio.amend(task, start)
         self.studio.say("")
 
-    def _choose(self, event) -> None:
-        if not self.quiet and event.value is not None:
+    async def _choose(self) -> None:
+        name = self.choice.value
+        if await may_leave(self.studio):
+            self._open(name)
+        else:
+            self._refresh()
+
+    def _revert(self) -> None:
+        self._open(self.studio.task.name)
+
+    def _open(self, name: str) -> None:
+        """A task as it is in its file; where that cannot be, the choice shows again what there is."""
+        try:
+            self.studio.set_task(self.studio.workspace.task(name))
             self.draws = 0
             self.name.set_value("")
-            try:
-                self.studio.set_task(self.studio.workspace.task(event.value))
-            finally:
-                self._refresh()
+        finally:
+            self._refresh()
 
     def _random(self) -> None:
         studio = self.studio
         self.draws += 1
         free = free_layout(studio.task, self._base())
-        studio.amend(free, sample_layouts(free, [7, self.draws], 1))
+        world = sample_layouts(free, [7, self.draws], 1)
+        studio.amend(fixed_layout(free, world) if studio.task.layout.fixed else free, world)
 
     def _base(self):
         """The task whose layouts are drawn where nothing is fixed."""
         task = self.studio.task
         return load_task(task.name) if task.layout.fixed and task.name in task_names() else task
 
-    def _move_kit(self, event) -> None:
-        if not self.quiet:
-            self._begin(move_kit(self.studio.task, self.studio.start, event.value))
+    def _move_kit(self) -> None:
+        self._begin(move_kit(self.studio.task, self.studio.start, self.kit.value))
 
-    def _fix(self, event) -> None:
-        if self.quiet:
-            return
+    def _fix(self) -> None:
         task, start = self.studio.task, self.studio.start
-        self.studio.amend(fixed_layout(task, start) if event.value else free_layout(task, self._base()), start)
+        try:
+            self.studio.amend(fixed_layout(task, start) if self.fixed.value else free_layout(task, self._base()), start)
+        finally:
+            self._refresh()
 
-    def _save(self) -> None:
-        name = self.name.value.strip()
-        self.studio.workspace.save_task(name, self.studio.task)
-        self.studio.amend(self.studio.workspace.task(name), self.studio.start)
+    async def _save(self) -> None:
+        name, workspace = self.name.value.strip(), self.studio.workspace
+        other = name in workspace.task_names() and name not in task_names() and name != self.studio.task.name
+        if other and not await ask(f"There is a task {name} already.", yes="Replace it", testid="task-replace"):
+            return
+        workspace.save_task(name, self.studio.task)
+        self.studio.amend(workspace.task(name), self.studio.start)
 
 
 def _name(box: Box) -> None:
     red, green, blue = (round(255 * value) for value in box.color)
     ui.element("span").classes("task-chip").style(f"background: rgb({red}, {green}, {blue})")
     ui.label(box.name).classes("task-box")
-
-
-def _button(text: str, testid: str, icon: str, handler) -> ui.button:
-    return ui.button(text, icon=icon, on_click=handler).props(f"no-caps unelevated dense data-testid={testid}")

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 from typing import TYPE_CHECKING
 
 from nicegui import ui
 
 from bt_jax.app.clusters import cluster_svg, scores
+from bt_jax.app.panels.keep import FORMATS
 from bt_jax.app.panels.parts import button, heading
 from bt_jax.app.studio import Studio
 from bt_jax.app.tree_view import TreeView
+from bt_jax.app.trial import LAYOUTS
 from bt_jax.behaviors import Behavior, Kind
 from bt_jax.encoding.words import Words
+from bt_jax.errors import UserError
 from bt_jax.lfd import Lesson
 from bt_jax.lfd.clustering import NEEDED, SPREAD_FLOOR, Candidate, Inference
 from bt_jax.lfd.explanation import order_sentences, precondition_sentences
@@ -41,20 +45,32 @@ class _Understand:
                     button("Run it", "understand-run", "play_arrow", page.guard(self._run), more="outline")
                     combine = page.guard(lambda: page.go("combine"))
                     button("Combine with evolution", "understand-combine", "merge", combine)
+                with ui.row().classes("gap-2 items-center w-full"):
+                    text = f"Try it in {LAYOUTS} layouts"
+                    self.try_out = button(text, "understand-try", "casino", page.guard(self._try_out), more="outline")
+                    ui.label("Download").classes("teach-hint")
+                    for kind in FORMATS:
+                        download = page.guard(functools.partial(self._download, kind))
+                        button(kind.upper(), f"understand-{kind}", "download", download, more="flat")
+                self.trial = ui.label().props("data-testid=understand-trial")
                 with ui.element("div").classes("lesson-tree"):
                     self.tree = TreeView(page, testid="understand-tree")
         page.on("lesson", self._refresh)
 
     def _refresh(self) -> None:
-        lesson, teaching = self.studio.lesson, self.studio.teaching
+        lesson, shelf = self.studio.lesson, self.studio.shelf
         self.area.clear()
         self.learnt.set_visibility(lesson is not None)
         if lesson is not None:
             self.tree.show(lesson.tree, lesson.task)
+        self.try_out.set_enabled(not shelf.trying)
+        trying = "Running it; this takes a while the first time." if shelf.trying else ""
+        self.trial.set_text(shelf.trial.sentence if shelf.trial else trying)
+        self.trial.set_visibility(bool(self.trial.text))
         with self.area:
-            ui.label(teaching.progress).props("data-testid=understand-progress")
-            if teaching.problem:
-                ui.label(teaching.problem).classes("teach-landing teach-bad").props("data-testid=understand-problem")
+            ui.label(shelf.progress).props("data-testid=understand-progress")
+            if shelf.problem:
+                ui.label(shelf.problem).classes("teach-landing teach-bad").props("data-testid=understand-problem")
             if lesson is None:
                 button("Demonstrate", "understand-demonstrate", "back_hand", lambda: self.page.go("demonstrate"))
                 return
@@ -79,18 +95,20 @@ class _Understand:
     def _action(self, lesson: Lesson, index: int, inference: Inference) -> None:
         words, count = Words(lesson.task), len({moment.demonstration for moment in inference.moments})
         with ui.element("div").classes("lesson-action").props(f"data-testid=understand-action-{index + 1}"):
-            with ui.row().classes("items-baseline gap-2 no-wrap"):
-                ui.label(f"{index + 1}.")
-                ui.label(words(inference.behavior)).classes("text-bold").props(f'title="{inference.behavior}"')
+            with ui.element("div").classes("lesson-title"):
+                title = ui.label(f"{index + 1}. {words(inference.behavior)}").classes("text-bold")
+                title.props(f'title="{inference.behavior}"')
                 ui.label(f"in {count} of {len(lesson.demonstrations)} demonstrations").classes("teach-hint")
             if inference.kind == "pick":
                 return
             with ui.element("div").classes("lesson-frames").props('role=group aria-label="Relative to"'):
                 for frame, candidate in scores(lesson, inference).items():
                     self._frame(lesson, index, inference, frame, candidate)
-            ui.label(_reason(inference)).classes("teach-hint").props(f"data-testid=understand-reason-{index + 1}")
+            ui.label(_reason(inference, lesson)).classes("teach-hint").props(
+                f"data-testid=understand-reason-{index + 1}"
+            )
             if inference.chosen:
-                back = self.page.guard(functools.partial(self.studio.teaching.choose_frame, index, None))
+                back = self.page.guard(functools.partial(self.studio.shelf.choose_frame, index, None))
                 button("As the demonstrations say", f"understand-auto-{index + 1}", "undo", back, more="flat")
 
     def _frame(self, lesson: Lesson, index: int, inference: Inference, frame: str, candidate: Candidate | None) -> None:
@@ -107,9 +125,11 @@ class _Understand:
 
     async def _choose(self, index: int, frame: str) -> None:
         lesson = self.studio.lesson
-        if lesson is None or (lesson.inferences[index].frame == frame and lesson.inferences[index].chosen):
+        if lesson is None or index >= len(lesson.inferences):
+            return  # another window has changed it
+        if lesson.inferences[index].frame == frame and lesson.inferences[index].chosen:
             return
-        await self.studio.teaching.choose_frame(index, frame)
+        await self.studio.shelf.choose_frame(index, frame)
         self.studio.say(f"The place is now relative to {frame}, and the tree is learnt anew.")
 
     def _goal(self, lesson: Lesson) -> None:
@@ -136,9 +156,24 @@ class _Understand:
                         with ui.element("li"):
                             ui.label(sentence)
 
+    async def _try_out(self) -> None:
+        await self.studio.shelf.try_out()
+        trial = self.studio.shelf.trial
+        if trial is not None:
+            self.studio.say(f"{trial.sentence} All that was learnt is kept in {trial.folder}.")
+
+    def _download(self, kind: str) -> None:
+        lesson = self.studio.lesson
+        if lesson is None:
+            raise UserError("nothing has been learnt yet; demonstrate in step 3")
+        ui.download.content(FORMATS[kind](lesson.tree), f"learnt_tree.{kind}")
+        self.studio.say(f"The learnt tree is in your downloads, as learnt_tree.{kind}.")
+
     def _run(self) -> None:
-        studio = self.studio
-        studio.tree, studio.run = studio.lesson.tree, None
+        studio, lesson = self.studio, self.studio.lesson
+        if lesson is None:
+            raise UserError("nothing has been learnt yet; demonstrate in step 3")
+        studio.tree, studio.run = lesson.tree, None
         studio.changed("tree", "runs")
         self.page.go("run")
 
@@ -162,6 +197,9 @@ def _agreement(candidate: Candidate | None) -> str:
     return f"{candidate.size} within {1000 * max(candidate.spread, SPREAD_FLOOR):.0f} mm"
 
 
-def _reason(inference: Inference) -> str:
+def _reason(inference: Inference, lesson: Lesson) -> str:
     """Why it is this frame, and how well the demonstrations agree there."""
-    return f"{inference.reason[:1].upper()}{inference.reason[1:]}."
+    said = inference.reason
+    for frame in (lesson.task.kit.name, lesson.task.robot_frame):
+        said = re.sub(rf"\b{frame}\b", _known(frame, lesson), said)
+    return f"{said[:1].upper()}{said[1:]}."

@@ -129,6 +129,19 @@ def see(page):
     return find
 
 
+@pytest.fixture
+def shoot(page):
+    """Keeps a picture of the window for the README, where $BT_JAX_PICTURES names a folder for it."""
+
+    def keep(name: str) -> None:
+        folder = os.environ.get("BT_JAX_PICTURES")
+        if folder:
+            page.wait_for_timeout(2500)  # what moves comes to rest, notifications go
+            page.screenshot(path=Path(folder) / f"page_{name}.png")
+
+    return keep
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item, call):
     report = yield

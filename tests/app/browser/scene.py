@@ -40,6 +40,8 @@ def on_screen(page: Page, point: list[float]) -> tuple[float, float]:
 def drag(page: Page, name: str, to: list[float], *, target: bool = False) -> None:
     """Takes a box, or its target, at its middle and lets it go over a point of the world [m]."""
     at_rest(page)
+    what = "targets" if target else "boxes"
+    page.wait_for_function(f"() => {{ {COMPONENT} return c.dragging === '{what}'; }}")
     here = position(page, name, target=target)
     page.mouse.move(*on_screen(page, here))
     page.mouse.down()

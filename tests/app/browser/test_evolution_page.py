@@ -171,12 +171,27 @@ def test_the_run_folder_vanishes(page, see, server):
     row.get_by_role("checkbox").click()
     expect(see("keep-open")).to_be_enabled()
     shutil.rmtree(folder.path)
-    see("keep-open").click()
-    expect(see("message")).to_contain_text("is no longer there; choose another, or evolve again")
+    expect(see("message")).to_contain_text("has vanished; choose another run, or start again")
+    expect(row).to_have_count(0)
+    expect(see("keep-open")).to_be_disabled()
     see("tab-evolve").click()
     expect(see("evolve-sentence")).to_contain_text("has vanished; choose another run, or start again")
     start(see, generations=3)
     expect(see("evolve-stage")).to_have_text("finished")
+
+
+def test_another_run_folder_vanishes_while_it_is_listed(page, see, server):
+    for seed in (1, 2):
+        start(see, generations=3, seed=seed)
+        expect(see("evolve-stage")).to_have_text("finished")
+        if seed == 1:
+            first = newest(server)
+    see("tab-keep").click()
+    see("keep-runs").get_by_role("row", name=first.path.name).get_by_role("checkbox").click()
+    expect(see("keep-open")).to_be_enabled()
+    shutil.rmtree(first.path)
+    see("keep-open").click()
+    expect(see("message")).to_contain_text("is no longer there; choose another, or evolve again")
 
 
 def test_settings_that_cannot_work(see):

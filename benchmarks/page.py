@@ -1,0 +1,232 @@
+"""Is the page quick enough? From a click to the first generation, to a pause, to a stop; pictures a second; stalls."""
+
+# A headless Chromium draws the scene in software, on the same cores that evolve.
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import tyro
+from _report import report
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+
+from bt_jax.progress import is_alive, read_progress
+
+FLAGS = (
+    "--no-sandbox",
+    "--disable-quic",
+    "--enable-unsafe-swiftshader",
+    "--use-angle=swiftshader",
+    "--ignore-gpu-blocklist",
+)
+PATIENCE = 300_000  # milliseconds
+SCRIPT = "pick BlueBox; to (0, 0, 0.105) GreenBox; release"
+WATCH = """() => {
+  const now = { last: performance.now(), stall: 0, trip: 0, trips: 0 };
+  window.watched = now;
+  setInterval(() => { const t = performance.now(); now.stall = Math.max(now.stall, t - now.last - 10); now.last = t; }, 10);
+  (async () => {
+    for (;;) {
+      const sent = performance.now();
+      await fetch("/?ping", { method: "HEAD", cache: "no-store" }).catch(() => null);
+      now.trip = Math.max(now.trip, performance.now() - sent); now.trips += 1;
+      await new Promise((done) => setTimeout(done, 50));
+    }
+  })();
+}"""
+RENDERED = "() => getElement(Number(document.querySelector('[data-testid=scene]').id.slice(1))).rendered"
+
+
+@dataclasses.dataclass(frozen=True)
+class Arguments:
+    """Times of the page on this machine."""
+
+    repeat: int = 3
+    """servers to start, cold and warm"""
+    seconds: float = 10.0
+    """for which the scene is turned, and the page watched"""
+    chromium: str = "chromium"
+    """the browser"""
+
+
+def main(arguments: Arguments) -> None:
+    with sync_playwright() as playwright, tempfile.TemporaryDirectory() as scratch:
+        path = shutil.which(arguments.chromium)
+        browser = playwright.chromium.launch(executable_path=path, args=list(FLAGS))
+        starts = _starts(browser, Path(scratch), arguments.repeat)
+        report("page_start", "from the click to the first generation on the page, seconds", starts)
+        orders, frames, stalls = _at_work(browser, Path(scratch), arguments)
+        report("page_orders", "from the click to what it says on the page, seconds", orders)
+        report("page_frames", "pictures of the scene a second while it is turned", frames)
+        report("page_stalls", "longest stalls, milliseconds", stalls)
+
+
+def _starts(browser: Browser, scratch: Path, repeat: int) -> list[dict[str, Any]]:
+    """With nothing compiled and with everything; clicked as soon as the page is there, and when all is ready."""
+    rows = []
+    for kept in ("nothing compiled yet", "compiled before"):
+        for moment, wait in (("as soon as the page is open", False), ("half a minute later", True)):
+            times = []
+            for number in range(repeat):
+                cache = scratch / (f"cache-{wait}-{number}" if kept.startswith("nothing") else "cache-kept")
+                with _served(scratch / f"work-{kept[0]}-{wait}-{number}", cache) as url, _opened(browser, url) as page:
+                    _see(page, "tab-evolve").click()
+                    expect(_see(page, "evolve-start")).to_be_enabled()
+                    if wait:
+                        page.wait_for_timeout(30_000)
+                    times.append(_first_generation(page))
+            rows.append({"code": kept, "clicked": moment, "median": median(times), "most": max(times)})
+    return rows
+
+
+def _first_generation(page: Page) -> float:
+    began = time.perf_counter()
+    _see(page, "evolve-start").click()
+    page.wait_for_function(
+        "() => /^[0-9]+ of/.test(document.querySelector('[data-testid=evolve-generation]').innerText)", timeout=PATIENCE
+    )
+    return time.perf_counter() - began
+
+
+def _at_work(browser: Browser, scratch: Path, arguments: Arguments) -> tuple[list, list, list]:
+    """Pause, resume, stop; the scene turned by hand; and stalls, while the page and an evolution are at work."""
+    work, cache = scratch / "work", scratch / "cache-kept"
+    orders, frames, stalls = [], [], []
+    with _served(work, cache) as url, _opened(browser, url) as page:
+        page.evaluate(WATCH)
+        stalls.append(_watched(page, "nothing", lambda: page.wait_for_timeout(1000 * arguments.seconds)))
+        frames.append(_turned(page, "nothing", arguments.seconds))
+        _see(page, "tab-evolve").click()
+        _first_generation(page)
+        expect(_see(page, "evolve-stage")).to_have_text("finished", timeout=PATIENCE)
+        run = next((work / "runs").iterdir())
+        command = [sys.executable, "-m", "bt_jax.demonstrate", str(work / "demonstrations" / "demonstrations"), SCRIPT]
+        subprocess.run([*command, "--after", str(run), "--noise", "0.003"], check=True, stdout=subprocess.DEVNULL)
+
+        _see(page, "evolve-generations").fill("100000")
+        _first_generation(page)
+        stalls.append(_watched(page, "evolving", lambda: page.wait_for_timeout(1000 * arguments.seconds)))
+        frames.append(_turned(page, "evolving", arguments.seconds))
+        for _ in range(arguments.repeat):
+            orders.append(("pause", _order(page, "evolve-pause", "paused")))
+            orders.append(("resume", _order(page, "evolve-resume", "evolving")))
+        stalls.append(_watched(page, "evolving and learning from demonstrations", lambda: _learn(page, url)))
+        stalls.append(_watched(page, "evolving and running a tree", lambda: _run(page)))
+        _see(page, "tab-evolve").click()
+        orders.append(("stop", _order(page, "evolve-stop", "stopping", "testing", "stopped")))
+    table = {name: [seconds for order, seconds in orders if order == name] for name in ("pause", "resume", "stop")}
+    rows = [{"order": name, "median": median(times), "most": max(times)} for name, times in table.items()]
+    return rows, frames, stalls
+
+
+def _order(page: Page, testid: str, *stages: str) -> float:
+    """Seconds from a click until the page shows one of these stages."""
+    began = time.perf_counter()
+    _see(page, testid).click()
+    page.wait_for_function(
+        "(stages) => stages.includes(document.querySelector('[data-testid=evolve-stage]').innerText.toLowerCase())",
+        arg=list(stages),
+        timeout=PATIENCE,
+    )
+    return time.perf_counter() - began
+
+
+def _learn(page: Page, url: str) -> None:
+    page.goto(f"{url}/?step=understand")
+    page.evaluate(WATCH)
+    expect(_see(page, "understand-action-2")).to_be_visible(timeout=PATIENCE)
+    for frame in ("KittingBox", "YellowBox", "GreenBox"):
+        choice = _see(page, f"understand-frame-2-{frame}")
+        choice.click()
+        expect(choice).to_have_attribute("aria-pressed", "true", timeout=PATIENCE)
+
+
+def _run(page: Page) -> None:
+    _see(page, "tab-run").click()
+    _see(page, "run-restart").click()
+    _see(page, "run-play").click()
+    expect(_see(page, "run-verdict")).to_contain_text("The tree", timeout=PATIENCE)
+
+
+def _watched(page: Page, what: str, act) -> dict[str, Any]:
+    """The longest stall of the browser's thread, and the longest answer of the server, meanwhile."""
+    page.evaluate("() => Object.assign(window.watched, { stall: 0, trip: 0, last: performance.now() })")
+    act()
+    seen = page.evaluate("() => window.watched")
+    return {"at work": what, "browser": seen["stall"], "server's answer": seen["trip"]}
+
+
+def _turned(page: Page, what: str, seconds: float) -> dict[str, Any]:
+    """Pictures a second while somebody turns the scene with the mouse."""
+    box = _see(page, "scene").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + 40
+    page.mouse.move(x, y)
+    page.mouse.down()
+    began, first, step = time.perf_counter(), page.evaluate(RENDERED), 0
+    while time.perf_counter() - began < seconds:
+        step += 1
+        page.mouse.move(x + (step % 200 if step % 400 < 200 else 200 - step % 200), y)
+    frames, elapsed = page.evaluate(RENDERED) - first, time.perf_counter() - began
+    page.mouse.up()
+    return {"at work": what, "pictures a second": frames / elapsed}
+
+
+@contextlib.contextmanager
+def _served(folder: Path, cache: Path) -> Iterator[str]:
+    """A server with its own folder and its own store of compiled code; evolutions that outlive it are killed."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "bt_jax.app", "--folder", str(folder), "--port", str(port), "--no-show"],
+        env=os.environ | {"BT_JAX_CACHE": str(cache)},
+        stdout=subprocess.DEVNULL,
+    )
+    url = f"http://127.0.0.1:{port}"
+    try:
+        while process.poll() is None:
+            with contextlib.suppress(OSError):
+                urllib.request.urlopen(url, timeout=5).close()
+                break
+            time.sleep(0.05)
+        yield url
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait()
+        for run in (folder / "runs").glob("*"):
+            if is_alive(run):
+                os.kill(read_progress(run).pid, signal.SIGKILL)
+
+
+@contextlib.contextmanager
+def _opened(browser: Browser, url: str) -> Iterator[Page]:
+    context = browser.new_context(viewport={"width": 1280, "height": 720})
+    page = context.new_page()
+    page.set_default_timeout(PATIENCE)
+    page.goto(url)
+    _see(page, "tab-task").wait_for()
+    yield page
+    context.close()
+
+
+def _see(page: Page, testid: str):
+    return page.get_by_test_id(testid)
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Arguments))

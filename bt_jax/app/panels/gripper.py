@@ -1,0 +1,279 @@
+"""The gripper in step 3: buttons and keys for it, where it is, and what was done with it."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from nicegui import ui
+from nicegui.events import GenericEventArguments
+
+from bt_jax.app.panels.parts import ask, button, heading
+from bt_jax.app.studio import Studio
+from bt_jax.app.teaching import Direction
+from bt_jax.errors import UserError
+from bt_jax.teleoperation import Landing
+
+if TYPE_CHECKING:
+    from bt_jax.app.page import Page
+
+__all__ = ["Gripper"]
+
+SCRIPTS = [Path(__file__).parents[1] / name for name in ("keys.js", "focus.js")]
+MOVES: dict[str, Direction] = {
+    "ArrowLeft": "left",
+    "ArrowRight": "right",
+    "ArrowUp": "away",
+    "ArrowDown": "near",
+    "PageUp": "up",
+    "PageDown": "down",
+}
+PAD: tuple[tuple[Direction, str, str, str], ...] = (  # direction, icon, what it does, place in the grid
+    ("away", "arrow_upward", "Away from you (arrow up)", "1 / 2"),
+    ("left", "arrow_back", "To the left (arrow left)", "2 / 1"),
+    ("near", "arrow_downward", "Towards you (arrow down)", "2 / 2"),
+    ("right", "arrow_forward", "To the right (arrow right)", "2 / 3"),
+    ("up", "keyboard_double_arrow_up", "Higher (page up)", "1 / 5"),
+    ("down", "keyboard_double_arrow_down", "Lower (page down)", "2 / 5"),
+)
+
+
+class Gripper:
+    """Builds the controls where it is made; `refresh` shows what is in the making, `clear` takes its ghost away."""
+
+    def __init__(self, studio: Studio, page: Page) -> None:
+        self.studio, self.page, self.teaching = studio, page, studio.teaching
+        for script in SCRIPTS:
+            ui.add_head_html(f"<script>{script.read_text(encoding='utf-8')}</script>")
+        ui.on("teach_key", page.guard(self._key))
+        self._posed: object = None
+        self._done: object = None
+        self._cells: dict[str, list[ui.label]] = {}
+        self._build()
+        self._task_changed()
+        page.on("task", self._task_changed, now=False)
+        page.scene.on_pick(self._clicked)
+
+    def clear(self) -> None:
+        """Nothing hangs over the scene."""
+        self.page.scene.ghost({}, group="landing")
+
+    def refresh(self) -> None:
+        """What there is to see and to do now."""
+        teaching, session = self.teaching, self.studio.session
+        if session is None:
+            return
+        held, landing = session.held, teaching.landing
+        for pick in self.picks.default_slot.children:
+            pick.set_enabled(held is None)
+        for move in self.pad.default_slot.children:
+            move.set_enabled(held is not None)
+        for over, frame in zip(self.over.default_slot.children, (*session.task.box_names, ""), strict=True):
+            over.set_enabled(held is not None)
+            over.set_visibility(held is None or held != frame)
+        self.release.set_enabled(held is not None)
+        self.step.set_value(round(100 * teaching.step, 3))
+        self._refresh_landing(landing)
+        self._refresh_poses()
+        if (done := teaching.done) != self._done:
+            self._done = done
+            self._show_done(done)
+
+    def _show_done(self, done: list[str]) -> None:
+        self.done.clear()
+        with self.done:
+            for sentence in done:
+                with ui.element("li"):
+                    ui.label(sentence)
+            if not done:
+                ui.label("nothing yet").classes("teach-hint")
+
+    def _build(self) -> None:
+        page, teaching = self.page, self.teaching
+        with ui.row().classes("items-center gap-2 w-full"):
+            heading("Demonstration in the making").classes("flex-1")
+            button("Undo", "demonstrate-undo", "undo", page.guard(self._undo), more="flat title='Undo (Ctrl+Z)'")
+            button("Discard", "demonstrate-discard", "close", page.guard(self._discard), more="flat")
+            button("Finish", "demonstrate-finish", "check", page.guard(self._finish), more="color=positive")
+        with ui.row().classes("items-center gap-2"):
+            ui.label("Pick").classes("teach-word")
+            self.picks = ui.row().classes("gap-2 items-center")
+        with ui.row().classes("items-center gap-4 w-full no-wrap"):
+            ui.label("Place").classes("teach-word")
+            with ui.element("div").classes("teach-pad") as self.pad:
+                for direction, icon, text, place in PAD:
+                    move = button(
+                        "", f"demonstrate-{direction}", icon, page.guard(self._mover(direction)), more="outline"
+                    )
+                    move.props(f'aria-label="{text}" title="{text}"').style(f"grid-area: {place}")
+            with ui.column().classes("gap-1"):
+                with ui.row().classes("items-center gap-1 no-wrap"):
+                    smaller = "flat round aria-label='Smaller step (-)' title='Smaller step (-)'"
+                    larger = "flat round aria-label='Larger step (+)' title='Larger step (+)'"
+                    button(
+                        "", "demonstrate-smaller", "remove", page.guard(lambda: teaching.change_step(-1)), more=smaller
+                    )
+                    self.step = (
+                        ui.number("Step", value=100 * teaching.step, min=0.1, max=50, format="%g", suffix="cm")
+                        .props("dense outlined data-testid=demonstrate-step")
+                        .classes("teach-step")
+                    )
+                    self.step.on("change", page.guard(self._set_step))
+                    button("", "demonstrate-larger", "add", page.guard(lambda: teaching.change_step(1)), more=larger)
+                self.release = button("Release", "demonstrate-release", "pan_tool_alt", page.guard(self._release))
+                self.release.props("title='Let go (R)'").classes("w-full")
+        with ui.row().classes("items-center gap-2"):
+            ui.label("Over").classes("teach-word")
+            self.over = ui.row().classes("gap-2 items-center")
+        self.landing = ui.label().classes("teach-landing").props("data-testid=demonstrate-landing role=status")
+        with ui.element("div").classes("teach-columns"):
+            with ui.element("div"):
+                self.held_title = heading("")
+                self.poses = ui.element("div").classes("teach-poses").props("data-testid=demonstrate-poses")
+            with ui.element("div"):
+                heading("Done so far")
+                self.done = ui.element("ol").classes("teach-done").props("data-testid=demonstrate-done")
+        ui.label(
+            "Keys: 1, 2, 3 pick; arrows and page up/down carry; + and - change the step; R lets go; Ctrl+Z takes back. Or "
+            "click a box in the scene to pick it."
+        ).classes("teach-hint")
+
+    def _mover(self, direction: Direction):
+        return lambda: self.teaching.move(direction)
+
+    async def _key(self, event: GenericEventArguments) -> None:
+        key, teaching = event.args, self.teaching
+        if key in MOVES:
+            await teaching.move(MOVES[key])
+        elif key == "undo":
+            await self._undo()
+        elif key == "r":
+            await self._release()
+        elif key in "+=-":
+            teaching.change_step(-1 if key == "-" else 1)
+        elif key.isdecimal() and 1 <= int(key) <= len(self.studio.task.boxes):
+            await self._pick(self.studio.task.box_names[int(key) - 1])
+
+    async def _clicked(self, name: str) -> None:
+        if self.page.step == "demonstrate" and self.studio.session is not None:
+            await self._pick(name)
+
+    async def _pick(self, name: str) -> None:
+        await self.teaching.pick(name)
+        self.studio.say(
+            f"{name} is in the gripper: carry it with the arrow keys and page up and down, then let go with R."
+        )
+
+    async def _release(self) -> None:
+        await self.teaching.release()
+        self.studio.say("It is let go. Pick another object, or finish.")
+
+    async def _undo(self) -> None:
+        await self.teaching.undo()
+        held = self.studio.session.held
+        self.studio.say("Taken back." if held is None else f"Taken back; {held} is in the gripper.")
+
+    async def _finish(self) -> None:
+        name = await self.teaching.finish()
+        self.studio.say(f"{name} is kept. {self.studio.shelf.progress}")
+
+    async def _discard(self) -> None:
+        session = self.studio.session
+        if session is not None and session.actions:
+            question = "Discard this demonstration? What was done in it is lost."
+            if not await ask(question, yes="Discard", testid="demonstrate-discard"):
+                return
+        await self.teaching.discard()
+        self.studio.say("The demonstration was discarded; the others are kept.")
+
+    def _set_step(self) -> None:
+        value = self.step.value
+        try:
+            self.teaching.set_step(None if value is None else value / 100)
+        except UserError:
+            self.step.set_value(100 * self.teaching.step)
+            raise
+
+    def _task_changed(self) -> None:
+        self.picks.clear()
+        with self.picks:
+            for number, box in enumerate(self.studio.task.boxes, start=1):
+                red, green, blue = (round(255 * part) for part in box.color)
+                pick = button(
+                    f"{number} {box.name}",
+                    f"demonstrate-pick-{box.name}",
+                    "stop",
+                    self.page.guard(functools.partial(self._pick, box.name)),
+                    more=f"outline title='Key {number}'",
+                )
+                pick.style(f"--box: rgb({red} {green} {blue})").classes("teach-pick")
+        self.over.clear()
+        with self.over:
+            for frame in (*self.studio.task.box_names, self.studio.task.kit.name):
+                over = self.page.guard(functools.partial(self.teaching.carry_over, frame))
+                text = f"outline title='Carry straight over {frame}'"
+                button(self._known(frame), f"demonstrate-over-{frame}", "vertical_align_bottom", over, more=text)
+        numbers = " ".join(str(number) for number in range(1, min(10, len(self.studio.task.boxes) + 1)))
+        self.pad.props(f'data-teach-keys="{" ".join(MOVES)} {numbers} + = - r"')
+        self._posed = None
+        self.refresh()
+
+    def _refresh_landing(self, landing: Landing | None) -> None:
+        session = self.studio.session
+        bad = landing is not None and (landing.inside is not None or landing.on is None)
+        self.landing.classes(add="teach-bad" if bad else "", remove="" if bad else "teach-bad")
+        if landing is None:
+            self.landing.set_text("The gripper is empty: pick an object, or finish.")
+            self.clear()
+            return
+        pose = session.world.poses[0, session.task.box_names.index(session.held)].copy()
+        self.landing.set_text(_landing_sentence(session.held, landing, drop=float(pose[2] - landing.position[2])))
+        if bad:
+            self.clear()
+            return
+        pose[:3] = landing.position
+        self.page.scene.ghost({session.held: pose}, group="landing", texts={session.held: "lands here"})
+
+    def _refresh_poses(self) -> None:
+        """Where the held object is, in every frame."""
+        session = self.studio.session
+        held = session.held
+        if (session, held) != self._posed:
+            self._posed = (session, held)
+            self.poses.clear()
+            self.held_title.set_text("" if held is None else f"Where {held} is, in cm")
+            self._cells = {}
+            with self.poses:
+                for title in () if held is None else ("seen from", "x", "y", "z", "turned"):
+                    ui.label(title).classes("teach-hint")
+                for frame in () if held is None else [name for name in session.task.frames if name != held]:
+                    ui.label(self._known(frame)).props(f'title="{frame}"')
+                    self._cells[frame] = [
+                        ui.label().props(f"data-testid=demonstrate-pose-{frame}-{key}")
+                        for key in ("x", "y", "z", "turn")
+                    ]
+        for frame, cells in self._cells.items():
+            values = [_number(100 * value) for value in session.position(frame)]
+            for cell, text in zip(cells, (*values, f"{_number(session.turn(frame))}°"), strict=True):
+                cell.set_text(text)
+
+    def _known(self, frame: str) -> str:
+        """What a person calls a frame."""
+        task = self.studio.task
+        return {task.kit.name: "the kit", task.robot_frame: "the robot"}.get(frame, frame)
+
+
+def _number(value: float) -> str:
+    """With one digit after the point, and no minus before zero."""
+    return f"{round(float(value), 1) + 0.0:.1f}".replace("-", "\N{MINUS SIGN}")
+
+
+def _landing_sentence(held: str, landing: Landing, *, drop: float) -> str:
+    """What would happen if the object were let go now, `drop` [m] above where it would be set down."""
+    if landing.inside is not None:
+        return f"{held} is inside {landing.inside}: raise it, or carry it aside."
+    if landing.on is None:
+        return f"Below {held} is only the floor, where the gripper does not reach: carry it over a table."
+    below = f", {100 * drop:.1f} cm below" if drop >= 0.001 else ""
+    return f"If you let go now, {held} is set down on {landing.on}{below}."

@@ -1,0 +1,242 @@
+"""A person who watches a tree at work: plays, holds, steps, looks back, unfolds it, and gets in its way."""
+
+import math
+import re
+
+import pytest
+from playwright.sync_api import expect
+from scene import COMPONENT, at_rest, drag, position
+
+from bt_jax.encoding.text import parse_tree
+from bt_jax.gp.config import GPConfig
+from bt_jax.run_folder import RunConfig, RunFolder
+from bt_jax.task import load_task
+from bt_jax.training import Settings
+
+expect.set_options(timeout=60_000)
+STACK = load_task("stack")
+TREE = parse_tree("""
+Sequence
+  move(YellowBox, (0, 0, 0.055), KittingBox)
+  move(GreenBox, (0, 0, 0.1), YellowBox)
+""")
+LEVELS = """
+Sequence
+  Fallback
+    Sequence
+      Fallback
+        gripper(open)
+        open_gripper
+      move(YellowBox, (0, 0, 0.055), KittingBox)
+    Sequence
+      Fallback
+        gripper(closed)
+        close_gripper
+      move(GreenBox, (0, 0, 0.1), YellowBox)
+  move(GreenBox, (0, 0, 0.1), YellowBox)
+  move(BlueBox, (0, 0, 0.1), GreenBox)
+"""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def runs(server):
+    """Two runs that there are before the page is opened."""
+    for name, tree in (("stacked", TREE), ("large", parse_tree(LEVELS))):
+        folder = RunFolder.create(server.folder / "runs" / name, RunConfig(STACK, GPConfig(), Settings()))
+        folder.save_tree(tree, title=name)
+
+
+@pytest.fixture(autouse=True)
+def begun(page, see):
+    """Every test begins with the tree of a run in the first layout, at four times the pace."""
+    see("tab-run").click()
+    choose(page, see, "stacked")
+    expect(see("run-what")).to_have_text("The beginning: press Play.")
+    pace(page, see, "4")
+    at_rest(page)
+
+
+def pace(page, see, times):
+    see("run-speed").click()
+    page.get_by_role("option", name=times, exact=False).first.click()
+    expect(see("run-speed")).to_have_value(re.compile(times))
+
+
+def choose(page, see, name):
+    """Takes the tree of a run, from its beginning."""
+    if see("run-source").input_value() != name:
+        see("run-source").click()
+        page.get_by_role("option", name=name, exact=True).click()
+    expect(see("run-tree")).to_contain_text("Do all")
+    see("run-restart").click()
+
+
+def node(page, number):
+    return page.locator(f"[data-testid=run-tree] [id='node-{number}']")
+
+
+def has(page, number, status):
+    expect(node(page, number)).to_have_class(re.compile(rf"\b{status}\b"))
+
+
+def play_to_the_end(see):
+    see("run-play").click()
+    expect(see("run-verdict")).to_have_text("The tree says that it is done. Everything is where it should be.")
+    expect(see("run-play")).to_contain_text("Play")
+
+
+def test_it_plays_to_the_end_and_one_can_look_back(page, see):
+    has(page, 0, "idle")
+    play_to_the_end(see)
+    for number in range(3):
+        has(page, number, "success")
+    at_rest(page)
+    yellow, green, kit = (position(page, name) for name in ("YellowBox", "GreenBox", "KittingBox"))
+    assert math.dist(yellow[:2], kit[:2]) < 0.03
+    assert math.dist(green, [*yellow[:2], yellow[2] + 0.1]) < 0.03
+    see("run-timeline").locator("[tabindex]").focus()
+    ticks = int(see("run-timeline").get_attribute("aria-valuenow"))
+    for _ in range(ticks):
+        page.keyboard.press("ArrowLeft")
+    expect(see("run-what")).to_have_text("The beginning: press Play.")
+    has(page, 0, "idle")
+    page.keyboard.press("ArrowRight")
+    expect(see("run-what")).to_have_text("Tick 1: Pick up YellowBox")
+    has(page, 1, "running")
+    has(page, 2, "idle")
+    for _ in range(ticks):
+        page.keyboard.press("ArrowRight")
+    expect(see("run-verdict")).to_contain_text("Everything is where it should be.")
+
+
+def test_single_ticks_show_what_happens_and_the_gripper_carries_the_box(page, see):
+    see("run-tick").click()
+    expect(see("run-what")).to_have_text("Tick 1: Pick up YellowBox")
+    at_rest(page)
+    page.evaluate(f"""() => {{ {COMPONENT}
+      window.seen = [];
+      const draw = c.place.bind(c);
+      c.place = (boxes, gripper) => {{
+        draw(boxes, gripper);
+        seen.push([...boxes[0].slice(0, 3), ...gripper.slice(0, 3)]);
+      }};
+    }}""")
+    see("run-tick").click()
+    expect(see("run-what")).to_have_text("Tick 2: Set down YellowBox in the middle of the kit")
+    at_rest(page)
+    seen = page.evaluate("seen")
+    carried = [row for row in seen if math.dist(row[:3], row[3:]) < 0.005]
+    assert len({tuple(row) for row in carried}) >= 3  # however slow the machine, the way is seen
+    assert max(row[2] for row in carried) > seen[0][2] + 0.05  # in an arc
+    see("run-tick").click()
+    expect(see("run-what")).to_have_text("Tick 3: Pick up GreenBox")
+    has(page, 1, "success")
+    has(page, 2, "running")
+
+
+def test_it_is_held_in_mid_motion_and_goes_on(page, see):
+    pace(page, see, "0.5")
+    see("run-play").click()
+    expect(see("run-what")).to_have_text("Tick 1: Pick up YellowBox")
+    see("run-play").click()
+    expect(see("run-play")).to_contain_text("Play")
+    page.wait_for_function(f"() => {{ {COMPONENT} return !c.motion; }}")
+    held = page.evaluate(f"() => {{ {COMPONENT} return c.gripper; }}")
+    page.wait_for_timeout(300)
+    assert page.evaluate(f"() => {{ {COMPONENT} return c.gripper; }}") == held
+    pace(page, see, "4")
+    play_to_the_end(see)
+
+
+def test_the_tree_reacts_to_a_box_that_is_dragged_away(page, see):
+    play_to_the_end(see)
+    at_rest(page)
+    kit = position(page, "KittingBox")
+    table = next(table for table in STACK.tables if abs(table.position[0] - kit[0]) > 0.5)
+    drag(page, "GreenBox", [table.position[0] - 0.2, table.position[1] - 0.2])
+    expect(see("run-what")).to_contain_text(re.compile("you moved GreenBox|Pick up GreenBox"))
+    expect(see("run-what")).to_contain_text("Set down GreenBox on top of YellowBox")
+    expect(see("run-verdict")).to_contain_text("Everything is where it should be.")
+    assert math.dist(position(page, "GreenBox")[:2], kit[:2]) < 0.05
+
+
+def test_a_box_is_moved_by_numbers(page, see):
+    play_to_the_end(see)
+    see("run-box").click()
+    page.get_by_role("option", name="GreenBox").click()
+    see("run-right-GreenBox").fill("300")
+    page.keyboard.press("Enter")
+    expect(see("message")).to_contain_text("out of reach for GreenBox")
+    see("run-reference-GreenBox").click()
+    page.get_by_role("option", name=free_table(page), exact=True).click()
+    expect(see("run-what")).to_contain_text(re.compile("you moved GreenBox|Pick up GreenBox"))
+    expect(see("run-verdict")).to_contain_text("Everything is where it should be.")
+
+
+def free_table(page):
+    """A table on which neither the kit nor a box stands."""
+    taken = [position(page, name)[0] for name in ("KittingBox", *STACK.box_names)]
+    return next(table.name for table in STACK.tables if min(abs(table.position[0] - x) for x in taken) > 0.4)
+
+
+def test_what_cannot_be_is_said_and_the_run_goes_on(page, see):
+    blue = position(page, "BlueBox")
+    drag(page, "BlueBox", [0.5, blue[1]])
+    expect(see("message")).to_contain_text("there is no table there, out of reach for BlueBox")
+    see("run-tick").click()
+    expect(see("run-what")).to_have_text("Tick 1: Pick up YellowBox")
+    at_rest(page)
+    drag(page, "YellowBox", blue)
+    expect(see("message")).to_contain_text("YellowBox is in the gripper; wait until the robot has put it down")
+    play_to_the_end(see)
+    at_rest(page)
+    assert math.dist(position(page, "BlueBox"), blue) < 0.01
+
+
+def test_nodes_are_in_words_and_unfold(page, see):
+    assert " ".join(node(page, 1).locator("text").all_text_contents()) == "Put YellowBox in the middle of the kit +10"
+    expect(node(page, 1).locator("title")).to_contain_text("move(YellowBox, (0, 0, 0.055), KittingBox)")
+    expect(node(page, "1-1")).to_have_count(0)
+    node(page, 1).focus()
+    page.keyboard.press("Enter")
+    expect(node(page, "1-1")).to_contain_text("Is YellowBox in")
+    see("run-tick").click()
+    has(page, "1-1", "failure")
+    see("run-tree-symbols").click()
+    expect(node(page, "1-1")).to_contain_text("at(YellowBox,")
+    has(page, "1-1", "failure")
+    see("run-tree-fold").click()
+    expect(node(page, "1-1")).to_have_count(0)
+
+
+def test_a_large_tree_begins_folded(page, see):
+    choose(page, see, "large")
+    expect(node(page, 2)).to_contain_text("+")
+    expect(node(page, 3)).to_have_count(0)
+    node(page, 2).click()
+    expect(node(page, 3)).to_contain_text("Try in turn")
+    see("run-tree-unfold").click()
+    expect(node(page, "6-10")).to_have_count(1)
+
+
+def test_two_windows_show_the_same_run(page, see, window):
+    other = window()
+    other.get_by_test_id("tab-run").click()
+    see("run-tick").click()
+    expect(other.get_by_test_id("run-what")).to_have_text("Tick 1: Pick up YellowBox")
+    at_rest(page)
+    at_rest(other)
+    assert math.dist(position(page, "YellowBox"), position(other, "YellowBox")) < 1e-3
+    other.get_by_test_id("run-tick").click()
+    expect(see("run-what")).to_contain_text("Tick 2")
+
+
+def test_another_beginning(page, see):
+    before = position(page, "YellowBox")
+    see("run-layout").click()
+    for _ in range(100):
+        if math.dist(position(page, "YellowBox"), before) > 0.02:
+            break
+        page.wait_for_timeout(100)
+    at_rest(page)
+    play_to_the_end(see)

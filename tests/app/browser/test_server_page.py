@@ -1,0 +1,34 @@
+"""Who may open the page, and that no address leads to other files."""
+
+import http.client
+import socket
+
+import pytest
+
+pytestmark = pytest.mark.slow
+
+
+def test_it_listens_on_one_loopback_address_only(server):
+    socket.create_connection(("127.0.0.1", server.port), timeout=60).close()
+    with pytest.raises(ConnectionRefusedError):  # whoever listens everywhere listens here as well
+        socket.create_connection(("127.0.0.2", server.port), timeout=60).close()
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["/runs", "/config.json", "/../secret.txt", "/%2e%2e/secret.txt", "/_nicegui/../../secret.txt", "/..%2fsecret.txt",
+     "//etc/passwd", "/etc/passwd", "/_nicegui/static/..%2f..%2f..%2f..%2f..%2fetc%2fpasswd"],
+)  # fmt: skip
+def test_no_address_leads_to_files(server, path):
+    (server.folder.parent / "secret.txt").write_text("root: a secret\n")
+    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=60)
+    connection.request("GET", path)
+    answer = connection.getresponse()
+    assert answer.status >= 400
+    assert b"root:" not in answer.read()
+
+
+@pytest.mark.parametrize("step", ["nowhere", "../../etc", "<script>alert(1)</script>", ""])
+def test_an_unknown_step_shows_the_first(server, step, page):
+    page.goto(f"{server.url}/?step={step}")
+    page.get_by_test_id("panel-task").wait_for()
