@@ -73,6 +73,8 @@ class Attempts:
             self._end(status.name, reason)
             self.rest_at = now + self.limits.settle
         else:
+            if status == Status.FAILURE:
+                self.log.write("action", time=now, action="look", event="FAILURE", reason=self.skills.reason)
             self.looking, self.looked = False, now
 
     def start(self, action: Behavior, seen: Observation, now: float) -> str:

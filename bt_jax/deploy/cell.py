@@ -264,7 +264,7 @@ def _executor(parts: _Parts, arguments: RunArguments, log: Log, items: list[Item
         link=parts.link,
         observe=observe,
         log=log,
-        limits=Limits(run=arguments.seconds),
+        limits=Limits(run=arguments.seconds, action=Limits.action * max(1.0, FASTEST / arguments.speed)),
         settings=settings,
         dry=not arguments.motion,
         on_tick=tell,

@@ -71,28 +71,33 @@ class Executor:
         self._unknown: frozenset[Behavior] = frozenset()
         self._since: tuple[Status, float] = (Status.RUNNING, 0.0)  # what the tree returns, and since when
         self._interrupted = False
+        self._trace = ""  # of the error that ended the run
 
     def run(self) -> Outcome:
         """Until the tree has succeeded, or failed for good, or something stops it. The arms hold afterwards."""
         start = self.link.now()
         self._since, self.attempts.rest_at = (Status.RUNNING, start), start
         self._entries.start(self.program, start, self.limits, self.settings, self.dry)
+        with self._interruptible():
+            end = self._until_halt(start)
+            if end.holds:
+                self._hold(end.reason)
+            return self._finish(end, start)
+
+    def _until_halt(self, start: float) -> Halt:
+        """Tick after tick; gives why there are no more."""
         try:
-            with self._interruptible():
-                while True:
-                    self._step(start)
+            while True:
+                self._step(start)
         except Halt as halt:
-            end = halt
+            return halt
         except KeyboardInterrupt:
-            end = Halt("interrupted", Exit.INTERRUPTED)
+            return Halt("interrupted", Exit.INTERRUPTED)
         except ControllerGone as gone:
-            end = Halt(f"controller: {gone}", Exit.STOPPED)
+            return Halt(f"controller: {gone}", Exit.STOPPED)
         except Exception as error:
-            self.log.write("exception", text=traceback.format_exc())
-            end = Halt(f"{type(error).__name__}: {error}", Exit.STOPPED)
-        if end.holds:
-            self._hold(end.reason)
-        return self._finish(end, start)
+            self._trace = traceback.format_exc()
+            return Halt(f"{type(error).__name__}: {error}", Exit.STOPPED)
 
     def _step(self, start: float) -> None:
         """One tick and what follows from it. Raises Halt where the run is over."""
@@ -125,6 +130,7 @@ class Executor:
             raise Halt(reason, Exit.STOPPED)
         if now - start > self.limits.run:
             self.skills.cancel()
+            self.link.wait(now + SETTLED)
             raise Halt(f"the time is up ({self.limits.run:g} s)", Exit.FAILED)
 
     def _context(self, seen: Observation) -> Context:
@@ -199,10 +205,14 @@ class Executor:
             self.link.stop(reason)
 
     def _finish(self, end: Halt, start: float) -> Outcome:
-        self._entries.last_motion(end)
+        """Writes down how it ended; the arms hold already, so that a log that cannot be written changes nothing."""
         seconds = self.link.now() - start
         outcome = Outcome(end.status, end.reason, end.code, seconds, self.ticks, self.overruns)
-        self._entries.end(outcome, start + seconds)
+        with contextlib.suppress(OSError, ValueError):
+            if self._trace:
+                self.log.write("exception", text=self._trace)
+            self._entries.last_motion(end)
+            self._entries.end(outcome, start + seconds)
         return outcome
 
     @contextlib.contextmanager

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
-import math
 import os
 import platform
 from collections.abc import Iterator
@@ -108,7 +107,13 @@ def read_log(path: Path) -> Iterator[dict[str, Any]]:
 
 
 def _joints(rows: np.ndarray) -> dict[str, list]:
-    return {"setpoint": rows[:, 2:9].round(DIGITS).tolist(), "measured": rows[:, 9:16].round(DIGITS).tolist()}
+    return {"setpoint": _numbers(rows[:, 2:9]), "measured": _numbers(rows[:, 9:16])}
+
+
+def _numbers(rows: np.ndarray) -> list:
+    """As JSON has them: null where a measurement is not a number."""
+    rounded = rows.round(DIGITS)
+    return np.where(np.isfinite(rounded), rounded.astype(object), None).tolist()
 
 
 def _plain(value: Any) -> Any:
@@ -117,6 +122,4 @@ def _plain(value: Any) -> Any:
         return value.item()
     if isinstance(value, np.ndarray):
         return value.tolist()
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
     return str(value)

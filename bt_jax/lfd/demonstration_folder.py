@@ -141,7 +141,9 @@ class DemonstrationFolder:
         """Gives a demonstration another name; it stays where it is in the order. Raises UserError where that is taken or no
         name."""
         if not is_name(new):
-            raise UserError(f"'{new}' cannot name a demonstration; use letters, digits, spaces, . + - and _, 100 at most")
+            raise UserError(
+                f"'{new}' cannot name a demonstration; use letters, digits, spaces, . + - and _, 100 at most"
+            )
         if (self.path / new).exists():
             raise UserError(f"{self.path / new} exists already; choose another name")
         source, chosen = self._existing(name), dict(self._chosen())

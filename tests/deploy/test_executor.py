@@ -268,6 +268,34 @@ def test_ctrl_c_many_times_is_as_once():
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+def test_ctrl_c_while_the_arms_come_to_rest_is_as_once():
+    cell = Cell()
+    cell.on_tick = lambda shown: os.kill(os.getpid(), signal.SIGINT)
+    wait = cell.link.wait
+
+    def press(until):
+        os.kill(os.getpid(), signal.SIGINT)
+        wait(until)
+
+    cell.link.wait = press
+    assert cell.executor.run().exit_code == Exit.INTERRUPTED
+    assert cell.link.stopped() == "interrupted"
+
+
+def test_the_arms_hold_also_where_the_log_cannot_be_written(tmp_path):
+    class Full(Log):
+        def write(self, kind, **fields):
+            if kind != "start":
+                raise OSError(28, "No space left on device")
+
+    with Full(tmp_path / "log.jsonl") as log:
+        cell = Cell(log=log)
+        outcome = cell.executor.run()
+    assert outcome.exit_code == Exit.STOPPED
+    assert "No space left" in outcome.reason
+    assert cell.link.stopped() == outcome.reason
+
+
 def test_slow_ticks_are_counted():
     cell = Cell(PICK["YellowBox"])
     look = cell.executor.observe

@@ -114,3 +114,12 @@ def test_motion_is_thinned_by_cycle_and_keeps_arms_apart(tmp_path):
     entries = list(read_log(tmp_path / "log.jsonl"))[1:]
     assert [entry["arm"] for entry in entries] == ["left", "right"]
     assert entries[1]["setpoint"] == [[1.5] * 7] * 2
+
+
+def test_a_measurement_that_is_no_number_is_null(tmp_path):
+    records = np.zeros((1, 17))
+    records[:, 9:16] = np.nan
+    with Log(tmp_path / "log.jsonl") as log:
+        log.write("start", format=1)
+        log.motion(("left", "right"), records, every=1)
+    assert list(read_log(tmp_path / "log.jsonl"))[1]["measured"] == [[None] * 7]
