@@ -14,6 +14,7 @@ from bt_jax.run_folder import RunConfig, RunFolder
 from bt_jax.task import load_task
 from bt_jax.training import Settings
 
+pytestmark = pytest.mark.slow
 expect.set_options(timeout=60_000)
 STACK = load_task("stack")
 TREE = parse_tree("""

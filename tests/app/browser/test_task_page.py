@@ -9,6 +9,7 @@ from scene import at_rest, drag, exists, position
 
 from bt_jax.task import load_task, task_names
 
+pytestmark = pytest.mark.slow
 expect.set_options(timeout=60_000)
 STACK = load_task("stack")
 
