@@ -44,6 +44,7 @@ class _Run:
     def __init__(self, studio: Studio, page: Page) -> None:
         self.studio, self.page = studio, page
         self._layout = 0
+        self.scrubbing = False
         self.learnt: dict[str, str] = {}
         self.fields: PlaceFields | None = None
         with ui.element("div").classes("run"):
@@ -66,7 +67,7 @@ class _Run:
                 )
                 self.timeline = (
                     ui.slider(min=0, max=1, value=0)
-                    .on("update:model-value", page.guard(self._scrub), throttle=0.1)
+                    .on("update:model-value", page.guard(self._scrub))
                     .props('data-testid=run-timeline markers snap aria-label="Timeline"')
                     .classes("run-timeline")
                 )
@@ -150,8 +151,16 @@ class _Run:
             self.studio.playing.play()
 
     async def _scrub(self) -> None:
-        if self.studio.player is not None and self.timeline.value != self.studio.player.at:
-            await self.studio.playing.seek(int(self.timeline.value))
+        """Shows the moment that the timeline is at, which a person may have moved on before that is done."""
+        if self.scrubbing:
+            return
+        self.scrubbing = True
+        try:
+            while self.studio.player is not None and self.timeline.value != self.studio.player.at:
+                await self.studio.playing.seek(int(self.timeline.value))
+        finally:
+            self.scrubbing = False
+            self._refresh()
 
     def _take(self) -> None:
         """Fields for the place of the box that is chosen."""
@@ -212,7 +221,8 @@ class _Run:
 
     def _set_timeline(self, value: int, last: int) -> None:
         self.timeline.props(f"max={max(last, 1)}")
-        self.timeline.set_value(value)
+        if not self.scrubbing:
+            self.timeline.set_value(value)
 
 
 def _said(words: Words, player: Player) -> str:

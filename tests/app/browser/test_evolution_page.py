@@ -35,7 +35,10 @@ def start(see, *, population=8, generations=100_000, seed=0):
     see("evolve-population").fill(str(population))
     see("evolve-generations").fill(str(generations))
     see("evolve-seed").fill(str(seed))
-    see("evolve-start").click()
+    button = see("evolve-start")
+    button.click()
+    # What the run before has left on the page goes as soon as this one begins.
+    button.page.wait_for_function("() => document.querySelector('[data-testid=evolve-start]').disabled", timeout=60_000)
     expect(see("evolve-generation")).to_contain_text(" of ")
 
 

@@ -3,11 +3,13 @@
 import math
 
 import pytest
+from menus import choose_option
 from playwright.sync_api import expect
 from scene import at_rest, drag, exists, position
 
 from bt_jax.task import load_task, task_names
 
+pytestmark = pytest.mark.slow
 expect.set_options(timeout=60_000)
 STACK = load_task("stack")
 
@@ -26,8 +28,7 @@ def fresh(page, see):
 
 
 def choose(page, see, name, *, described=None):
-    see("task-choice").click()
-    page.get_by_role("option", name=name, exact=True).click()
+    choose_option(page, see("task-choice"), name)
     if (described or name) in task_names():
         expect(see("task-description")).to_have_text(load_task(described or name).description)
 
@@ -105,8 +106,7 @@ def test_a_target_is_written_by_keyboard(page, see):
 def test_a_target_is_added_measured_from_elsewhere_and_removed(page, see):
     see("task-add-BlueBox").click()
     expect(see("task-words-BlueBox")).to_contain_text("on Table")
-    see("task-reference-BlueBox").click()
-    page.get_by_role("option", name="GreenBox", exact=True).click()
+    choose_option(page, see("task-reference-BlueBox"), "GreenBox")
     expect(see("task-words-BlueBox")).to_have_text("on top of GreenBox")
     until(page, lambda: exists(page, "BlueBox"))
     see("task-remove-BlueBox").click()
@@ -149,8 +149,7 @@ def test_other_beginnings_are_drawn_and_the_kit_changes_tables(page, see):
     at_rest(page)
     kit = position(page, "KittingBox")
     table = next(table for table in STACK.tables if abs(table.position[0] - kit[0]) > 0.5)
-    see("task-kit").click()
-    page.get_by_role("option", name=table.name, exact=True).click()
+    choose_option(page, see("task-kit"), table.name)
     until(page, lambda: close(position(page, "KittingBox")[:2], table.position[:2]))
 
 

@@ -1,13 +1,16 @@
 """A person who demonstrates, looks at what was understood, and knows better."""
 
 import re
+from pathlib import Path
 
 import pytest
 import yaml
 from gripper import carry, position, press, said, set_step
 from playwright.sync_api import expect
 
-from bt_jax.lfd import DemonstrationFolder
+from bt_jax.encoding.xml import from_xml
+from bt_jax.lfd import DemonstrationFolder, learn
+from bt_jax.task import load_task
 
 pytestmark = pytest.mark.slow
 expect.set_options(timeout=60_000)
@@ -83,6 +86,9 @@ def test_three_demonstrations_by_keyboard_only(page, see, demonstrate):
     see("understand-auto-2").click()
     expect(see("understand-frame-2-YellowBox")).to_have_attribute("aria-pressed", "true")
     assert demonstrate.read().chosen == {}
+    with page.expect_download() as download:
+        see("understand-xml").click()
+    assert from_xml(Path(download.value.path()).read_text()) == learn(demonstrate.read(), load_task("stack")).tree
     see("understand-combine").click()
     expect(see("combine-taught")).to_contain_text("This tree, from 3 demonstrations")
     expect(see("combine-targets")).to_contain_text("GreenBox on top of YellowBox (changed)")
@@ -103,6 +109,7 @@ def test_the_buttons_do_what_the_keys_do(page, see):
     # A button that was clicked has the focus: keys still carry, and do not click it again.
     before = position(see, "base_link", "z")
     press(page, see, "PageUp", 2, frame="base_link", axis="z", sign=1, step=2)
+    expect(see("demonstrate-pose-base_link-turn")).to_have_text("0.0°")
     see("demonstrate-over-YellowBox").click()
     expect(see("demonstrate-pose-YellowBox-x")).to_have_text(said(0))
     expect(see("demonstrate-landing")).to_contain_text("is set down on YellowBox")
