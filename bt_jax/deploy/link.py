@@ -32,6 +32,7 @@ STARTED = 3.0  # seconds within which the arms must run once the program was sta
 FIRST = 30.0  # seconds for the link process to come up
 POLL = 0.05  # seconds between two looks at the grippers in real time
 STATE = 5  # of these looks, one also asks for the controller's state
+ENDED = "the link process has ended"
 SILENT = 2.0  # seconds without an answer to such a look
 
 
@@ -132,6 +133,7 @@ class YumiLink:
         self._state: ControllerState | None = None
         self._rejected = self._motions = self._drained = 0
         self._enabled = False
+        self._reason: str | None = None  # of a stop that the link process could not be told of
         self._closing = threading.Event()
         self._poller: threading.Thread | None = None
 
@@ -199,11 +201,9 @@ class YumiLink:
             self._poller.join(SILENT + 1)
         if self._enabled:
             self._enabled = False
-            try:
+            with contextlib.suppress(UserError):
                 self._ask("disable")
-                self._rws.stop()
-            except (UserError, ControllerGone):
-                pass
+            self._stop_program()
         if self._process.pid is not None:
             with contextlib.suppress(UserError):
                 self._ask("close")
@@ -222,6 +222,7 @@ class YumiLink:
             self._blocks.alive.value = time.monotonic()
             return
         try:
+            self._stop_if_dead()
             self._controller.advance(until)
             self._look()
         except ControllerGone as gone:
@@ -262,9 +263,11 @@ class YumiLink:
         return self._state
 
     def stopped(self) -> str | None:
-        if not self._process.is_alive() and not self._closing.is_set():
-            return "the link process has ended"
-        return self._blocks.reason.value.decode(errors="replace") if self._blocks.stopped.value else None
+        if self._blocks.stopped.value:
+            return self._blocks.reason.value.decode(errors="replace")
+        if self._reason is None and self._dead():
+            return ENDED
+        return self._reason
 
     def follow(self, arm: str, trajectory: Trajectory) -> int:
         other = next((name for name in self.arms if name != arm), arm)
@@ -311,14 +314,21 @@ class YumiLink:
     def stop(self, reason: str) -> None:
         try:
             self._ask("stop", reason)
-        except UserError:
-            return
+        except UserError:  # no setpoint flows: all the more must the program on the controller be stopped
+            self._reason = self._reason or reason
         if self._enabled:
-            try:
-                with self._rws_lock:
-                    self._rws.stop()
-            except UserError:
-                pass  # the controller is gone; the arms hold by themselves
+            self._stop_program()
+
+    def _stop_program(self) -> None:
+        with contextlib.suppress(UserError), self._rws_lock:  # without a controller the arms hold by themselves
+            self._rws.stop()
+
+    def _dead(self) -> bool:
+        return not self._closing.is_set() and not self._process.is_alive()
+
+    def _stop_if_dead(self) -> None:
+        if self._enabled and self._reason is None and self._dead():
+            self.stop(ENDED)
 
     def counters(self) -> Counters:
         return Counters(*map(int, self._blocks.counters.read()), rejected=self._rejected)
@@ -368,6 +378,7 @@ class YumiLink:
         answered, count = time.monotonic(), 0
         while not self._closing.wait(POLL):
             count += 1
+            self._stop_if_dead()
             try:
                 self._look()
                 if count % STATE == 0 and self._enabled:

@@ -211,6 +211,32 @@ def test_a_killed_controller_is_noticed_in_lockstep():
         assert "ended" in link.stopped()
 
 
+@pytest.mark.parametrize("realtime", [True, False])
+def test_where_the_link_process_is_killed_the_robots_program_is_stopped(realtime):
+    with running(realtime=realtime) as (_, link):
+        move(link, seconds=3.0)
+        run_for(link, 0.2)
+        assert link.state().rapid == "running"
+        link._process.kill()
+        link._process.join()
+        run_for(link, 3.0, until=lambda: link.state().rapid == "stopped")
+        assert link.state().rapid == "stopped"
+        assert "link process has ended" in link.stopped()
+        with pytest.raises(Rejected, match="stopped"):
+            link.grip("left", 0.0)
+
+
+def test_stop_and_close_reach_the_controller_without_the_link_process():
+    for end in (lambda link: link.stop("somebody shouted"), YumiLink.close):
+        with running(realtime=False) as (controller, link):
+            link._process.kill()
+            link._process.join()
+            end(link)
+            rws = Rws("127.0.0.1", controller.rws_port, "Default User", "robotics")
+            assert rws.state().rapid == "stopped"
+            rws.close()
+
+
 def test_a_program_that_hangs_is_stopped():
     rules = dataclasses.replace(RULES, overrun=0.4)
     with running(realtime=True, rules=rules) as (_, link):
