@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import socket
 import threading
 import time
 from collections.abc import Mapping
@@ -123,7 +124,7 @@ class YumiLink:
         self._clearance = rules.clearance_of() if rules.clearance_of is not None else None
         self._blocks = Blocks(self.arms)
         self._pipe, theirs = CONTEXT.Pipe()
-        start = Start(dict(config.ports), rules, not self._lockstep, config.motion)
+        start = Start(_address(config.host), dict(config.ports), rules, not self._lockstep, config.motion)
         self._process = CONTEXT.Process(target=serve, args=(start, self._blocks, theirs), daemon=True)
         self._theirs = theirs
         self._pipe_lock, self._rws_lock = threading.Lock(), threading.Lock()
@@ -389,6 +390,14 @@ class YumiLink:
             except (UserError, ValueError) as problem:
                 if self._enabled and not self._closing.is_set() and time.monotonic() - answered > SILENT:
                     self.stop(str(problem))
+
+
+def _address(host: str) -> str:
+    """IPv4 address of a host. Raises UserError where it is unknown."""
+    try:
+        return socket.gethostbyname(host)
+    except OSError as error:
+        raise UserError(f"the controller {host} is unknown ({error}); give its address with --robot") from error
 
 
 def _pose(values: np.ndarray) -> RigidTransform | None:

@@ -46,6 +46,7 @@ class Blocks:
 class Start:
     """What the process needs to begin."""
 
+    host: str  # IPv4 address of the controller; what comes from elsewhere is dropped
     ports: dict[str, int]
     rules: Rules
     realtime: bool  # the robot's clock is ours; False: it waits for our answers and stands still in between
@@ -147,20 +148,21 @@ class _Loop:
         count = 0
         while True:
             try:
-                data, arm.address = arm.socket.recvfrom(4096)
+                data, address = arm.socket.recvfrom(4096)
             except (BlockingIOError, ConnectionError):
                 break
+            if address[0] != self.start.host:
+                continue
             try:
                 feedback = Feedback.decode(data)
-            except ValueError as problem:
-                self.supervisor.stop(f"{name}: {problem}")
+            except ValueError:  # like a lost one: where nothing else comes, the silence stops the robot
                 continue
             before = arm.feedback
             if not self.supervisor.accept(name, feedback, time.monotonic(), moving_allowed=self.enabled):
                 continue
             if before is not None and feedback.time > before.time:
                 arm.velocity = (feedback.joints - before.joints) / (feedback.time - before.time)
-            arm.feedback, newest = feedback, True
+            arm.feedback, arm.address, newest = feedback, address, True
             count += 1
         self.late += max(count - 1, 0)
         if newest:

@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import os
 import signal
+import socket
 import time
 
 import numpy as np
@@ -12,7 +13,7 @@ from cells import ARMS, RULES, cell, free_ports, run_for, running
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy.controller import Controller, ControllerGone
-from bt_jax.deploy.egm import CYCLE
+from bt_jax.deploy.egm import CYCLE, Feedback, Mci
 from bt_jax.deploy.link import LinkConfig, RobotLink, YumiLink
 from bt_jax.deploy.motion import Trajectory
 from bt_jax.deploy.rws import Rws
@@ -235,6 +236,33 @@ def test_stop_and_close_reach_the_controller_without_the_link_process():
             rws = Rws("127.0.0.1", controller.rws_port, "Default User", "robotics")
             assert rws.state().rapid == "stopped"
             rws.close()
+
+
+def test_strangers_and_malformed_messages_change_nothing():
+    with running(realtime=False) as (controller, link):
+        sequence = link.drain()[-1, 16]
+        foreign = Feedback(int(sequence) + 1, 9.0, np.ones(7), np.ones(7), True, Mci.RUNNING, True).encode()
+        before, cycles = link.arm("left"), link.counters().cycles
+        for source, data in [("127.0.0.2", foreign), ("127.0.0.2", b"hello"), ("127.0.0.1", b"hello")]:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+                stranger.bind((source, 0))
+                stranger.settimeout(0.2)
+                stranger.sendto(data, ("127.0.0.1", controller.ports["left"]))
+                with pytest.raises(TimeoutError):
+                    stranger.recv(4096)
+        assert link.counters().cycles == cycles
+        assert link.arm("left").time == before.time
+        np.testing.assert_array_equal(link.arm("left").joints, before.joints)
+        goal = before.commanded + 0.1
+        move(link, by=0.1, seconds=0.5)
+        run_for(link, 1.0)
+        assert link.stopped() is None
+        np.testing.assert_allclose(link.arm("left").joints, goal, atol=5e-3)
+
+
+def test_an_unknown_controller_is_said_in_a_sentence():
+    with pytest.raises(UserError, match="--robot"):
+        YumiLink(LinkConfig("nowhere.invalid", free_ports()), RULES)
 
 
 def test_a_program_that_hangs_is_stopped():
