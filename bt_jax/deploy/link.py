@@ -133,7 +133,8 @@ class YumiLink:
         self._target = dict.fromkeys(self.arms, 0.0)
         self._state: ControllerState | None = None
         self._rejected = self._motions = self._drained = 0
-        self._enabled = False
+        self._answering = False  # the robot's program was asked to follow
+        self._enabled = False  # and follows
         self._reason: str | None = None  # of a stop that the link process could not be told of
         self._closing = threading.Event()
         self._poller: threading.Thread | None = None
@@ -179,10 +180,14 @@ class YumiLink:
             raise UserError(
                 f"the controller is in {state.control}, mode {state.mode}; put it in automatic mode with motors on"
             )
+        problem = self._ask("answer")
+        if problem is not None:
+            raise UserError(f"{problem}; ask for motion to start the robot")
+        self._answering = True
         if state.rapid != "running":
             with self._rws_lock:
                 self._rws.start()
-        problem: str | None = "silent"
+        problem = "silent"
         deadline = time.monotonic() + STARTED
         while problem is not None and time.monotonic() < deadline:
             if self._lockstep:
@@ -200,8 +205,8 @@ class YumiLink:
         self._closing.set()
         if self._poller is not None:
             self._poller.join(SILENT + 1)
-        if self._enabled:
-            self._enabled = False
+        if self._answering:
+            self._answering = self._enabled = False
             with contextlib.suppress(UserError):
                 self._ask("disable")
             self._stop_program()
@@ -317,7 +322,7 @@ class YumiLink:
             self._ask("stop", reason)
         except UserError:  # no setpoint flows: all the more must the program on the controller be stopped
             self._reason = self._reason or reason
-        if self._enabled:
+        if self._answering:
             self._stop_program()
 
     def _stop_program(self) -> None:

@@ -16,7 +16,7 @@ from bt_jax.deploy.controller import Controller, ControllerGone
 from bt_jax.deploy.egm import CYCLE, Feedback, Mci
 from bt_jax.deploy.link import LinkConfig, RobotLink, YumiLink
 from bt_jax.deploy.motion import Trajectory
-from bt_jax.deploy.rws import Rws
+from bt_jax.deploy.rws import EGM_MOTION, Motion, Rws, symbol
 from bt_jax.deploy.safety import Rejected
 from bt_jax.errors import UserError
 
@@ -338,6 +338,43 @@ def test_a_link_that_only_listens_never_answers():
         run_for(link, 0.3)
         assert link.arm("left").joints == pytest.approx(np.full(7, 0.1), abs=1e-3)
         assert not link.arm("left").running
+
+
+@pytest.mark.parametrize("realtime", [True, False])
+def test_nothing_is_answered_before_the_start_and_then_the_first_joints_are_held(realtime):
+    with running(realtime=realtime, start=False) as (controller, link):
+        rws = Rws("127.0.0.1", controller.rws_port, "Default User", "robotics")
+        rws.start()
+        for arm in ARMS:  # somebody else asks the robot to follow: nobody answers, and it gives up
+            rws.set_number(symbol(arm, EGM_MOTION), float(Motion.ASKED))
+        run_for(link, 1.0)
+        assert controller.stats().unanswered > 50
+        assert rws.state().rapid == "stopped"
+        link.drain()
+        link.start()
+        first = link.arm("left").commanded
+        records = link.drain()
+        held = records[(records[:, 0] == 0)][-1, 2:9]
+        np.testing.assert_array_equal(held, first)
+        controller.push("left_link", np.array([0, 0, -20.0]), 0.4)  # the arm gives way, its setpoint does not
+        link._ask("disable")
+        run_for(link, 0.3)
+        assert np.max(np.abs(link.arm("left").joints - first)) > 1e-3
+        np.testing.assert_array_equal(link.arm("left").commanded, first)
+        rws.close()
+
+
+def test_an_arm_that_was_moved_since_the_start_is_not_guided():
+    with running(realtime=False, start=False) as (controller, link):
+        run_for(link, 0.1)
+        link._ask("answer")
+        run_for(link, 0.1)
+        controller.push("left_link", np.array([0, 0, -400.0]), 60.0)
+        run_for(link, 0.5)
+        with pytest.raises(UserError, match="not where it was"):
+            link.start()
+        assert not link.arm("right").moving
+    assert link.stopped() is None
 
 
 def test_taken_ports_and_wrong_users_are_said_in_a_sentence():
