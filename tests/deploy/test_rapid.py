@@ -75,6 +75,14 @@ def test_egm_is_set_up_in_order():
     )
 
 
+def test_no_hand_moves_before_it_is_calibrated():
+    prepared = re.search(r"PROC prepare_hand\(\)(.*?)ENDPROC", STATEMENT)[1]
+    loop = re.search(r"WHILE NOT Hand_IsCalibrated\(\) DO (.*?) ENDWHILE (.*)", prepared)
+    assert loop[1].endswith("Stop;")
+    assert "PP to main" in loop[1]
+    assert loop[2].startswith("Hand_Initialize")
+
+
 def test_blocks_are_closed_and_what_is_called_is_there():
     for begin, end in [("MODULE", "ENDMODULE"), ("PROC", "ENDPROC"), ("WHILE", "ENDWHILE")]:
         assert len(re.findall(rf"\b{begin}\b", CODE)) == len(re.findall(rf"\b{end}\b", CODE)), begin
