@@ -33,6 +33,7 @@ STARTED = 3.0  # seconds within which the arms must run once the program was sta
 FIRST = 30.0  # seconds for the link process to come up
 POLL = 0.05  # seconds between two looks at the grippers in real time
 STATE = 5  # of these looks, one also asks for the controller's state
+RAMP = 0.5  # seconds within which the robot's program has ended guided motion: a look at the gripper, and its ramp
 ENDED = "the link process has ended"
 SILENT = 2.0  # seconds without an answer to such a look
 
@@ -206,9 +207,12 @@ class YumiLink:
         if self._poller is not None:
             self._poller.join(SILENT + 1)
         if self._answering:
+            well = self._enabled and self.stopped() is None and self._process.is_alive()
             self._answering = self._enabled = False
             with contextlib.suppress(UserError):
                 self._ask("disable")
+                if well:
+                    self._ramp_out()
             self._stop_program()
         if self._process.pid is not None:
             with contextlib.suppress(UserError):
@@ -324,6 +328,14 @@ class YumiLink:
             self._reason = self._reason or reason
         if self._answering:
             self._stop_program()
+
+    def _ramp_out(self) -> None:
+        """Ends guided motion as the robot's program does it: smoothly, while the arms are still held."""
+        with self._rws_lock:
+            for arm in self.arms:
+                self._rws.set_number(symbol(arm, EGM_MOTION), float(Motion.LISTEN))
+        if not self._lockstep:
+            time.sleep(RAMP)
 
     def _stop_program(self) -> None:
         with contextlib.suppress(UserError), self._rws_lock:  # without a controller the arms hold by themselves

@@ -432,6 +432,28 @@ def test_a_latched_stop_ends_with_its_process_and_the_robots_program():
             link.start()
 
 
+@pytest.mark.parametrize("well", [True, False])
+def test_guided_motion_is_ended_before_the_program_where_all_is_well(well, monkeypatch):
+    told = []
+    for name, call in [("set_number", Rws.set_number), ("stop", Rws.stop)]:
+
+        def seen(rws, *arguments, name=name, call=call):
+            told.append((name, *arguments))
+            call(rws, *arguments)
+
+        monkeypatch.setattr(Rws, name, seen)
+    with running(realtime=True) as (controller, link):
+        if not well:
+            link.stop("somebody shouted")
+        told.clear()
+        link.close()
+        rws = Rws("127.0.0.1", controller.rws_port, "Default User", "robotics")
+        listen = [("set_number", symbol(arm, EGM_MOTION), float(Motion.LISTEN)) for arm in ARMS]
+        assert told == [*(listen if well else []), ("stop",)]
+        assert rws.state().rapid == "stopped"
+        rws.close()
+
+
 def test_setpoints_beyond_the_robots_own_limits_are_refused_by_it():
     wide = dataclasses.replace(RULES, lower=(-9.0,) * 7, upper=(9.0,) * 7)
     with running(realtime=False, rules=wide) as (_, link):

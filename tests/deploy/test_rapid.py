@@ -8,7 +8,7 @@ import pytest
 from cells import ARMS, RULES, cell, free_ports, run_for
 from rich.console import Console
 
-from bt_jax.deploy import rws
+from bt_jax.deploy import link, rws
 from bt_jax.deploy.cell import FASTEST
 from bt_jax.deploy.controller import Controller
 from bt_jax.deploy.egm import CYCLE
@@ -59,6 +59,10 @@ def test_all_seven_axes_are_guided():
 
 def test_the_controller_limits_the_speed_but_not_below_ours():
     assert np.degrees(FASTEST) * 1.05 < constant("MAX_SPEED") < 1.5 * np.degrees(FASTEST)
+
+
+def test_we_hold_the_arms_until_guided_motion_has_ended():
+    assert constant("PERIOD") + constant("RAMP") < link.RAMP < constant("SILENT")
 
 
 def test_egm_is_set_up_in_order():
