@@ -50,7 +50,7 @@ WARNING = (
 STOPPED = """\
 This was a protective stop. The arms hold where they were measured, and the robot's program was stopped; on our side the
 stop ends with this process, so that nothing has to be reset here. Remove what caused it, clear the error on the pendant,
-start BtJax on the controller again, then run again: preflight and sentence come first, as ever."""
+choose PP to main and start BtJax on the controller, then run again: preflight and sentence come first, as ever."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -38,7 +38,7 @@ class Feedback:
     sequence: int
     time: float  # seconds of the controller's clock
     joints: np.ndarray  # [7] measured
-    planned: np.ndarray  # [7] what the controller is about to reach
+    planned: np.ndarray | None  # [7] what the controller is about to reach, where it is told
     motors_on: bool
     mci: Mci
     rapid_running: bool
@@ -55,6 +55,8 @@ class Feedback:
         _header(message.header, self.sequence, self.time, DATA)
         seconds = int(self.time)
         for part, joints in ((message.feedBack, self.joints), (message.planned, self.planned)):
+            if joints is None:
+                continue
             _write_joints(part, joints)
             part.time.sec, part.time.usec = seconds, int(1e6 * (self.time - seconds))
         if self.flange is not None:
@@ -78,7 +80,7 @@ class Feedback:
             message.header.seqno,
             message.header.tm / 1000,
             _read_joints(message.feedBack),
-            _read_joints(message.planned),
+            _read_joints(message.planned) if message.HasField("planned") else None,
             message.motorState.state == 1,
             Mci(message.mciState.state),
             message.rapidExecState.state == 2,

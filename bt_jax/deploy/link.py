@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import socket
 import threading
 import time
 from collections.abc import Mapping
@@ -32,6 +33,8 @@ STARTED = 3.0  # seconds within which the arms must run once the program was sta
 FIRST = 30.0  # seconds for the link process to come up
 POLL = 0.05  # seconds between two looks at the grippers in real time
 STATE = 5  # of these looks, one also asks for the controller's state
+RAMP = 0.5  # seconds within which the robot's program has ended guided motion: a look at the gripper, and its ramp
+ENDED = "the link process has ended"
 SILENT = 2.0  # seconds without an answer to such a look
 
 
@@ -122,7 +125,7 @@ class YumiLink:
         self._clearance = rules.clearance_of() if rules.clearance_of is not None else None
         self._blocks = Blocks(self.arms)
         self._pipe, theirs = CONTEXT.Pipe()
-        start = Start(dict(config.ports), rules, not self._lockstep, config.motion)
+        start = Start(_address(config.host), dict(config.ports), rules, not self._lockstep, config.motion)
         self._process = CONTEXT.Process(target=serve, args=(start, self._blocks, theirs), daemon=True)
         self._theirs = theirs
         self._pipe_lock, self._rws_lock = threading.Lock(), threading.Lock()
@@ -131,7 +134,9 @@ class YumiLink:
         self._target = dict.fromkeys(self.arms, 0.0)
         self._state: ControllerState | None = None
         self._rejected = self._motions = self._drained = 0
-        self._enabled = False
+        self._answering = False  # the robot's program was asked to follow
+        self._enabled = False  # and follows
+        self._reason: str | None = None  # of a stop that the link process could not be told of
         self._closing = threading.Event()
         self._poller: threading.Thread | None = None
 
@@ -176,10 +181,14 @@ class YumiLink:
             raise UserError(
                 f"the controller is in {state.control}, mode {state.mode}; put it in automatic mode with motors on"
             )
+        problem = self._ask("answer")
+        if problem is not None:
+            raise UserError(f"{problem}; ask for motion to start the robot")
+        self._answering = True
         if state.rapid != "running":
             with self._rws_lock:
                 self._rws.start()
-        problem: str | None = "silent"
+        problem = "silent"
         deadline = time.monotonic() + STARTED
         while problem is not None and time.monotonic() < deadline:
             if self._lockstep:
@@ -197,13 +206,14 @@ class YumiLink:
         self._closing.set()
         if self._poller is not None:
             self._poller.join(SILENT + 1)
-        if self._enabled:
-            self._enabled = False
-            try:
+        if self._answering:
+            well = self._enabled and self.stopped() is None and self._process.is_alive()
+            self._answering = self._enabled = False
+            with contextlib.suppress(UserError):
                 self._ask("disable")
-                self._rws.stop()
-            except (UserError, ControllerGone):
-                pass
+                if well:
+                    self._ramp_out()
+            self._stop_program()
         if self._process.pid is not None:
             with contextlib.suppress(UserError):
                 self._ask("close")
@@ -222,6 +232,7 @@ class YumiLink:
             self._blocks.alive.value = time.monotonic()
             return
         try:
+            self._stop_if_dead()
             self._controller.advance(until)
             self._look()
         except ControllerGone as gone:
@@ -262,9 +273,11 @@ class YumiLink:
         return self._state
 
     def stopped(self) -> str | None:
-        if not self._process.is_alive() and not self._closing.is_set():
-            return "the link process has ended"
-        return self._blocks.reason.value.decode(errors="replace") if self._blocks.stopped.value else None
+        if self._blocks.stopped.value:
+            return self._blocks.reason.value.decode(errors="replace")
+        if self._reason is None and self._dead():
+            return ENDED
+        return self._reason
 
     def follow(self, arm: str, trajectory: Trajectory) -> int:
         other = next((name for name in self.arms if name != arm), arm)
@@ -311,14 +324,29 @@ class YumiLink:
     def stop(self, reason: str) -> None:
         try:
             self._ask("stop", reason)
-        except UserError:
-            return
-        if self._enabled:
-            try:
-                with self._rws_lock:
-                    self._rws.stop()
-            except UserError:
-                pass  # the controller is gone; the arms hold by themselves
+        except UserError:  # no setpoint flows: all the more must the program on the controller be stopped
+            self._reason = self._reason or reason
+        if self._answering:
+            self._stop_program()
+
+    def _ramp_out(self) -> None:
+        """Ends guided motion as the robot's program does it: smoothly, while the arms are still held."""
+        with self._rws_lock:
+            for arm in self.arms:
+                self._rws.set_number(symbol(arm, EGM_MOTION), float(Motion.LISTEN))
+        if not self._lockstep:
+            time.sleep(RAMP)
+
+    def _stop_program(self) -> None:
+        with contextlib.suppress(UserError), self._rws_lock:  # without a controller the arms hold by themselves
+            self._rws.stop()
+
+    def _dead(self) -> bool:
+        return not self._closing.is_set() and not self._process.is_alive()
+
+    def _stop_if_dead(self) -> None:
+        if self._enabled and self._reason is None and self._dead():
+            self.stop(ENDED)
 
     def counters(self) -> Counters:
         return Counters(*map(int, self._blocks.counters.read()), rejected=self._rejected)
@@ -368,6 +396,7 @@ class YumiLink:
         answered, count = time.monotonic(), 0
         while not self._closing.wait(POLL):
             count += 1
+            self._stop_if_dead()
             try:
                 self._look()
                 if count % STATE == 0 and self._enabled:
@@ -378,6 +407,14 @@ class YumiLink:
             except (UserError, ValueError) as problem:
                 if self._enabled and not self._closing.is_set() and time.monotonic() - answered > SILENT:
                     self.stop(str(problem))
+
+
+def _address(host: str) -> str:
+    """IPv4 address of a host. Raises UserError where it is unknown."""
+    try:
+        return socket.gethostbyname(host)
+    except OSError as error:
+        raise UserError(f"the controller {host} is unknown ({error}); give its address with --robot") from error
 
 
 def _pose(values: np.ndarray) -> RigidTransform | None:

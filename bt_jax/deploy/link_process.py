@@ -46,6 +46,7 @@ class Blocks:
 class Start:
     """What the process needs to begin."""
 
+    host: str  # IPv4 address of the controller; what comes from elsewhere is dropped
     ports: dict[str, int]
     rules: Rules
     realtime: bool  # the robot's clock is ours; False: it waits for our answers and stands still in between
@@ -97,6 +98,7 @@ class _Loop:
     def __init__(self, start: Start, blocks: Blocks, pipe: Connection, arms: dict[str, _Arm]) -> None:
         self.start, self.blocks, self.pipe, self.arms = start, blocks, pipe, arms
         self.supervisor = Supervisor(start.rules, tuple(arms))
+        self.answering = False  # a person has agreed to motion; until `enabled`, the arms hold where they were then
         self.enabled = False  # the robot was started and must be running from now on
         self.closing = False
         self.cycles = self.missed = self.late = 0
@@ -147,20 +149,21 @@ class _Loop:
         count = 0
         while True:
             try:
-                data, arm.address = arm.socket.recvfrom(4096)
+                data, address = arm.socket.recvfrom(4096)
             except (BlockingIOError, ConnectionError):
                 break
+            if address[0] != self.start.host:
+                continue
             try:
                 feedback = Feedback.decode(data)
-            except ValueError as problem:
-                self.supervisor.stop(f"{name}: {problem}")
+            except ValueError:  # like a lost one: where nothing else comes, the silence stops the robot
                 continue
             before = arm.feedback
             if not self.supervisor.accept(name, feedback, time.monotonic(), moving_allowed=self.enabled):
                 continue
             if before is not None and feedback.time > before.time:
                 arm.velocity = (feedback.joints - before.joints) / (feedback.time - before.time)
-            arm.feedback, newest = feedback, True
+            arm.feedback, arm.address, newest = feedback, address, True
             count += 1
         self.late += max(count - 1, 0)
         if newest:
@@ -170,7 +173,7 @@ class _Loop:
         feedback = arm.feedback
         assert feedback is not None
         self.cycles += 1
-        if arm.commanded is None or not self.enabled:
+        if arm.commanded is None or not self.answering:
             arm.commanded = feedback.joints.copy()
         if arm.follower is not None and not self.enabled:
             arm.follower = None
@@ -185,7 +188,7 @@ class _Loop:
             arm.follower = None
         self.publish(name, arm)
         self.record(name, arm)
-        if self.start.motion and np.all(np.isfinite(arm.commanded)):
+        if self.answering and np.all(np.isfinite(arm.commanded)):
             arm.answers += 1
             message = Setpoint(arm.answers, feedback.time, arm.commanded).encode()
             try:
@@ -257,19 +260,33 @@ class _Loop:
             return arm.feedback is not None
         return self.supervisor.silence(name, time.monotonic()) < self.start.rules.stale / 2
 
+    def do_answer(self) -> None:
+        """From now on setpoints are sent: that the arms hold where the next message finds them."""
+        if not self.start.motion:
+            self.reply("this link only listens")
+            return
+        if not self.answering:
+            for arm in self.arms.values():
+                arm.commanded = None
+            self.answering = True
+        self.reply()
+
     def do_enable(self) -> None:
         """From now on the robot must be running, and the executor must show that it is alive."""
         silent = [name for name, arm in self.arms.items() if not self.fresh(name, arm) or not arm.feedback.running]
         if silent:
             self.reply(f"{' and '.join(silent)}: not running")
             return
-        for arm in self.arms.values():
-            arm.commanded = arm.feedback.joints.copy()
+        for name, arm in self.arms.items():
+            if arm.commanded is None or np.max(np.abs(arm.feedback.joints - arm.commanded)) > self.start.rules.start:
+                self.reply(f"{name}: not where it was when the start was asked for")
+                return
         self.blocks.alive.value = time.monotonic()
         self.enabled = True
         self.reply()
 
     def do_disable(self) -> None:
+        """The arms are held, and the robot may end its guided motion."""
         self.enabled = False
         self.reply()
 

@@ -163,8 +163,8 @@ def _feedback(cell: Cell) -> str:
         if not link.heard(arm):
             port = link.config.ports[arm]
             raise UserError(
-                f"nothing came from the {arm} arm; start BtJax on the controller (python -m bt_jax.deploy rapid) and set "
-                f"its EGM up to send to UDP port {port} of this machine"
+                f"nothing came from the {arm} arm; load BtJax (python -m bt_jax.deploy rapid), choose PP to main and "
+                f"start it, with its EGM set up to send to UDP port {port} of this machine"
             )
     got = after.cycles - before.cycles
     lost, late = after.lost - before.lost, after.late - before.late

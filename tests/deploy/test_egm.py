@@ -38,6 +38,14 @@ def test_the_flange_travels_in_millimetres_with_the_scalar_first():
     assert Feedback.decode(sent.encode()).flange == pytest.approx(flange)
 
 
+def test_what_is_planned_need_not_be_told():
+    sent = Feedback(1, 0.0, np.ones(7), None, True, Mci.RUNNING, True)
+    got = Feedback.decode(sent.encode())
+    assert got.planned is None
+    assert got.running
+    np.testing.assert_allclose(got.joints, 1.0)
+
+
 def test_axis_seven_travels_as_the_external_joint_in_degrees():
     message = EgmSensor()
     message.ParseFromString(Setpoint(7, 0.0, np.radians([10, 20, 70, 30, 40, 50, 60])).encode())

@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import os
 import signal
+import socket
 import time
 
 import numpy as np
@@ -12,10 +13,10 @@ from cells import ARMS, RULES, cell, free_ports, run_for, running
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy.controller import Controller, ControllerGone
-from bt_jax.deploy.egm import CYCLE
+from bt_jax.deploy.egm import CYCLE, Feedback, Mci
 from bt_jax.deploy.link import LinkConfig, RobotLink, YumiLink
 from bt_jax.deploy.motion import Trajectory
-from bt_jax.deploy.rws import Rws
+from bt_jax.deploy.rws import EGM_MOTION, Motion, Rws, symbol
 from bt_jax.deploy.safety import Rejected
 from bt_jax.errors import UserError
 
@@ -211,6 +212,59 @@ def test_a_killed_controller_is_noticed_in_lockstep():
         assert "ended" in link.stopped()
 
 
+@pytest.mark.parametrize("realtime", [True, False])
+def test_where_the_link_process_is_killed_the_robots_program_is_stopped(realtime):
+    with running(realtime=realtime) as (_, link):
+        move(link, seconds=3.0)
+        run_for(link, 0.2)
+        assert link.state().rapid == "running"
+        link._process.kill()
+        link._process.join()
+        run_for(link, 3.0, until=lambda: link.state().rapid == "stopped")
+        assert link.state().rapid == "stopped"
+        assert "link process has ended" in link.stopped()
+        with pytest.raises(Rejected, match="stopped"):
+            link.grip("left", 0.0)
+
+
+def test_stop_and_close_reach_the_controller_without_the_link_process():
+    for end in (lambda link: link.stop("somebody shouted"), YumiLink.close):
+        with running(realtime=False) as (controller, link):
+            link._process.kill()
+            link._process.join()
+            end(link)
+            rws = Rws("127.0.0.1", controller.rws_port, "Default User", "robotics")
+            assert rws.state().rapid == "stopped"
+            rws.close()
+
+
+def test_strangers_and_malformed_messages_change_nothing():
+    with running(realtime=False) as (controller, link):
+        sequence = link.drain()[-1, 16]
+        foreign = Feedback(int(sequence) + 1, 9.0, np.ones(7), np.ones(7), True, Mci.RUNNING, True).encode()
+        before, cycles = link.arm("left"), link.counters().cycles
+        for source, data in [("127.0.0.2", foreign), ("127.0.0.2", b"hello"), ("127.0.0.1", b"hello")]:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+                stranger.bind((source, 0))
+                stranger.settimeout(0.2)
+                stranger.sendto(data, ("127.0.0.1", controller.ports["left"]))
+                with pytest.raises(TimeoutError):
+                    stranger.recv(4096)
+        assert link.counters().cycles == cycles
+        assert link.arm("left").time == before.time
+        np.testing.assert_array_equal(link.arm("left").joints, before.joints)
+        goal = before.commanded + 0.1
+        move(link, by=0.1, seconds=0.5)
+        run_for(link, 1.0)
+        assert link.stopped() is None
+        np.testing.assert_allclose(link.arm("left").joints, goal, atol=5e-3)
+
+
+def test_an_unknown_controller_is_said_in_a_sentence():
+    with pytest.raises(UserError, match="--robot"):
+        YumiLink(LinkConfig("nowhere.invalid", free_ports()), RULES)
+
+
 def test_a_program_that_hangs_is_stopped():
     rules = dataclasses.replace(RULES, overrun=0.4)
     with running(realtime=True, rules=rules) as (_, link):
@@ -286,6 +340,43 @@ def test_a_link_that_only_listens_never_answers():
         assert not link.arm("left").running
 
 
+@pytest.mark.parametrize("realtime", [True, False])
+def test_nothing_is_answered_before_the_start_and_then_the_first_joints_are_held(realtime):
+    with running(realtime=realtime, start=False) as (controller, link):
+        rws = Rws("127.0.0.1", controller.rws_port, "Default User", "robotics")
+        rws.start()
+        for arm in ARMS:  # somebody else asks the robot to follow: nobody answers, and it gives up
+            rws.set_number(symbol(arm, EGM_MOTION), float(Motion.ASKED))
+        run_for(link, 1.0)
+        assert controller.stats().unanswered > 50
+        assert rws.state().rapid == "stopped"
+        link.drain()
+        link.start()
+        first = link.arm("left").commanded
+        records = link.drain()
+        held = records[(records[:, 0] == 0)][-1, 2:9]
+        np.testing.assert_array_equal(held, first)
+        controller.push("left_link", np.array([0, 0, -20.0]), 0.4)  # the arm gives way, its setpoint does not
+        link._ask("disable")
+        run_for(link, 0.3)
+        assert np.max(np.abs(link.arm("left").joints - first)) > 1e-3
+        np.testing.assert_array_equal(link.arm("left").commanded, first)
+        rws.close()
+
+
+def test_an_arm_that_was_moved_since_the_start_is_not_guided():
+    with running(realtime=False, start=False) as (controller, link):
+        run_for(link, 0.1)
+        link._ask("answer")
+        run_for(link, 0.1)
+        controller.push("left_link", np.array([0, 0, -400.0]), 60.0)
+        run_for(link, 0.5)
+        with pytest.raises(UserError, match="not where it was"):
+            link.start()
+        assert not link.arm("right").moving
+    assert link.stopped() is None
+
+
 def test_taken_ports_and_wrong_users_are_said_in_a_sentence():
     ports = free_ports()
     with Controller(cell(), ports=ports, realtime=True) as controller:
@@ -339,6 +430,28 @@ def test_a_latched_stop_ends_with_its_process_and_the_robots_program():
             run_for(link, 0.5, until=lambda: link.stopped() is not None)
         with YumiLink(config, RULES, controller) as link, pytest.raises(UserError, match="motors on"):
             link.start()
+
+
+@pytest.mark.parametrize("well", [True, False])
+def test_guided_motion_is_ended_before_the_program_where_all_is_well(well, monkeypatch):
+    told = []
+    for name, call in [("set_number", Rws.set_number), ("stop", Rws.stop)]:
+
+        def seen(rws, *arguments, name=name, call=call):
+            told.append((name, *arguments))
+            call(rws, *arguments)
+
+        monkeypatch.setattr(Rws, name, seen)
+    with running(realtime=True) as (controller, link):
+        if not well:
+            link.stop("somebody shouted")
+        told.clear()
+        link.close()
+        rws = Rws("127.0.0.1", controller.rws_port, "Default User", "robotics")
+        listen = [("set_number", symbol(arm, EGM_MOTION), float(Motion.LISTEN)) for arm in ARMS]
+        assert told == [*(listen if well else []), ("stop",)]
+        assert rws.state().rapid == "stopped"
+        rws.close()
 
 
 def test_setpoints_beyond_the_robots_own_limits_are_refused_by_it():

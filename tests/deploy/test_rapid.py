@@ -8,7 +8,7 @@ import pytest
 from cells import ARMS, RULES, cell, free_ports, run_for
 from rich.console import Console
 
-from bt_jax.deploy import rws
+from bt_jax.deploy import link, rws
 from bt_jax.deploy.cell import FASTEST
 from bt_jax.deploy.controller import Controller
 from bt_jax.deploy.egm import CYCLE
@@ -61,6 +61,10 @@ def test_the_controller_limits_the_speed_but_not_below_ours():
     assert np.degrees(FASTEST) * 1.05 < constant("MAX_SPEED") < 1.5 * np.degrees(FASTEST)
 
 
+def test_we_hold_the_arms_until_guided_motion_has_ended():
+    assert constant("PERIOD") + constant("RAMP") < link.RAMP < constant("SILENT")
+
+
 def test_egm_is_set_up_in_order():
     followed = re.search(r"PROC follow_setpoints\(\)(.*?)ENDPROC", STATEMENT)[1]
     order = [
@@ -73,6 +77,14 @@ def test_egm_is_set_up_in_order():
     assert (
         main.index("LISTEN") < main.index("stand_still") < main.index("tell_position") < main.index("follow_setpoints")
     )
+
+
+def test_no_hand_moves_before_it_is_calibrated():
+    prepared = re.search(r"PROC prepare_hand\(\)(.*?)ENDPROC", STATEMENT)[1]
+    loop = re.search(r"WHILE NOT Hand_IsCalibrated\(\) DO (.*?) ENDWHILE (.*)", prepared)
+    assert loop[1].endswith("Stop;")
+    assert "PP to main" in loop[1]
+    assert loop[2].startswith("Hand_Initialize")
 
 
 def test_blocks_are_closed_and_what_is_called_is_there():

@@ -101,10 +101,10 @@ MODULE BtJax
     ENDPROC
 
     LOCAL PROC prepare_hand()
-        IF NOT Hand_IsCalibrated() THEN
-            TPWrite "BtJax: calibrate this gripper (closed, SmartGripper app), then start again.";
+        WHILE NOT Hand_IsCalibrated() DO
+            TPWrite "BtJax: calibrate this gripper (closed, SmartGripper app), PP to main, start.";
             Stop;
-        ENDIF
+        ENDWHILE
         Hand_Initialize\maxSpd:=HAND_SPEED\holdForce:=grip_force;
         grip_actual:=Hand_GetActualPos();
         grip_target:=grip_actual;
