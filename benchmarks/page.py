@@ -60,6 +60,8 @@ class Arguments:
     """servers to start, cold and warm"""
     seconds: float = 10.0
     """for which the scene is turned, and the page watched"""
+    starts: bool = True
+    """also time first generations, which takes some minutes"""
     chromium: str = "chromium"
     """the browser"""
 
@@ -72,8 +74,9 @@ def main(arguments: Arguments) -> None:
         report("page_orders", "from the click to what it says on the page, seconds", orders)
         report("page_frames", "pictures of the scene a second while it is turned", frames)
         report("page_stalls", "longest stalls, milliseconds", stalls)
-        starts = _starts(browser, Path(scratch), arguments.repeat)
-        report("page_start", "from the click to the first generation on the page, seconds", starts)
+        if arguments.starts:
+            starts = _starts(browser, Path(scratch), arguments.repeat)
+            report("page_start", "from the click to the first generation on the page, seconds", starts)
 
 
 def _starts(browser: Browser, scratch: Path, repeat: int) -> list[dict[str, Any]]:
@@ -127,6 +130,7 @@ def _at_work(browser: Browser, scratch: Path, arguments: Arguments) -> tuple[lis
         stalls.append(_watched(page, "evolving and learning from demonstrations", lambda: _learn(page, url)))
         stalls.append(_watched(page, "evolving and running a tree", lambda: _run(page)))
         _see(page, "tab-evolve").click()
+        page.wait_for_timeout(1000)
         orders.append(("stop", _order(page, "evolve-stop", "stopping", "testing", "stopped")))
     table = {name: [seconds for order, seconds in orders if order == name] for name in ("pause", "resume", "stop")}
     rows = [{"order": name, "median": median(times), "most": max(times)} for name, times in table.items()]

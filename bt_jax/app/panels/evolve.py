@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import time
 from typing import TYPE_CHECKING
 
 from nicegui import ui
@@ -15,6 +16,7 @@ from bt_jax.app.studio import Studio
 from bt_jax.app.tree_view import TreeView
 from bt_jax.errors import UserError
 from bt_jax.gp.config import GPConfig
+from bt_jax.progress import Progress
 
 if TYPE_CHECKING:
     from bt_jax.app.page import Page
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["build"]
 
 NOTHING = "\N{EN DASH}"
+CURVE_SECONDS = 2.0  # between two drawings of the curve while it grows
 COLORS = {
     "finished": "positive",
     "failed": "negative",
@@ -39,6 +42,8 @@ def build(studio: Studio, page: Page) -> None:
 class _Evolve:
     def __init__(self, studio: Studio, page: Page) -> None:
         self.studio, self.page = studio, page
+        self._drawn: object = None
+        self._drawn_at = 0.0
         with ui.element("div").classes("evolve"):
             with ui.row().classes("items-center gap-2"):
                 self.population = _number("Population", "evolve-population", studio.gp.population, 8, 100_000)
@@ -49,7 +54,9 @@ class _Evolve:
                 self.resume = button("Resume", "evolve-resume", "play_arrow", page.guard(self._resume))
                 self.stop = button("Stop", "evolve-stop", "stop", page.guard(self._stop))
             with ui.row().classes("items-center gap-3 w-full no-wrap"):
-                self.bar = ui.linear_progress(0, show_value=False).props("data-testid=evolve-bar aria-label=Progress")
+                self.bar = ui.linear_progress(0, show_value=False).props(
+                    "instant-feedback data-testid=evolve-bar aria-label=Progress"
+                )
                 self.stage = ui.badge().props("data-testid=evolve-stage")
             with ui.row().classes("items-center gap-2 w-full no-wrap evolve-state"):
                 self.sentence = ui.label().classes("flex-1").props("data-testid=evolve-sentence")
@@ -70,7 +77,11 @@ class _Evolve:
             with ui.element("div").classes("evolve-tree"):
                 self.tree = TreeView(page, testid="evolve-tree")
         page.on("evolution", self._refresh)
-        page.on_step(lambda step: self._refresh())
+        page.on_step(self._enter)
+
+    def _enter(self, step: str) -> None:
+        self._drawn = None
+        self._refresh()
 
     def _gp(self) -> GPConfig:
         """The settings as they stand in the fields. Raises UserError for one that cannot work."""
@@ -121,11 +132,19 @@ class _Evolve:
         self.mean.set_text(_fitness(progress and progress.mean))
         self.episodes.set_text(f"{progress.episodes:,}" if progress else NOTHING)
         self.bar.set_value(progress.generation / max(progress.generations, 1) if progress else 0)
-        curves = [Curve("", progress.history, evolution.phases)] if progress and progress.history else []
+        self._draw(progress, evolution.phases, anew=(stage, progress is None))
+        self.tree.show(evolution.tree, evolution.task or self.studio.task)
+
+    def _draw(self, progress: Progress | None, phases: tuple[int, ...], *, anew: object) -> None:
+        """The curve, which takes a browser long to draw: at once where `anew` has changed, else once a while."""
+        now = time.monotonic()
+        if anew == self._drawn and now - self._drawn_at < CURVE_SECONDS:
+            return
+        self._drawn, self._drawn_at = anew, now
+        curves = [Curve("", progress.history, phases)] if progress and progress.history else []
         self.chart.options.clear()
         self.chart.options.update(curve_options(curves, generations=progress.generations if progress else 0))
         self.chart.update()
-        self.tree.show(evolution.tree, evolution.task or self.studio.task)
 
 
 def _number(label: str, testid: str, value: int, low: int, high: int) -> ui.number:
