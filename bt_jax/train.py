@@ -118,10 +118,15 @@ def _train(training: Training, folder: RunFolder, config: RunConfig, arguments: 
     display = TrainingDisplay(training, folder.path)
     state, history = _restored(training, folder.load_checkpoint(), config)
     clock, began, stopped = CompileClock(), time.monotonic(), False
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    interruption = _Interruption()
+    signal.signal(signal.SIGTERM, interruption)
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, interruption)
     try:
         with display:
-            state, history = _evolve(training, folder, display, reporter, state, history, arguments, config)
+            state, history = _evolve(
+                training, folder, display, reporter, state, history, arguments, config, interruption
+            )
     except KeyboardInterrupt:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # until what was learnt is saved
         stopped = True
@@ -139,6 +144,23 @@ def _train(training: Training, folder: RunFolder, config: RunConfig, arguments: 
         training = _training(config)
     _finish(training, folder, display, state, history, session)
     reporter.stage("stopped" if stopped else "finished")
+
+
+class _Interruption:
+    """Handles a signal that ends an evolution: at once, or after this generation where Python was in a place, such as a
+    destructor, that swallows exceptions."""
+
+    def __init__(self) -> None:
+        self._asked = False
+
+    def __call__(self, *_: object) -> None:
+        self._asked = True
+        raise KeyboardInterrupt
+
+    def check(self) -> None:
+        """Raises KeyboardInterrupt where there was a signal."""
+        if self._asked:
+            raise KeyboardInterrupt
 
 
 def _training(config: RunConfig) -> Training:
@@ -236,6 +258,7 @@ def _evolve(
     history: list[Generation],
     arguments: Arguments,
     config: RunConfig,
+    interruption: _Interruption,
 ) -> tuple[State, list[Generation]]:
     known = {row.generation for row in history}
     saved, wait = time.monotonic(), CHECKPOINT_SECONDS
@@ -250,6 +273,7 @@ def _evolve(
             _save(folder, config, Checkpoint(state, training.vocabulary.leaves, config.phase, history))
             saved = time.monotonic()
             wait = max(CHECKPOINT_SECONDS, CHECKPOINT_SHARE * (saved - began))
+        interruption.check()
     return state, history
 
 

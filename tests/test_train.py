@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 
 import jax
 import numpy as np
@@ -235,3 +236,19 @@ def test_an_interruption_before_the_first_generation(tmp_path):
     _, err = process.communicate(timeout=120)
     assert "Traceback" not in err
     assert process.returncode in (0, 2, 130)
+
+
+def test_a_swallowed_interruption_ends_the_evolution_after_the_generation():
+    interruption = command._Interruption()
+    interruption.check()
+
+    class Swallowing:
+        def __del__(self):
+            interruption()
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        thing = Swallowing()
+        del thing
+    with pytest.raises(KeyboardInterrupt):
+        interruption.check()
