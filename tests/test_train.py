@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-import warnings
 
 import jax
 import numpy as np
@@ -238,6 +237,7 @@ def test_an_interruption_before_the_first_generation(tmp_path):
     assert process.returncode in (0, 2, 130)
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_a_swallowed_interruption_ends_the_evolution_after_the_generation():
     interruption = command._Interruption()
     interruption.check()
@@ -246,9 +246,7 @@ def test_a_swallowed_interruption_ends_the_evolution_after_the_generation():
         def __del__(self):
             interruption()
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        thing = Swallowing()
-        del thing
+    thing = Swallowing()
+    del thing
     with pytest.raises(KeyboardInterrupt):
         interruption.check()
