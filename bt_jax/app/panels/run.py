@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from nicegui import ui
+from nicegui.events import GenericEventArguments
 
 from bt_jax.app.panels.parts import button, may_leave
 from bt_jax.app.place_fields import PlaceFields
@@ -44,7 +45,7 @@ class _Run:
     def __init__(self, studio: Studio, page: Page) -> None:
         self.studio, self.page = studio, page
         self._layout = 0
-        self.scrubbing = False
+        self.scrubbing, self.wanted = False, 0
         self.learnt: dict[str, str] = {}
         self.fields: PlaceFields | None = None
         with ui.element("div").classes("run"):
@@ -150,14 +151,16 @@ class _Run:
         else:
             self.studio.playing.play()
 
-    async def _scrub(self) -> None:
-        """Shows the moment that the timeline is at, which a person may have moved on before that is done."""
+    async def _scrub(self, event: GenericEventArguments) -> None:
+        """Shows the moment that the timeline is at, which a person may have moved on before that is done. The event tells it
+        before the slider's own value does, which comes a few at a time."""
+        self.wanted = int(event.args)
         if self.scrubbing:
             return
         self.scrubbing = True
         try:
-            while self.studio.player is not None and self.timeline.value != self.studio.player.at:
-                await self.studio.playing.seek(int(self.timeline.value))
+            while (player := self.studio.player) is not None and player.at != min(self.wanted, len(player.moments) - 1):
+                await self.studio.playing.seek(self.wanted)
         finally:
             self.scrubbing = False
             self._refresh()
