@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Sequence
+import asyncio
+import dataclasses
+import functools
+from collections.abc import Awaitable, Callable, Collection, Sequence
 from typing import TYPE_CHECKING
 
 from nicegui import ui
@@ -34,6 +37,7 @@ class PlaceFields:
         step: str = "task",
     ) -> None:
         self._name, self._moved, self._spot = name, moved, spot
+        self._turn = asyncio.Lock()  # a number adds to what the ones before it have led to
         self._reference = (
             ui.select(list(references), value=spot.reference, label="measured from")
             .on("update:model-value", page.guard(self._change))
@@ -44,45 +48,43 @@ class PlaceFields:
         for axis, label in AXES:
             field = ui.number(label, step=1, format="%.1f").props(f"dense outlined data-testid={step}-{axis}-{name}")
             for event in APPLY:
-                field.on(event, page.guard(self._apply))
+                field.on(event, page.guard(functools.partial(self._apply, axis)))
             self._fields[axis] = field.classes("place-number")
         self._restore()
 
     def show(self, spot: Spot) -> None:
-        """The fields show another place; what somebody is writing stays where it is still the same."""
-        if spot != self._spot:
-            self._spot = spot
+        """The fields show another place; what somebody is writing stays where that is the same."""
+        before, self._spot = self._spot, spot
+        if spot.reference != before.reference:
             self._restore()
+        else:
+            self._restore([axis for axis in self._fields if _centimetres(spot, axis) != _centimetres(before, axis)])
 
-    def _restore(self) -> None:
-        spot = self._spot
-        self._reference.set_value(spot.reference)
-        for axis, field in self._fields.items():
-            field.set_value(_centimetres(spot, axis))
+    def _restore(self, axes: Collection[str] = tuple(axis for axis, _ in AXES)) -> None:
+        self._reference.set_value(self._spot.reference)
+        for axis in axes:
+            self._fields[axis].set_value(_centimetres(self._spot, axis))
 
-    async def _apply(self) -> None:
-        values = {axis: field.value for axis, field in self._fields.items()}
-        if values == {axis: _centimetres(self._spot, axis) for axis in values}:
-            return
-        if None in values.values():
-            self._restore()
-            raise UserError(f"a number is missing for {self._name}; write how many centimetres")
-        metres = {
-            axis: getattr(self._spot, axis) if value == _centimetres(self._spot, axis) else value / 100
-            for axis, value in values.items()
-        }
-        await self._move(Spot(self._spot.reference, **metres))
+    async def _apply(self, axis: str) -> None:
+        written = self._fields[axis].value
+        async with self._turn:
+            if written == _centimetres(self._spot, axis):
+                return
+            try:
+                if written is None:
+                    raise UserError(f"a number is missing for {self._name}; write how many centimetres")
+                await self._moved(dataclasses.replace(self._spot, **{axis: written / 100}))
+            finally:
+                if self._fields[axis].value == written:
+                    self._restore([axis])
 
     async def _change(self) -> None:
         """The same numbers from elsewhere would mean another place: it begins in the middle, or on top."""
-        await self._move(Spot(self._reference.value, 0.0, 0.0, 0.0))
-
-    async def _move(self, spot: Spot) -> None:
-        try:
-            await self._moved(spot)
-        except UserError:
-            self._restore()
-            raise
+        async with self._turn:
+            try:
+                await self._moved(Spot(self._reference.value, 0.0, 0.0, 0.0))
+            finally:
+                self._restore([])
 
 
 def _centimetres(spot: Spot, axis: str) -> float:

@@ -3,7 +3,7 @@ const SMALLEST = 0.75; // scale, below which one scrolls
 const STATUSES = ["success", "failure", "running", "idle"];
 
 export default {
-  template: `<div class="tree-drawing" @click="onClick" @keydown="onKey"></div>`,
+  template: `<div class="tree-drawing" @pointerdown="onDown" @pointerup="onUp" @click="onClick" @keydown="onKey"></div>`,
 
   props: { svg: String, classes: Object },
 
@@ -64,18 +64,32 @@ export default {
       svg.setAttribute("height", height * scale);
     },
 
-    toggle(event) {
-      const node = event.target.closest?.(".foldable");
-      if (node) this.$emit("toggle", node.id);
-      return Boolean(node);
+    foldable(event) {
+      return event.target.closest?.(".foldable")?.id;
     },
 
+    // Not on "click": there is none where the tree is drawn anew between press and release.
+    onDown(event) {
+      this.pressed = event.button === 0 ? this.foldable(event) : undefined;
+    },
+
+    onUp(event) {
+      const name = this.foldable(event);
+      if (name && name === this.pressed) this.$emit("toggle", name);
+      this.pressed = undefined;
+    },
+
+    // Assistive technology clicks without a pointer.
     onClick(event) {
-      this.toggle(event);
+      const name = event.detail === 0 && this.foldable(event);
+      if (name) this.$emit("toggle", name);
     },
 
     onKey(event) {
-      if ((event.key === "Enter" || event.key === " ") && this.toggle(event)) event.preventDefault();
+      const name = this.foldable(event);
+      if (!name || (event.key !== "Enter" && event.key !== " ")) return;
+      event.preventDefault();
+      this.$emit("toggle", name);
     },
   },
 };

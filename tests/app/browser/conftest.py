@@ -12,7 +12,7 @@ import urllib.request
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Locator, Page, sync_playwright
+from playwright.sync_api import Locator, Page, expect, sync_playwright
 
 from bt_jax.progress import is_alive, read_progress
 
@@ -24,7 +24,8 @@ FLAGS = (
     "--use-angle=swiftshader",
     "--ignore-gpu-blocklist",
 )
-PATIENCE = 60_000  # milliseconds; nothing waits for long where the machine is idle
+PATIENCE = 180_000  # milliseconds; nothing waits for long where the machine is idle
+expect.set_options(timeout=PATIENCE)
 
 
 class Server:

@@ -8,13 +8,13 @@ import signal
 import time
 
 import pytest
+from keys import press_on
 from playwright.sync_api import expect
 
 from bt_jax.encoding.xml import from_xml
 from bt_jax.progress import is_alive, read_progress
 from bt_jax.run_folder import RunFolder
 
-expect.set_options(timeout=120_000)
 pytestmark = pytest.mark.slow
 
 
@@ -75,8 +75,7 @@ def test_start_pause_resume_stop_and_more(page, see, server):
     expect(see("evolve-stage")).to_have_text("paused")
     assert read_progress(folder.path).generation == held
 
-    see("evolve-resume").focus()
-    page.keyboard.press("Enter")
+    press_on(see("evolve-resume"), "Enter")
     expect(see("evolve-stage")).to_have_text("evolving")
     goes_on(see)
 

@@ -4,6 +4,7 @@ import re
 
 import pytest
 from gripper import carry
+from keys import press_on
 from playwright.sync_api import expect
 
 from bt_jax.behaviors import Vocabulary
@@ -18,7 +19,6 @@ from bt_jax.mjx_env.statuses import Semantics
 from bt_jax.run_folder import RunFolder
 from bt_jax.training import UNSEEN
 
-expect.set_options(timeout=180_000)
 pytestmark = pytest.mark.slow
 
 
@@ -40,7 +40,7 @@ def test_experiment_1_through_the_page(page, see, server, shoot):
     see("tab-demonstrate").click()
     for number in range(1, 4):
         expect(see("demonstrate-new-reached")).to_be_enabled()
-        see("demonstrate-new-reached").press("Enter")
+        press_on(see("demonstrate-new-reached"), "Enter")
         expect(see("demonstrate-finish")).to_be_visible()
         page.keyboard.press("3")
         expect(see("demonstrate-done")).to_contain_text("Pick up BlueBox")
@@ -50,7 +50,7 @@ def test_experiment_1_through_the_page(page, see, server, shoot):
             shoot("demonstrate")
         page.keyboard.press("r")
         expect(see("demonstrate-done")).to_contain_text("Put BlueBox on top of GreenBox")
-        see("demonstrate-finish").press("Enter")
+        press_on(see("demonstrate-finish"), "Enter")
         expect(see("demonstrate-progress")).to_contain_text(re.compile(rf"^{number} "))
     taught = DemonstrationFolder(server.folder / "demonstrations" / "demonstrations").read()
     assert [len(one.actions) for one in taught] == [2, 2, 2]

@@ -1,8 +1,10 @@
 """A person who says what is to be done: targets and the beginning, by dragging and by keyboard, and saves it."""
 
 import math
+import re
 
 import pytest
+from keys import press_on
 from menus import choose_option
 from playwright.sync_api import expect
 from scene import at_rest, drag, exists, position
@@ -10,7 +12,6 @@ from scene import at_rest, drag, exists, position
 from bt_jax.task import load_task, task_names
 
 pytestmark = pytest.mark.slow
-expect.set_options(timeout=60_000)
 STACK = load_task("stack")
 
 
@@ -93,14 +94,28 @@ def test_changes_are_not_lost_unasked(page, see, server):
 
 def test_a_target_is_written_by_keyboard(page, see):
     at_rest(page)
-    see("task-right-YellowBox").focus()
-    page.keyboard.press("Control+A")
+    press_on(see("task-right-YellowBox"), "Control+A")
     page.keyboard.type("13.3")
     page.keyboard.press("Tab")
     expect(see("task-words-YellowBox")).to_have_text("at the right of the kit")
     expect(see("task-away-YellowBox")).to_be_focused()  # one goes on where one was
     kit = position(page, "KittingBox")
     until(page, lambda: close(position(page, "GreenBox", target=True), [kit[0] + 0.133, kit[1], kit[2] + 0.1525]))
+
+
+def test_one_writes_on_while_a_number_is_taken(page, see):
+    """The first number is computed with while the second is being written."""
+    see("task-start").click()
+    press_on(see("task-right-BlueBox"), "Control+A")
+    page.keyboard.type("-20")
+    page.keyboard.press("Tab")
+    page.keyboard.press("Control+A")
+    page.keyboard.type("-7", delay=30)
+    page.keyboard.press("Enter")
+    table = min(STACK.tables, key=lambda table: math.dist(table.position[:2], position(page, "BlueBox")[:2]))
+    until(page, lambda: close(position(page, "BlueBox")[:2], [table.position[0] - 0.2, table.position[1] - 0.07]))
+    for axis, value in (("right", -20), ("away", -7), ("up", 0)):
+        expect(see(f"task-{axis}-BlueBox")).to_have_value(re.compile(rf"^{value}(\.0)?$"))
 
 
 def test_a_target_is_added_measured_from_elsewhere_and_removed(page, see):

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 from gripper import carry, position, press, said, set_step
+from keys import press_on
 from playwright.sync_api import expect
 
 from bt_jax.encoding.xml import from_xml
@@ -13,7 +14,6 @@ from bt_jax.lfd import DemonstrationFolder, learn
 from bt_jax.task import load_task
 
 pytestmark = pytest.mark.slow
-expect.set_options(timeout=60_000)
 
 
 @pytest.fixture(autouse=True)
@@ -50,8 +50,7 @@ def test_three_demonstrations_by_keyboard_only(page, see, demonstrate):
         "3 demonstrations: enough to tell",
     ]
     for number, sentence in enumerate(expected, start=1):
-        see("demonstrate-new").focus()
-        page.keyboard.press("Enter")
+        press_on(see("demonstrate-new"), "Enter")
         expect(see("demonstrate-finish")).to_be_visible()
         page.keyboard.press("2")
         expect(see("demonstrate-done")).to_contain_text("Pick up GreenBox")
@@ -59,8 +58,7 @@ def test_three_demonstrations_by_keyboard_only(page, see, demonstrate):
         expect(see("demonstrate-landing")).to_contain_text("GreenBox is set down on YellowBox")
         page.keyboard.press("r")
         expect(see("demonstrate-done")).to_contain_text("Put GreenBox on top of YellowBox")
-        see("demonstrate-finish").focus()
-        page.keyboard.press("Enter")
+        press_on(see("demonstrate-finish"), "Enter")
         expect(see("demonstrate-progress")).to_contain_text(sentence)
         expect(see("message")).to_contain_text(f"demo{number} is kept")
     assert page.evaluate("document.scrollingElement.scrollTop") == 0
@@ -76,8 +74,7 @@ def test_three_demonstrations_by_keyboard_only(page, see, demonstrate):
     expect(see("understand-frame-2-YellowBox").locator("circle")).to_have_count(3)
     expect(see("understand-goal-1")).to_contain_text("GreenBox is on top of YellowBox")
     expect(see("understand-tree")).to_contain_text("Put GreenBox on")
-    see("understand-frame-2-KittingBox").focus()
-    page.keyboard.press("Enter")
+    press_on(see("understand-frame-2-KittingBox"), "Enter")
     expect(see("understand-frame-2-KittingBox")).to_have_attribute("aria-pressed", "true")
     expect(see("understand-frame-2-KittingBox")).to_be_focused()
     expect(see("understand-reason-2")).to_contain_text("Chosen by hand; the demonstrations alone say YellowBox")
