@@ -23,12 +23,12 @@ from bt_jax.deploy.cell import rules_of
 from bt_jax.deploy.controller import Controller
 from bt_jax.deploy.egm import CYCLE
 from bt_jax.deploy.lateness import Late
-from bt_jax.deploy.link import LinkConfig, YumiLink
 from bt_jax.deploy.motion import Trajectory
 from bt_jax.deploy.perception import Perception
 from bt_jax.deploy.realtime import FIFO_PRIORITY
 from bt_jax.deploy.rendered_camera import RenderedCamera, cell_camera
 from bt_jax.deploy.twin_cell import Scene, build_scene
+from bt_jax.deploy.yumi_link import LinkConfig, YumiLink
 from bt_jax.task import load_task
 
 SWING = 0.2  # rad of a wrist joint, to and fro

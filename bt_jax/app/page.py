@@ -139,7 +139,7 @@ class Page:
                 sentence,
                 color="dark",
                 icon="warning",
-                position="top",
+                position="bottom-left",  # over the scene, not over what one clicks next
                 multi_line=True,
                 actions=[{"label": "Close", "color": "white", "noCaps": True}],
                 timeout=8000,

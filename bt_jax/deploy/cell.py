@@ -27,7 +27,6 @@ from bt_jax.deploy.calibration import CameraPose, Intrinsics, load_camera
 from bt_jax.deploy.camera import open_camera
 from bt_jax.deploy.clearance import SafetyClearance
 from bt_jax.deploy.executor import Executor, Exit, Limits, Shown
-from bt_jax.deploy.link import LinkConfig, YumiLink
 from bt_jax.deploy.log import Log, read_log
 from bt_jax.deploy.observer import Observer
 from bt_jax.deploy.perception import Perception
@@ -36,6 +35,7 @@ from bt_jax.deploy.preflight import Cell, Item, passed, preflight, show
 from bt_jax.deploy.program import Program, load_program
 from bt_jax.deploy.safety import Rules
 from bt_jax.deploy.skills import YumiSkills
+from bt_jax.deploy.yumi_link import LinkConfig, YumiLink
 from bt_jax.errors import UserError
 from bt_jax.task import Task
 

@@ -14,12 +14,12 @@ from scipy.spatial.transform import RigidTransform
 
 from bt_jax.behaviors import Behavior, Kind, expand
 from bt_jax.deploy.egm import CYCLE
-from bt_jax.deploy.link import YumiLink
 from bt_jax.deploy.log import read_log
 from bt_jax.deploy.observation import Observation
 from bt_jax.deploy.observer import Perceiving
 from bt_jax.deploy.program import Program
 from bt_jax.deploy.statuses import Context, Statuses
+from bt_jax.deploy.yumi_link import YumiLink
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import prefix
 from bt_jax.errors import UserError

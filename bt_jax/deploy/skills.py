@@ -6,10 +6,7 @@ One arm works, the other rests at home. Once the fingers close, or a box is bein
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Mapping
-from concurrent.futures.process import BrokenProcessPool
-from types import MappingProxyType
-from typing import TypeVar
+from collections.abc import Callable, Generator, Iterable
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -19,43 +16,25 @@ from bt_jax.deploy import yumi
 from bt_jax.deploy.clearance import Carried
 from bt_jax.deploy.grasps import carried_pose, grasp_poses, put_poses, yaw_of
 from bt_jax.deploy.link import RobotLink
-from bt_jax.deploy.motion import Trajectory
+from bt_jax.deploy.movements import Failed, Moved, Movements, Poses, Routine
 from bt_jax.deploy.observation import Observation
-from bt_jax.deploy.observer import FIT, SQUEEZE
-from bt_jax.deploy.paths import Pace, timed
-from bt_jax.deploy.planning import Planner, Reach, Unplannable
+from bt_jax.deploy.observer import SQUEEZE
+from bt_jax.deploy.paths import Pace
+from bt_jax.deploy.planning import Reach, Unplannable
 from bt_jax.deploy.planning_process import PlanningProcess
 from bt_jax.deploy.safety import Rejected
 from bt_jax.encoding.status import Status
-from bt_jax.errors import UserError
 from bt_jax.task import Task
 
 __all__ = ["YumiSkills"]
 
 GRIP = 4 * SQUEEZE  # metres by which a grasp would close further than the box is wide
 FORCE = 15.0  # N
-PATIENCE = 4.0  # seconds for fingers to come to rest
-STILL = 0.0005  # metres that resting fingers move in the time they are given to react
-REACTION = 0.25  # seconds until a command to the fingers shows in their readings, over Robot Web Services
-ARRIVED = 0.01  # rad from the end of a path
-AT_HOME = 0.05  # rad
-SHIFTED = 0.006  # metres by which what is aimed at must have moved for a plan to be made anew
-ASIDE = 0.015  # the same for what is to be kept clear of
 REPLANS = 3
-SLOW = 0.3  # of the pace, straight down
 LET_GO = 0.0007  # metres above its place at which a box is let go
 SPOTS = 25  # places tried for setting a box down
 
-Routine = Generator[None, None, None]
-Result = TypeVar("Result")
-Moved = Generator[None, None, bool]
 Goal = tuple[np.ndarray, float]  # where a box's centre should be, base frame [m], and the yaw of its edges [rad]
-Poses = Mapping[str, RigidTransform]
-NOWHERE: Poses = MappingProxyType({})
-
-
-class _Failed(Exception):
-    """The attempt is over; the message says why."""
 
 
 class YumiSkills:
@@ -65,26 +44,21 @@ class YumiSkills:
     def __init__(
         self, task: Task, link: RobotLink, *, pace: Pace | None = None, background: PlanningProcess | None = None
     ) -> None:
-        self.task, self.link, self.pace = task, link, pace or Pace()
+        self.task, self.link = task, link
         self.committed, self.reason = False, ""
-        self._planner, self._background = Planner(task), background
-        self._sizes = {box.name: box.size for box in task.boxes}
+        self._moves = Movements(task, link, pace or Pace(), background)
         self._routine: Routine | None = None
-        self._seen: Observation | None = None
-        self._known: dict[str, RigidTransform] = {}  # where things were seen last
-        self._carried: dict[str, Carried] = {}
-        self._avoid: dict[
-            str, str
-        ] = {}  # box -> arm that is not to take it next, if the other can: it failed, or gave it away
+        # Box -> arm that is not to take it next, if the other can: it failed, or gave it away.
+        self._avoid: dict[str, str] = {}
 
     @property
     def grasped(self) -> dict[str, str]:
         """Arm -> box that it was told to grasp and not to release."""
-        return {arm: carried.box for arm, carried in self._carried.items()}
+        return self._moves.grasped
 
     def start(self, action: Behavior, seen: Observation) -> None:
         """Begins an attempt at an action."""
-        self._take(seen)
+        self._moves.take(seen)
         routines = {
             "open_gripper": self._open_all,
             "close_gripper": self._close_all,
@@ -95,11 +69,11 @@ class YumiSkills:
 
     def look(self) -> None:
         """Begins to take both arms home."""
-        self._begin(self._go_home(yumi.ARMS))
+        self._begin(self._moves.go_home(yumi.ARMS))
 
     def poll(self, seen: Observation) -> Status:
         """Drives on what was begun."""
-        self._take(seen)
+        self._moves.take(seen)
         if self._routine is None:
             return Status.FAILURE
         try:
@@ -108,7 +82,7 @@ class YumiSkills:
         except StopIteration:
             self._end()
             return Status.SUCCESS
-        except (_Failed, Unplannable, Rejected) as failed:
+        except (Failed, Unplannable, Rejected) as failed:
             self.reason = str(failed)
             self._halt()
             return Status.FAILURE
@@ -119,11 +93,11 @@ class YumiSkills:
 
     def reachable(self, name: str, seen: Observation) -> bool:
         """Does an arm have joints for a grasp of a box where it is seen?"""
-        self._take(seen)
-        if name not in self._known:
+        self._moves.take(seen)
+        if name not in self._moves.known:
             return False
-        poses = grasp_poses(self._known[name])
-        return any(self._planner.can_reach(arm, pose) for arm in yumi.ARMS for pose in poses)
+        poses = grasp_poses(self._moves.known[name])
+        return any(self._moves.planner.can_reach(arm, pose) for arm in yumi.ARMS for pose in poses)
 
     def _begin(self, routine: Routine) -> None:
         self.reason, self.committed, self._routine = "", False, routine
@@ -132,67 +106,41 @@ class YumiSkills:
         self._routine, self.committed = None, False
 
     def _halt(self) -> None:
-        for arm in self.link.arms:
-            if self.link.stopped() is None and self.link.arm(arm).moving:
-                self.link.halt(arm)
+        self._moves.halt()
         self._end()
 
-    def _take(self, seen: Observation) -> None:
-        self._seen = seen
-        self._known.update(seen.poses)
-
-    def _planned(self, plan: Callable[..., Result], *arguments: object) -> Generator[None, None, Result]:
-        """What a method of the planner gives. Raises what it raises."""
-        if self._background is None:
-            return plan(*arguments)
-        future = self._background.submit(plan.__name__, *arguments)
-        try:
-            while not future.done():
-                yield
-            return future.result()
-        except BrokenProcessPool as error:
-            raise UserError("the process that plans has ended; start the run again") from error
-        finally:
-            future.cancel()
-
-    def _joints(self) -> dict[str, np.ndarray]:
-        return {arm: self.link.arm(arm).commanded for arm in self.link.arms}
-
-    def _obstacles(self) -> dict[str, RigidTransform]:
-        """What is known of the cell, without what is in a hand."""
-        held = set(self.grasped.values())
-        return {name: pose for name, pose in self._known.items() if name not in held}
-
     def _pick(self, box: str) -> Routine:
-        if box not in self._known:
-            raise _Failed(f"{box} was never seen")
-        self._carried = {
-            arm: held for arm, held in self._carried.items() if held.box == self._seen.holding
+        if box not in self._moves.known:
+            raise Failed(f"{box} was never seen")
+        self._moves.carried = {
+            arm: held for arm, held in self._moves.carried.items() if held.box == self._moves.seen.holding
         }  # not what fell
-        if box not in self._seen.poses:
-            yield from self._go_home(yumi.ARMS)
-            yield from self._until_seen(box)
+        if box not in self._moves.seen.poses:
+            yield from self._moves.go_home(yumi.ARMS)
+            yield from self._moves.until_seen(box)
         for _ in range(REPLANS):
             reach, around = yield from self._plan_pick(box)
             self.link.grip(reach.arm, yumi.OPENING, FORCE)
-            moved = yield from self._follow(reach.arm, reach.approach, watch=around, aim=box)
+            moved = yield from self._moves.follow(reach.arm, reach.approach, watch=around, aim=box)
             if not moved:
-                yield from self._fingers(reach.arm, at_least=self._sizes[box] + 0.006)
+                yield from self._moves.fingers(reach.arm, at_least=self._moves.sizes[box] + 0.006)
                 yield from self._grasp(box, reach, around[box])
                 return
-        raise _Failed(f"things do not stay where they are on the way to {box}")
+        raise Failed(f"things do not stay where they are on the way to {box}")
 
     def _plan_pick(self, box: str) -> Generator[None, None, tuple[Reach, Poses]]:
         """A way for the arm that reaches best from where it is, one that should not comes last; and where things were."""
         last = self._avoid.get(box)
-        side = "left" if self._known[box].translation[1] > 0 else "right"
+        side = "left" if self._moves.known[box].translation[1] > 0 else "right"
         order = sorted(yumi.ARMS, key=lambda arm: (arm == last, arm != side))
         problem: Unplannable | None = None
         for arm in order:
-            yield from self._others_home(arm)
-            around = self._obstacles()
+            yield from self._moves.others_home(arm)
+            around = self._moves.obstacles()
             try:
-                reach = yield from self._planned(self._planner.pick, box, around, self._joints(), [arm])
+                reach = yield from self._moves.planned(
+                    self._moves.planner.pick, box, around, self._moves.joints(), [arm]
+                )
                 return reach, around
             except Unplannable as error:
                 problem = problem or error
@@ -201,29 +149,25 @@ class YumiSkills:
 
     def _grasp(self, box: str, reach: Reach, pose: RigidTransform) -> Routine:
         """Down, fingers around it, up. `pose` is the box's as it was seen before the hand came between it and the camera."""
-        arm, size = reach.arm, self._sizes[box]
-        yield from self._straight(arm, reach.line)
+        arm, size = reach.arm, self._moves.sizes[box]
+        yield from self._moves.straight(arm, reach.line)
         self.committed = True
         self.link.grip(arm, size - GRIP, FORCE)
         tcp = yumi.forward(arm, self.link.arm(arm).commanded)
-        self._carried[arm] = Carried(arm, box, carried_pose(tcp, pose))
-        yield from self._fingers(arm)
-        if not self._around(arm, size):
+        self._moves.carried[arm] = Carried(arm, box, carried_pose(tcp, pose))
+        yield from self._moves.fingers(arm)
+        if not self._moves.holds(arm, size):
             self._avoid[box] = arm
             self.link.grip(arm, yumi.OPENING, FORCE)
-            del self._carried[arm]
-            yield from self._fingers(arm)
-            yield from self._straight(arm, reach.line[::-1])
-            raise _Failed(f"the {arm} fingers closed on nothing")
-        yield from self._straight(arm, reach.line[::-1])
-        if not self._around(arm, size):
+            del self._moves.carried[arm]
+            yield from self._moves.fingers(arm)
+            yield from self._moves.straight(arm, reach.line[::-1])
+            raise Failed(f"the {arm} fingers closed on nothing")
+        yield from self._moves.straight(arm, reach.line[::-1])
+        if not self._moves.holds(arm, size):
             self._avoid[box] = arm
-            raise _Failed(f"{box} slipped out of the {arm} fingers")
+            raise Failed(f"{box} slipped out of the {arm} fingers")
         self._avoid.pop(box, None)
-
-    def _around(self, arm: str, size: float) -> bool:
-        """Are an arm's fingers as far apart as a box of this size would hold them?"""
-        return abs(self.link.arm(arm).opening - size) <= FIT
 
     def _place(self, box: str, position: tuple[float, float, float], frame: str) -> Routine:
         arm = self._arm_with(box)
@@ -235,31 +179,31 @@ class YumiSkills:
             moved = yield from self._put(arm, lambda: self._goal(position, frame), self._below(frame), frame=frame)
             if not moved:
                 return
-        raise _Failed(f"things do not stay where they are on the way to {frame}")
+        raise Failed(f"things do not stay where they are on the way to {frame}")
 
     def _put(self, arm: str, goal: Callable[[], Goal], supports: Iterable[str], *, frame: str = "") -> Moved:
         """Carries a box to its place in a frame and lets it go; gives True, with the box still in the hand, where something
         has moved meanwhile."""
-        carried = self._carried[arm]
-        yield from self._others_home(arm)
-        around, (place, yaw) = self._obstacles(), goal()
+        carried = self._moves.carried[arm]
+        yield from self._moves.others_home(arm)
+        around, (place, yaw) = self._moves.obstacles(), goal()
         above = place + np.array([0, 0, LET_GO])
-        reach = yield from self._planned(
-            self._planner.put, carried, above, yaw, tuple(supports), around, self._joints()
+        reach = yield from self._moves.planned(
+            self._moves.planner.put, carried, above, yaw, tuple(supports), around, self._moves.joints()
         )
-        moved = yield from self._follow(arm, reach.approach, watch=around, aim=frame, held=carried.box)
+        moved = yield from self._moves.follow(arm, reach.approach, watch=around, aim=frame, held=carried.box)
         if moved:
             return True
         aimed = {name: pose for name, pose in around.items() if name == frame}
-        moved = yield from self._straight(arm, reach.line, watch=aimed, aim=frame, held=carried.box)
+        moved = yield from self._moves.straight(arm, reach.line, watch=aimed, aim=frame, held=carried.box)
         if moved:
             return True
         self.committed = True
         self.link.grip(arm, yumi.OPENING, FORCE)
-        del self._carried[arm]
-        self._known[carried.box] = yumi.forward(arm, self.link.arm(arm).commanded) * carried.pose
-        yield from self._fingers(arm, at_least=self._sizes[carried.box] + 0.006)
-        yield from self._straight(arm, reach.line[::-1])
+        del self._moves.carried[arm]
+        self._moves.known[carried.box] = yumi.forward(arm, self.link.arm(arm).commanded) * carried.pose
+        yield from self._moves.fingers(arm, at_least=self._moves.sizes[carried.box] + 0.006)
+        yield from self._moves.straight(arm, reach.line[::-1])
         self.committed = False
         return False
 
@@ -267,17 +211,17 @@ class YumiSkills:
         """Sets the box down where both arms reach it, for the tree to have it picked again: by the other one then."""
         other = next(name for name in yumi.ARMS if name != arm)
         if not self._reaches(other, goal, 0.0):
-            raise _Failed(f"neither arm reaches the place for {box}")
+            raise Failed(f"neither arm reaches the place for {box}")
         self._avoid[box] = arm
         yield from self._set_down(arm, both=True)
 
     def _set_down(self, arm: str, *, both: bool = False) -> Routine:
         """Puts what an arm holds on a free place of a table, one that both arms reach where asked for."""
-        carried = self._carried[arm]
+        carried = self._moves.carried[arm]
         near = yumi.forward(arm, self.link.arm(arm).commanded).translation
         arms = yumi.ARMS if both else (arm,)
         tables = [table.name for table in self.task.tables]
-        for count, spot in enumerate(self._planner.spots(carried.box, self._obstacles(), near)):
+        for count, spot in enumerate(self._moves.planner.spots(carried.box, self._moves.obstacles(), near)):
             if count == SPOTS:
                 break
             if all(self._reaches(name, spot, 0.0) for name in arms):
@@ -287,123 +231,44 @@ class YumiSkills:
                         return
                 except Unplannable:
                     continue
-        raise _Failed(f"there is no free place to set {carried.box} down")
+        raise Failed(f"there is no free place to set {carried.box} down")
 
     def _open_all(self) -> Routine:
-        for arm in list(self._carried):
-            if self._seen.holding == self._carried[arm].box:
+        for arm in list(self._moves.carried):
+            if self._moves.seen.holding == self._moves.carried[arm].box:
                 yield from self._set_down(arm)
             else:
-                del self._carried[arm]
+                del self._moves.carried[arm]
         for arm in self.link.arms:
             self.link.grip(arm, yumi.OPENING, FORCE)
         for arm in self.link.arms:
-            yield from self._fingers(arm, at_least=0.95 * yumi.OPENING)
+            yield from self._moves.fingers(arm, at_least=0.95 * yumi.OPENING)
 
     def _close_all(self) -> Routine:
         self.committed = True
         for arm in self.link.arms:
             self.link.grip(arm, 0.0, FORCE)
         for arm in self.link.arms:
-            yield from self._fingers(arm)
-
-    def _go_home(self, arms: Iterable[str]) -> Routine:
-        for arm in arms:
-            joints = self._joints()
-            if np.abs(joints[arm] - yumi.HOME[arm]).max() > AT_HOME:
-                held = next(iter(self._carried.values()), None)
-                path = yield from self._planned(self._planner.home, arm, self._obstacles(), joints, held)
-                yield from self._follow(arm, path)
-
-    def _others_home(self, arm: str) -> Routine:
-        yield from self._go_home([other for other in self.link.arms if other != arm])
-
-    def _follow(
-        self, arm: str, path: np.ndarray, *, watch: Poses = NOWHERE, aim: str = "", held: str | None = None
-    ) -> Moved:
-        """Moves freely along a path. True, at rest on it, where something watched, above all what it aims at, is seen to
-        have left its pose. Raises where what is held is lost, or the arm is halted by something else."""
-        trajectory = yield from self._planned(self._planner.timed, arm, path, self.pace, self._joints())
-        return (yield from self._move(arm, trajectory, watch, aim, held))
-
-    def _straight(
-        self, arm: str, line: np.ndarray, *, watch: Poses = NOWHERE, aim: str = "", held: str | None = None
-    ) -> Moved:
-        """The same slowly, along a straight line of the tool."""
-        return (yield from self._move(arm, timed(line, self.pace.slowed(SLOW), arm), watch, aim, held))
-
-    def _move(self, arm: str, trajectory: Trajectory, watch: Poses, aim: str, held: str | None) -> Moved:
-        if self._shifted(watch, aim):
-            return True
-        motion = self.link.follow(arm, trajectory)
-        yield
-        while (state := self.link.arm(arm)).moving or state.motion != motion:
-            if held is not None and self._dropped(arm, held):
-                raise _Failed(f"{held} was lost on the way")
-            if self._shifted(watch, aim):
-                self.link.halt(arm)
-                while self.link.arm(arm).moving:
-                    yield
-                return True
-            yield
-        if np.abs(state.commanded - trajectory.joints[-1]).max() > ARRIVED:
-            raise _Failed(f"the {arm} arm was halted on its way")
-        return False
-
-    def _fingers(self, arm: str, *, at_least: float | None = None) -> Routine:
-        """Until the fingers are as far apart, or rest: told by readings that are apart in time and later than the command.
-        Raises where that takes too long."""
-        began = self.link.now()
-        earlier: list[tuple[float, float]] = []
-        while True:
-            yield
-            now, opening = self.link.now(), self.link.arm(arm).opening
-            if at_least is not None and opening >= at_least:
-                return
-            earlier.append((now, opening))
-            before = [gap for then, gap in earlier if began + REACTION <= then <= now - REACTION]
-            if at_least is None and before and abs(opening - before[-1]) < STILL:
-                return
-            if now - began > PATIENCE:
-                raise _Failed(f"the {arm} fingers do not move as they should")
-
-    def _until_seen(self, name: str) -> Routine:
-        end = self.link.now() + PATIENCE
-        while name not in self._seen.poses:
-            if self.link.now() > end:
-                raise _Failed(f"{name} is not seen")
-            yield
-
-    def _dropped(self, arm: str, box: str) -> bool:
-        return self.link.arm(arm).opening < self._sizes[box] - 2 * SQUEEZE or self._seen.holding != box
-
-    def _shifted(self, watch: Poses, aim: str) -> bool:
-        """Is something seen that has left its pose?"""
-        seen = self._seen.poses
-        return any(
-            float(np.linalg.norm(seen[name].translation - pose.translation)) > (SHIFTED if name == aim else ASIDE)
-            for name, pose in watch.items()
-            if name in seen
-        )
+            yield from self._moves.fingers(arm)
 
     def _arm_with(self, box: str) -> str:
-        for arm, carried in self._carried.items():
+        for arm, carried in self._moves.carried.items():
             if carried.box == box:
                 return arm
-        raise _Failed(f"no hand holds {box}")
+        raise Failed(f"no hand holds {box}")
 
     def _goal(self, position: tuple[float, float, float], frame: str) -> Goal:
         """Where the box's centre should be in the base frame, and along which direction its edges."""
         if frame == self.task.robot_frame:
             return np.array(position), 0.0
-        if frame not in self._known:
-            raise _Failed(f"{frame} was never seen")
-        pose = self._known[frame]
+        if frame not in self._moves.known:
+            raise Failed(f"{frame} was never seen")
+        pose = self._moves.known[frame]
         return pose.apply(position), yaw_of(pose.rotation)
 
     def _reaches(self, arm: str, goal: np.ndarray, yaw: float) -> bool:
-        held = next(iter(self._carried.values())).pose if self._carried else RigidTransform.identity()
-        return any(self._planner.can_reach(arm, pose) for pose in put_poses(goal, yaw, held))
+        held = next(iter(self._moves.carried.values())).pose if self._moves.carried else RigidTransform.identity()
+        return any(self._moves.planner.can_reach(arm, pose) for pose in put_poses(goal, yaw, held))
 
     def _below(self, frame: str) -> list[str]:
         """What a box that is set down may touch: what it is placed in relation to, the kit and the tables."""

@@ -22,7 +22,7 @@ from bt_jax.deploy.background import BackgroundPerception
 from bt_jax.deploy.cell import rules_of
 from bt_jax.deploy.controller import Controller, Stats
 from bt_jax.deploy.executor import Executor, Exit, Limits, Outcome, Shown
-from bt_jax.deploy.link import Counters, LinkConfig, YumiLink
+from bt_jax.deploy.link import Counters
 from bt_jax.deploy.log import Log
 from bt_jax.deploy.observer import Observer, Perceiving
 from bt_jax.deploy.paths import Pace
@@ -33,6 +33,7 @@ from bt_jax.deploy.program import Program
 from bt_jax.deploy.rendered_camera import RenderedCamera, cell_camera
 from bt_jax.deploy.skills import YumiSkills
 from bt_jax.deploy.twin_cell import CAMERA, Scene, build_scene, solved, target_distances
+from bt_jax.deploy.yumi_link import LinkConfig, YumiLink
 from bt_jax.errors import UserError
 
 __all__ = ["Moment", "Run", "run_twin"]

@@ -6,8 +6,8 @@ import socket
 import numpy as np
 
 from bt_jax.deploy.controller import Cell, Controller
-from bt_jax.deploy.link import LinkConfig, YumiLink
 from bt_jax.deploy.safety import Rules
+from bt_jax.deploy.yumi_link import LinkConfig, YumiLink
 
 ARMS = ("left", "right")
 RULES = Rules(lower=(-2.0,) * 7, upper=(2.0,) * 7, speed=(3.0,) * 7)

@@ -14,10 +14,11 @@ from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy.controller import Controller, ControllerGone
 from bt_jax.deploy.egm import CYCLE, Feedback, Mci
-from bt_jax.deploy.link import LinkConfig, RobotLink, YumiLink
+from bt_jax.deploy.link import RobotLink
 from bt_jax.deploy.motion import Trajectory
 from bt_jax.deploy.rws import EGM_MOTION, Motion, Rws, symbol
 from bt_jax.deploy.safety import Rejected
+from bt_jax.deploy.yumi_link import LinkConfig, YumiLink
 from bt_jax.errors import UserError
 
 

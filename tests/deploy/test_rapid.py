@@ -8,14 +8,14 @@ import pytest
 from cells import ARMS, RULES, cell, free_ports, run_for
 from rich.console import Console
 
-from bt_jax.deploy import link, rws
+from bt_jax.deploy import rws, yumi_link
 from bt_jax.deploy.cell import FASTEST
 from bt_jax.deploy.controller import Controller
 from bt_jax.deploy.egm import CYCLE
-from bt_jax.deploy.link import LinkConfig, YumiLink
 from bt_jax.deploy.motion import Trajectory
 from bt_jax.deploy.rapid_command import RapidArguments, rapid_command, rapid_module
 from bt_jax.deploy.rws import EGM_MOTION, MODULE, TASKS, Motion, Rws, symbol
+from bt_jax.deploy.yumi_link import LinkConfig, YumiLink
 from bt_jax.errors import UserError
 
 CODE = "\n".join(re.sub(r'("[^"]*")|!.*', r"\1", line) for line in rapid_module().splitlines())  # without comments
@@ -62,7 +62,7 @@ def test_the_controller_limits_the_speed_but_not_below_ours():
 
 
 def test_we_hold_the_arms_until_guided_motion_has_ended():
-    assert constant("PERIOD") + constant("RAMP") < link.RAMP < constant("SILENT")
+    assert constant("PERIOD") + constant("RAMP") < yumi_link.RAMP < constant("SILENT")
 
 
 def test_egm_is_set_up_in_order():

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 from nicegui import ui
 
-from bt_jax.app.panels.parts import button, heading
+from bt_jax.app.panels.parts import button, heading, whole, whole_field
 from bt_jax.app.studio import Studio
 from bt_jax.app.tree_view import TreeView
 from bt_jax.behaviors import Tree, parse_behavior
@@ -67,11 +67,8 @@ class _Combine:
                     .props("dense outlined data-testid=combine-where")
                     .classes("combine-where")
                 )
-                self.generations = (
-                    ui.number("More generations", value=50, min=1, max=MOST, precision=0, step=1)
-                    .props("dense outlined data-testid=combine-generations")
-                    .classes("combine-number")
-                )
+                self.generations = whole_field("More generations", "combine-generations", 50)
+                self.generations.classes("combine-number")
             heading("What it will work for")
             self.targets = ui.element("ul").classes("lesson-list").props("data-testid=combine-targets")
             self.state = ui.label().props("data-testid=combine-state")
@@ -164,17 +161,15 @@ class _Combine:
             self.where.set_options(options, value=self.where.value if self.where.value in options else ANYWHERE)
 
     async def _go_on(self) -> None:
-        studio, generations = self.studio, self.generations.value
+        studio, generations = self.studio, whole(self.generations, 1, MOST)
         if studio.lesson is None:
             raise UserError("nothing has been taught yet; demonstrate in step 3")
-        if generations is None or generations != int(generations) or not 1 <= generations <= MOST:
-            raise UserError(f"the number of generations must be from 1 to {MOST:,}; write one into its field")
         if studio.evolution.run is None:
             raise UserError("nothing has been evolved yet; start in step 2")
         folder, changes = studio.workspace.run(studio.evolution.run), self._changes()
         await studio.work(lambda: changes.applied(folder.config()))  # says now what cannot be
         studio.evolution.next_phase(
-            generations=int(generations),
+            generations=generations,
             baseline=changes.baseline,
             target_from=changes.target_from,
             subgoal_from=changes.subgoal_from,

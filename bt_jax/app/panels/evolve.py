@@ -10,11 +10,10 @@ from nicegui import ui
 
 from bt_jax.app.curve import Curve, curve_options
 from bt_jax.app.evolution import Evolution
-from bt_jax.app.panels.parts import button, heading
+from bt_jax.app.panels.parts import button, heading, whole, whole_field
 from bt_jax.app.record import tested
 from bt_jax.app.studio import Studio
 from bt_jax.app.tree_view import TreeView
-from bt_jax.errors import UserError
 from bt_jax.gp.config import GPConfig
 from bt_jax.progress import Progress
 
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["build"]
 
 NOTHING = "\N{EN DASH}"
+MOST = 100_000  # trees, and generations
 CURVE_SECONDS = 2.0  # between two drawings of the curve while it grows
 COLORS = {
     "finished": "positive",
@@ -46,9 +46,9 @@ class _Evolve:
         self._drawn_at = 0.0
         with ui.element("div").classes("evolve"):
             with ui.row().classes("items-center gap-2"):
-                self.population = _number("Population", "evolve-population", studio.gp.population, 8, 100_000)
-                self.generations = _number("Generations", "evolve-generations", studio.gp.generations, 1, 100_000)
-                self.seed = _number("Seed", "evolve-seed", studio.gp.seed, 0, 2**32 - 1)
+                self.population = _field("Population", "evolve-population", studio.gp.population)
+                self.generations = _field("Generations", "evolve-generations", studio.gp.generations)
+                self.seed = _field("Seed", "evolve-seed", studio.gp.seed)
                 self.start = button("Start", "evolve-start", "play_arrow", page.guard(self._start))
                 self.pause = button("Pause", "evolve-pause", "pause", page.guard(self._pause))
                 self.resume = button("Resume", "evolve-resume", "play_arrow", page.guard(self._resume))
@@ -61,7 +61,7 @@ class _Evolve:
             with ui.row().classes("items-center gap-2 w-full no-wrap evolve-state"):
                 self.sentence = ui.label().classes("flex-1").props("data-testid=evolve-sentence")
                 with ui.row().classes("items-center gap-2 no-wrap") as self.onward:
-                    self.more = _number("More generations", "evolve-more-generations", 50, 1, 100_000)
+                    self.more = _field("More generations", "evolve-more-generations", 50)
                     self.go_on = button("Go on", "evolve-more", "fast_forward", page.guard(self._more))
             with ui.row().classes("gap-6 evolve-figures"):
                 self.generation = _figure("generation", "evolve-generation")
@@ -85,10 +85,12 @@ class _Evolve:
 
     def _gp(self) -> GPConfig:
         """The settings as they stand in the fields. Raises UserError for one that cannot work."""
-        values = {}
-        for field, name in ((self.population, "population"), (self.generations, "generations"), (self.seed, "seed")):
-            values[name] = _whole(field.value, name)
-        gp = dataclasses.replace(self.studio.gp, **values)
+        gp = dataclasses.replace(
+            self.studio.gp,
+            population=whole(self.population, 8, MOST),
+            generations=whole(self.generations, 1, MOST),
+            seed=whole(self.seed, 0, 2**32 - 1),
+        )
         gp.check()
         return gp
 
@@ -108,7 +110,7 @@ class _Evolve:
         self.studio.watch()
 
     def _more(self) -> None:
-        self.studio.evolution.more(_whole(self.more.value, "more generations"))
+        self.studio.evolution.more(whole(self.more, 1, MOST))
         self.studio.changed("evolution")
 
     def _refresh(self) -> None:
@@ -147,12 +149,8 @@ class _Evolve:
         self.chart.update()
 
 
-def _number(label: str, testid: str, value: int, low: int, high: int) -> ui.number:
-    return (
-        ui.number(label, value=value, min=low, max=high, precision=0, step=1)
-        .props(f"dense outlined data-testid={testid}")
-        .classes("evolve-number")
-    )
+def _field(label: str, testid: str, value: int) -> ui.number:
+    return whole_field(label, testid, value).classes("evolve-number")
 
 
 def _figure(name: str, testid: str) -> ui.label:
@@ -161,12 +159,6 @@ def _figure(name: str, testid: str) -> ui.label:
         value = ui.label(NOTHING).classes("evolve-figure").props(f"data-testid={testid}")
         ui.label(name).classes("evolve-caption")
     return value
-
-
-def _whole(value: float | None, name: str) -> int:
-    if value is None or value != int(value):
-        raise UserError(f"{name} is no whole number; write one into its field")
-    return int(value)
 
 
 def _fitness(value: float | None) -> str:

@@ -115,7 +115,7 @@ class Gripper:
                         "", "demonstrate-smaller", "remove", page.guard(lambda: teaching.change_step(-1)), more=smaller
                     )
                     self.step = (
-                        ui.number("Step", value=100 * teaching.step, min=0.1, max=50, format="%g", suffix="cm")
+                        ui.number("Step", value=100 * teaching.step, format="%g", suffix="cm")
                         .props("dense outlined data-testid=demonstrate-step")
                         .classes("teach-step")
                     )

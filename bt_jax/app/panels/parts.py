@@ -8,7 +8,9 @@ from typing import Any, TypeVar
 from nicegui import ui
 from nicegui.element import Element
 
-__all__ = ["ask", "ask_for", "button", "heading", "mark"]
+from bt_jax.errors import UserError
+
+__all__ = ["ask", "ask_for", "button", "heading", "mark", "whole", "whole_field"]
 
 E = TypeVar("E", bound=Element)
 
@@ -30,6 +32,21 @@ def mark(element: E, testid: str, **props: str) -> E:
 def heading(text: str) -> ui.label:
     """The title of a part of a panel."""
     return ui.label(text).classes("part-heading").props("role=heading aria-level=2")
+
+
+def whole_field(label: str, testid: str, value: int) -> ui.number:
+    """A field for a whole number. It has no limits of its own: NiceGUI would put the nearest number in place of what a
+    person has written, unasked; `whole` says instead what can be."""
+    return mark(ui.number(label, value=value, step=1).props("dense outlined"), testid)
+
+
+def whole(field: ui.number, low: int, high: int) -> int:
+    """What the field says. Raises UserError where that is no whole number from `low` to `high`."""
+    value = field.value
+    if value is None or value != int(value) or not low <= value <= high:
+        name = field.props["label"].lower()
+        raise UserError(f"{name} must be a whole number from {low:,} to {high:,}; write one into its field")
+    return int(value)
 
 
 async def ask(question: str, *, yes: str, testid: str) -> bool:
