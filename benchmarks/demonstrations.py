@@ -28,7 +28,7 @@ from bt_jax.mjx_env.playback import play
 from bt_jax.mjx_env.settling import Settler
 from bt_jax.mjx_env.statuses import Semantics
 from bt_jax.mjx_env.world import World
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 
 @dataclasses.dataclass(frozen=True)

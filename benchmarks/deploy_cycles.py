@@ -29,7 +29,7 @@ from bt_jax.deploy.realtime import FIFO_PRIORITY
 from bt_jax.deploy.rendered_camera import RenderedCamera, cell_camera
 from bt_jax.deploy.twin_cell import Scene, build_scene
 from bt_jax.deploy.yumi_link import LinkConfig, YumiLink
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 SWING = 0.2  # rad of a wrist joint, to and fro
 PERIOD = 1.0  # seconds of one swing

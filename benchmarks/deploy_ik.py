@@ -21,7 +21,7 @@ from bt_jax.deploy.kinematics import arm_kinematics
 from bt_jax.deploy.paths import Pace
 from bt_jax.deploy.planning import Planner, Unplannable
 from bt_jax.deploy.twin_cell import Scene, box_poses, build_scene
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 
 @dataclasses.dataclass(frozen=True)

@@ -27,7 +27,7 @@ from bt_jax.deploy.perception import Perception
 from bt_jax.deploy.rendered_camera import RenderedCamera, cell_camera
 from bt_jax.deploy.tracking import TrackerSettings
 from bt_jax.deploy.twin_cell import CAMERA, build_scene
-from bt_jax.task import Task, load_task
+from bt_jax.tasks import Task, load_task
 
 VISIBLE = 20.0  # degrees
 GROSS_ANGLE, GROSS_DISTANCE = 10.0, 0.02  # degrees and m: a pose this wrong is a flip or another body

@@ -18,7 +18,7 @@ from bt_jax.mjx_env.kinematic import Kinematic
 from bt_jax.mjx_env.physics import make_physics
 from bt_jax.mjx_env.rollout import RolloutEvaluator
 from bt_jax.mjx_env.world import take
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 from bt_jax.training import Settings, Training
 
 

@@ -17,7 +17,7 @@ from _report import report
 
 from bt_jax.gp.config import GPConfig
 from bt_jax.startup import CompileClock, configure_jax
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 from bt_jax.training import Settings, Training
 
 PAPER_SECONDS = 15 * 60  # of 50 generations (paper, section IV)

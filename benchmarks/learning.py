@@ -13,7 +13,7 @@ from _report import report
 from bt_jax.experiments.published import published_curves
 from bt_jax.gp.config import GPConfig
 from bt_jax.startup import configure_jax
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 from bt_jax.training import Settings, Training
 
 RESTACK = {"generations": 200, "population": 32, "p_add": 0.1, "p_delete": 0.3, "p_change": 0.6}

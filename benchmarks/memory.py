@@ -60,7 +60,7 @@ def measure(population: int, layouts: int, nodes: int, generations: int) -> dict
     """Evolves and returns seconds a generation, episodes/s and the peak memory of this process."""
     from bt_jax.gp.config import GPConfig
     from bt_jax.startup import configure_jax
-    from bt_jax.task import load_task
+    from bt_jax.tasks import load_task
     from bt_jax.training import Settings, Training
 
     configure_jax()

@@ -24,7 +24,7 @@ from bt_jax.gp.random_trees import random_trees
 from bt_jax.gp.reproduction import reproduce
 from bt_jax.gp.selection import survivors
 from bt_jax.gp.validity import is_valid
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 
 @dataclasses.dataclass(frozen=True)

@@ -25,7 +25,7 @@ from bt_jax.behaviors import Kind, gene_pool
 from bt_jax.mjx_env.physics import Settled, make_physics
 from bt_jax.mjx_env.scene import compile_scene, kit_height, timing
 from bt_jax.startup import configure_jax
-from bt_jax.task import Task, load_task
+from bt_jax.tasks import Task, load_task
 
 NEAR = 0.002  # metres at boxes of 0.1 m, in proportion for others; poses nearer than this agree
 JITTER = 1e-5  # metres; a problem whose outcome changes with so little is sensitive

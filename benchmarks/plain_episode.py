@@ -13,7 +13,7 @@ from bt_jax.mjx_env.fitness import Ending, fitness
 from bt_jax.mjx_env.scene import compile_scene, timing
 from bt_jax.mjx_env.skills import LIFT
 from bt_jax.mjx_env.world import World
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["PlainEpisode"]
 

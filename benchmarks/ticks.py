@@ -25,7 +25,7 @@ from bt_jax.encoding.tick import JumpTable, Status, jump_table, tick
 from bt_jax.encoding.trees import Trees, decode
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.random_trees import random_trees
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 BLOCK = 2000  # trees ticked together: a core's cache holds their tables, and a block ends with its own longest tick
 

@@ -24,7 +24,7 @@ from bt_jax.mjx_env.settling import Settler
 from bt_jax.mjx_env.statuses import Semantics
 from bt_jax.mjx_env.world import take
 from bt_jax.startup import configure_jax
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 NEAR = 0.002  # metres
 

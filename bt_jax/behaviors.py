@@ -15,7 +15,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from bt_jax.errors import UserError
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = [
     "FIRST_LEAF",

@@ -29,7 +29,7 @@ from bt_jax.mjx_env.statuses import Semantics
 from bt_jax.mjx_env.world import World
 from bt_jax.run_folder import RunFolder
 from bt_jax.startup import exit_code
-from bt_jax.task import Task, load_task
+from bt_jax.tasks import Task, load_task
 from bt_jax.teleoperation import Teleoperation
 
 __all__ = ["Arguments", "Input", "main", "parse_script", "perform", "record"]

@@ -40,7 +40,7 @@ from bt_jax.mjx_env.evaluate import Evaluation, TableEvaluator
 from bt_jax.mjx_env.layouts import sample_layouts
 from bt_jax.mjx_env.statuses import Semantics
 from bt_jax.startup import configure_jax, exit_code
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 from bt_jax.training import UNSEEN, Level, Settings, make_level
 
 __all__ = ["Arguments", "main", "run"]

@@ -12,7 +12,7 @@ from bt_jax.encoding.walk import leaves as tree_leaves
 from bt_jax.errors import UserError
 from bt_jax.lfd import DemonstrationFolder, Lesson, learn, plan_task
 from bt_jax.run_folder import RunConfig
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["Changes", "baseline_from", "choose_frames", "lesson_from", "subgoal_name"]
 

@@ -40,7 +40,7 @@ from bt_jax.mjx_env.world import World, concatenate
 from bt_jax.run_folder import RunFolder
 from bt_jax.simplification import simplify
 from bt_jax.startup import Device, configure_jax, exit_code
-from bt_jax.task import Task, load_task
+from bt_jax.tasks import Task, load_task
 from bt_jax.training import UNSEEN, Backend, Level, Settings, make_level
 
 __all__ = ["Arguments", "main", "run"]

@@ -32,7 +32,7 @@ from bt_jax.errors import UserError
 from bt_jax.files import write_atomic
 from bt_jax.gp.config import GPConfig, Selection
 from bt_jax.gp.evolution import Generation, Population, State
-from bt_jax.task import Task, task_from_dict
+from bt_jax.tasks import Task, task_from_dict
 from bt_jax.training import Settings
 
 __all__ = ["Checkpoint", "RunConfig", "RunFolder", "package_version"]

@@ -12,7 +12,7 @@ from bt_jax.mjx_env.evaluate import Evaluation, TableEvaluator
 from bt_jax.mjx_env.physics import Physics
 from bt_jax.mjx_env.statuses import Semantics
 from bt_jax.mjx_env.world import World
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["Simplification", "simplify", "smaller_trees"]
 

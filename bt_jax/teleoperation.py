@@ -19,7 +19,7 @@ from bt_jax.mjx_env.skills import act, settled_world
 from bt_jax.mjx_env.statuses import Semantics, reachable
 from bt_jax.mjx_env.surfaces import box_surfaces, fixed_surfaces, overlaps
 from bt_jax.mjx_env.world import World, frames, to_world
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["Landing", "Teleoperation"]
 

@@ -26,7 +26,7 @@ from bt_jax.plots import learning_curve
 from bt_jax.progress import Reporter, locked
 from bt_jax.run_folder import Checkpoint, RunConfig, RunFolder, package_version
 from bt_jax.startup import CompileClock, Device, configure_jax, exit_code
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 from bt_jax.training import Settings, Training
 
 __all__ = ["Arguments", "main", "parse", "run", "warm"]

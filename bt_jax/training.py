@@ -30,7 +30,7 @@ from bt_jax.mjx_env.playback import play
 from bt_jax.mjx_env.rollout import RolloutEvaluator, Settle
 from bt_jax.mjx_env.statuses import Semantics
 from bt_jax.mjx_env.world import concatenate, take
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["Backend", "Evaluator", "Level", "Result", "Settings", "Test", "Training", "evolve", "make_level"]
 

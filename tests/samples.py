@@ -16,7 +16,7 @@ from bt_jax.mjx_env.physics import Physics
 from bt_jax.mjx_env.skills import Released, act, settled_world
 from bt_jax.mjx_env.statuses import Semantics
 from bt_jax.mjx_env.world import World, concatenate, take
-from bt_jax.task import Task, load_task
+from bt_jax.tasks import Task, load_task
 
 
 def random_tree(rng: np.random.Generator, leaves: Sequence[Behavior], num_leaves: int) -> Tree:

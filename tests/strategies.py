@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from hypothesis import strategies as st
 
 from bt_jax.behaviors import Behavior, Control, Kind, Tree, gene_pool
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 GENES = gene_pool(load_task("stack")).leaves
 BOXES = ("YellowBox", "GreenBox", "BlueBox")

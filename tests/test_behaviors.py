@@ -5,7 +5,7 @@ from strategies import ATOMS, GENES
 
 from bt_jax.behaviors import FIRST_LEAF, Behavior, Control, Kind, Vocabulary, check_names, gene_pool, parse_behavior
 from bt_jax.errors import UserError
-from bt_jax.task import load_task, task_names
+from bt_jax.tasks import load_task, task_names
 
 numbers = st.floats(-10, 10, allow_nan=False).map(lambda x: x + 0.0)
 positions = st.tuples(numbers, numbers, numbers)

@@ -11,7 +11,7 @@ from bt_jax.encoding.xml import from_xml
 from bt_jax.errors import UserError
 from bt_jax.lfd import DemonstrationFolder, Demonstrations, Frames, learn, plan_task
 from bt_jax.mjx_env.kinematic import Kinematic
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 TASK = load_task("stack3")
 SCRIPT = "pick BlueBox; to (0, 0, 0.11) GreenBox; release"

@@ -17,7 +17,7 @@ from bt_jax.lessons import Changes, subgoal_name
 from bt_jax.lfd import DemonstrationFolder, Frames, plan_task
 from bt_jax.mjx_env.kinematic import Kinematic
 from bt_jax.run_folder import RunConfig, RunFolder
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 from bt_jax.training import Settings, Training
 
 STACK, STACK3, RESTACK = (load_task(name) for name in ("stack", "stack3", "restack"))

@@ -13,7 +13,7 @@ from bt_jax.gp.config import GPConfig
 from bt_jax.mjx_env.render import available
 from bt_jax.run import Arguments, run
 from bt_jax.run_folder import RunConfig, RunFolder
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 from bt_jax.training import Settings
 
 STACK = "Sequence\n  move(YellowBox, (0, 0, 0.055), KittingBox)\n  move(GreenBox, (0, 0, 0.1), YellowBox)\n"

@@ -17,7 +17,7 @@ from bt_jax.errors import UserError
 from bt_jax.gp.config import GPConfig, Selection
 from bt_jax.gp.evolution import Generation, Population, State
 from bt_jax.run_folder import Checkpoint, RunConfig, RunFolder, history_csv, read_history
-from bt_jax.task import load_task, task_names
+from bt_jax.tasks import load_task, task_names
 from bt_jax.training import Settings
 
 TREE = parse_tree("Sequence(move(YellowBox, (0, 0, 0.055), KittingBox), open_gripper)")

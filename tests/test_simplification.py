@@ -15,7 +15,7 @@ from bt_jax.mjx_env.settling import Settler
 from bt_jax.mjx_env.statuses import Semantics
 from bt_jax.mjx_env.world import take
 from bt_jax.simplification import simplify, smaller_trees
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 TASK = load_task("stack")
 PHYSICS = Kinematic(TASK)

@@ -11,7 +11,7 @@ from bt_jax.lfd.demonstration import END_EFFECTOR_HEIGHT, Frames
 from bt_jax.mjx_env.kinematic import Kinematic
 from bt_jax.mjx_env.layouts import sample_layouts
 from bt_jax.mjx_env.world import frames
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 from bt_jax.teleoperation import Teleoperation
 
 TASK = load_task("stack3")

@@ -18,7 +18,7 @@ from bt_jax.encoding.text import parse_tree
 from bt_jax.encoding.xml import from_xml
 from bt_jax.gp.config import GPConfig
 from bt_jax.run_folder import RunConfig, RunFolder
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 from bt_jax.training import Settings
 
 QUICK = ("stack", "--level", "kinematic", "--population", 8, "--max-nodes", 32, "--test-layouts", 10, "--device", "cpu")

@@ -14,7 +14,7 @@ from bt_jax.gp.config import GPConfig, Selection
 from bt_jax.mjx_env.fitness import WORST_FITNESS
 from bt_jax.mjx_env.kinematic import Kinematic
 from bt_jax.run_folder import Checkpoint, RunConfig, RunFolder
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 from bt_jax.training import Settings, Training, evolve
 
 TASK = load_task("stack")

@@ -19,7 +19,7 @@ from bt_jax.mjx_env.skills import Released, settled_world
 from bt_jax.mjx_env.statuses import reachable, see_subgoals
 from bt_jax.mjx_env.surfaces import Surfaces, box_surfaces, fixed_surfaces, overlaps, support_height
 from bt_jax.mjx_env.world import World, frames
-from bt_jax.task import Target, Task
+from bt_jax.tasks import Target, Task
 
 __all__ = ["fixed_layout", "free_layout", "goals", "kit_table", "move_kit", "put", "retarget", "untarget"]
 

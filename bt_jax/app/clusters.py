@@ -9,7 +9,7 @@ import numpy as np
 from bt_jax.lfd import Lesson
 from bt_jax.lfd.clustering import Candidate, Inference
 from bt_jax.lfd.figure import LEAST, cluster_points
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["cluster_svg", "scores"]
 

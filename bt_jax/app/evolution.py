@@ -26,7 +26,7 @@ from bt_jax.gp.config import GPConfig
 from bt_jax.lessons import Changes
 from bt_jax.progress import Progress, is_alive, read_progress
 from bt_jax.run_folder import RunFolder
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["Evolution", "Stage"]
 

@@ -12,7 +12,7 @@ from bt_jax.encoding.text import format_tree
 from bt_jax.errors import UserError
 from bt_jax.gp.config import GPConfig
 from bt_jax.lessons import Changes
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["Orders"]
 

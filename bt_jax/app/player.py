@@ -19,7 +19,7 @@ from bt_jax.mjx_env.playback import Episode, Tick
 from bt_jax.mjx_env.settling import Settler
 from bt_jax.mjx_env.statuses import Semantics
 from bt_jax.mjx_env.world import World
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["FPS", "Moment", "Player"]
 

@@ -14,7 +14,7 @@ from bt_jax.errors import UserError
 from bt_jax.lfd import Action, Demonstration, Frames
 from bt_jax.mjx_env.physics import Physics
 from bt_jax.mjx_env.world import World
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 from bt_jax.teleoperation import Teleoperation
 
 __all__ = ["Scene", "described", "handled", "scenes", "world_of"]

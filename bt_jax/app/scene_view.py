@@ -27,7 +27,7 @@ from bt_jax.mjx_env.scene import compile_scene
 from bt_jax.mjx_env.statuses import Semantics
 from bt_jax.mjx_env.surfaces import fixed_surfaces
 from bt_jax.mjx_env.world import World
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 if TYPE_CHECKING:
     from bt_jax.app.page import Page

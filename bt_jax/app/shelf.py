@@ -12,7 +12,7 @@ from bt_jax.errors import UserError
 from bt_jax.lessons import choose_frames, lesson_from
 from bt_jax.lfd import DemonstrationFolder, Lesson
 from bt_jax.lfd.clustering import NEEDED
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 if TYPE_CHECKING:
     from bt_jax.app.studio import Studio

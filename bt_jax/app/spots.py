@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from bt_jax.app.arrangement import goals
 from bt_jax.mjx_env.world import World
-from bt_jax.task import Table, Task
+from bt_jax.tasks import Table, Task
 
 __all__ = ["Spot", "origins", "spot_at", "spot_of_target"]
 

@@ -30,7 +30,7 @@ from bt_jax.mjx_env.mujoco_backend import MujocoPhysics
 from bt_jax.mjx_env.physics import Physics
 from bt_jax.mjx_env.statuses import see_subgoals
 from bt_jax.mjx_env.world import World
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 from bt_jax.teleoperation import Teleoperation
 
 if TYPE_CHECKING:

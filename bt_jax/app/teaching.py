@@ -18,7 +18,7 @@ from bt_jax.demonstrate import DEMONSTRATED, reached_by
 from bt_jax.errors import UserError
 from bt_jax.lfd import Frames
 from bt_jax.mjx_env.layouts import sample_layouts
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 from bt_jax.teleoperation import Landing, Teleoperation
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from bt_jax.encoding.status import Status
 from bt_jax.encoding.svg import status_class, to_svg
 from bt_jax.encoding.walk import children, prefix
 from bt_jax.encoding.words import Words
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 if TYPE_CHECKING:
     from bt_jax.app.page import Page

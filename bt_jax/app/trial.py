@@ -15,7 +15,7 @@ import yaml
 
 from bt_jax.errors import UserError
 from bt_jax.files import unused, write_atomic
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["LAYOUTS", "Trial", "try_out"]
 

@@ -19,7 +19,7 @@ from bt_jax.files import is_name, write_atomic
 from bt_jax.lfd import DemonstrationFolder
 from bt_jax.progress import is_alive
 from bt_jax.run_folder import RunFolder
-from bt_jax.task import Task, load_task, task_names
+from bt_jax.tasks import Task, load_task, task_names
 
 __all__ = ["Workspace"]
 

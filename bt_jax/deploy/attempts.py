@@ -15,7 +15,7 @@ from bt_jax.deploy.observation import Observation
 from bt_jax.deploy.outcome import Limits
 from bt_jax.deploy.statuses import Context, Statuses
 from bt_jax.encoding.status import Status
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["SETTLED", "Attempts", "Skills"]
 

@@ -37,7 +37,7 @@ from bt_jax.deploy.safety import Rules
 from bt_jax.deploy.skills import YumiSkills
 from bt_jax.deploy.yumi_link import LinkConfig, YumiLink
 from bt_jax.errors import UserError
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["CheckArguments", "RunArguments", "check_command", "confirm", "last_stop", "rules_of", "run_command"]
 

@@ -14,7 +14,7 @@ import pinocchio as pin
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy import yumi
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["Carried", "CellClearance", "SafetyClearance"]
 

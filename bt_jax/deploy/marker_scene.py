@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from bt_jax.deploy.markers import Marker, marker_image, task_markers
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["MarkerScene", "marker_scene", "tint"]
 

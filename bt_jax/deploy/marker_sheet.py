@@ -19,7 +19,7 @@ from bt_jax.deploy.marker_scene import tint
 from bt_jax.deploy.markers import MODULES, Marker, marker_image, task_markers
 from bt_jax.errors import UserError
 from bt_jax.files import write_atomic
-from bt_jax.task import Task, load_task
+from bt_jax.tasks import Task, load_task
 
 __all__ = ["MarkersArguments", "markers_command", "sheet_pages"]
 

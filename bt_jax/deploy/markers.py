@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.errors import UserError
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["DICTIONARY", "FACES", "MODULES", "Marker", "marker_dictionary", "marker_image", "square", "task_markers"]
 

@@ -23,7 +23,7 @@ from bt_jax.deploy.paths import Pace, timed
 from bt_jax.deploy.planning import Planner
 from bt_jax.deploy.planning_process import PlanningProcess
 from bt_jax.errors import UserError
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["Failed", "Moved", "Movements", "Poses", "Routine"]
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy.link import RobotLink
 from bt_jax.deploy.observation import Observation
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["Observer", "Perceiving"]
 

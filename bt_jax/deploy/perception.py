@@ -12,7 +12,7 @@ from bt_jax.deploy.camera import Camera, CameraError
 from bt_jax.deploy.detection import Detection, Detector
 from bt_jax.deploy.markers import task_markers
 from bt_jax.deploy.tracking import Tracker, TrackerSettings
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["Perception"]
 

@@ -19,7 +19,7 @@ from bt_jax.deploy.grasps import grasp_poses, put_poses, raised
 from bt_jax.deploy.kinematics import arm_kinematics
 from bt_jax.deploy.motion import Trajectory
 from bt_jax.deploy.paths import Pace, connect, timed
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["Planner", "Reach", "Unplannable"]
 

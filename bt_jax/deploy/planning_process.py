@@ -9,7 +9,7 @@ from typing import Any
 
 from bt_jax.deploy.planning import Planner
 from bt_jax.errors import UserError
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["PlanningProcess"]
 

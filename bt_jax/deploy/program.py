@@ -12,7 +12,7 @@ from bt_jax.encoding.reading import read_tree
 from bt_jax.encoding.text import one_line
 from bt_jax.encoding.walk import prefix
 from bt_jax.errors import UserError
-from bt_jax.task import Task, load_task, task_from_dict
+from bt_jax.tasks import Task, load_task, task_from_dict
 
 __all__ = ["Program", "load_program"]
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.deploy.camera import CameraError, Frame
 from bt_jax.mjx_env.render import View
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["Placement", "RenderedCamera", "cell_camera"]
 

@@ -22,7 +22,7 @@ from bt_jax.encoding.drawing import draw_text
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.text import parse_tree
 from bt_jax.errors import UserError
-from bt_jax.task import task_from_dict
+from bt_jax.tasks import task_from_dict
 
 __all__ = ["ReplayArguments", "Replayed", "replay", "replay_command"]
 

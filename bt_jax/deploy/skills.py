@@ -24,7 +24,7 @@ from bt_jax.deploy.planning import Reach, Unplannable
 from bt_jax.deploy.planning_process import PlanningProcess
 from bt_jax.deploy.safety import Rejected
 from bt_jax.encoding.status import Status
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["YumiSkills"]
 

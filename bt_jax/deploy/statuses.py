@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform
 from bt_jax.behaviors import NOTHING, OPEN, Behavior, Kind, subgoal_conditions
 from bt_jax.deploy.observation import Observation
 from bt_jax.encoding.status import Status
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["Context", "Statuses", "seen_subgoals"]
 

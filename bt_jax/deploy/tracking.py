@@ -21,8 +21,9 @@ LEVER = 0.02  # m by which an error of position is one of angle
 class TrackerSettings:
     """`max_age` [s]: older knowledge is none. `frames`: as many images in a row must agree on a place before it is believed.
     Two measurements agree within `position` [m] and `angle` [rad], and what `speed` [m/s] and `turn` [rad/s] allow between
-    them; `still` and `still_angle` say within what a body counts as resting, so that measurements are averaged, each
-    weighted by the inverse of its variance; each makes those before it count less by a part in `window`."""
+    them, though for no longer than `unwatched` [s]: a body that was hidden for longer and is elsewhere has jumped. `still` and
+    `still_angle` say within what a body counts as resting, so that measurements are averaged, each weighted by the inverse
+    of its variance; each makes those before it count less by a part in `window`."""
 
     max_age: float = 1.0
     frames: int = 3
@@ -30,6 +31,7 @@ class TrackerSettings:
     angle: float = 0.1
     speed: float = 0.5
     turn: float = 1.5
+    unwatched: float = 0.25
     still: float = 0.003
     still_angle: float = 0.03
     window: int = 10
@@ -109,8 +111,8 @@ class Tracker:
         return name in self._suspected and self._suspected[name].count >= 2
 
     def _agree(self, track: _Track, time: float, pose: RigidTransform) -> bool:
-        passed = time - track.time
         limits = self.settings
+        passed = min(time - track.time, limits.unwatched)
         return (
             _distance(track.pose, pose) <= limits.position + limits.speed * passed
             and _angle(track.pose, pose) <= limits.angle + limits.turn * passed

@@ -15,7 +15,7 @@ from bt_jax.deploy.marker_scene import marker_scene
 from bt_jax.deploy.rendered_camera import cell_camera
 from bt_jax.mjx_env.placement import draw_kit_table, draw_places
 from bt_jax.mjx_env.scene import build_mjcf
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["CAMERA", "FILM", "Scene", "box_poses", "build_scene", "solved", "target_distances"]
 

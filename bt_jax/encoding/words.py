@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 
 from bt_jax.behaviors import NOTHING, Behavior, Control, Kind, Tree
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["Words"]
 

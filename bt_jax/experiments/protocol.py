@@ -19,7 +19,7 @@ from bt_jax.gp.config import GPConfig
 from bt_jax.gp.evolution import Generation, State
 from bt_jax.lfd import Demonstrations, Frames, Lesson, learn, plan_task
 from bt_jax.startup import CompileClock
-from bt_jax.task import Task, load_task
+from bt_jax.tasks import Task, load_task
 from bt_jax.training import Settings, Training, make_level
 
 __all__ = ["EXPERIMENTS", "Experiment", "Outcome", "Variant", "perform"]

@@ -17,7 +17,7 @@ from bt_jax.lfd.clustering import Inference
 from bt_jax.lfd.demonstration import Demonstrations, Frames, Moment
 from bt_jax.lfd.learning import Lesson
 from bt_jax.lfd.synthetic import demonstrate, random_truth, reordered
-from bt_jax.task import Target, Task
+from bt_jax.tasks import Target, Task
 
 __all__ = ["Assessment", "Example", "assess", "random_example"]
 

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["END_EFFECTOR_HEIGHT", "Action", "Demonstration", "Demonstrations", "Frames", "Moment", "Pose", "Scene"]
 

@@ -15,7 +15,7 @@ from bt_jax.lfd.demonstration import Demonstrations, Moment
 from bt_jax.lfd.goals import Step, Subtask, sequences, subtasks
 from bt_jax.lfd.planner import plan
 from bt_jax.lfd.subgoals import derive_subgoal
-from bt_jax.task import Subgoal, Target, Task
+from bt_jax.tasks import Subgoal, Target, Task
 
 __all__ = ["LearntSubtask", "Lesson", "learn"]
 

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from bt_jax.behaviors import Behavior, Control, Kind, Tree
 from bt_jax.errors import UserError
 from bt_jax.lfd.conflicts import undoes
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["fold_moves", "plan", "plan_task"]
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from bt_jax.behaviors import NOTHING, Behavior
 from bt_jax.lfd.demonstration import Action, Demonstrations
-from bt_jax.task import Subgoal, Task
+from bt_jax.tasks import Subgoal, Task
 
 __all__ = ["derive_subgoal"]
 

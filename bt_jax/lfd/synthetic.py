@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from bt_jax.errors import UserError
 from bt_jax.lfd.demonstration import END_EFFECTOR_HEIGHT, Action, Demonstration, Demonstrations, Frames, Kind, Pose
-from bt_jax.task import Box, Target, Task
+from bt_jax.tasks import Box, Target, Task
 
 __all__ = ["demonstrate", "demonstration_set", "random_truth", "reordered", "with_boxes"]
 

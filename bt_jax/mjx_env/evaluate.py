@@ -24,7 +24,7 @@ from bt_jax.mjx_env.physics import Physics
 from bt_jax.mjx_env.statuses import COMMAND_BITS, Semantics
 from bt_jax.mjx_env.transitions import BROKEN, UNKNOWN, TransitionTable
 from bt_jax.mjx_env.world import Array, World
-from bt_jax.task import Episode, Task
+from bt_jax.tasks import Episode, Task
 
 __all__ = [
     "Evaluation",

@@ -14,7 +14,7 @@ from bt_jax.mjx_env.motion import shots
 from bt_jax.mjx_env.playback import Playback
 from bt_jax.mjx_env.render import INSTALL, Renderer, available, write_film
 from bt_jax.mjx_env.statuses import Semantics
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["check_film", "film", "solved_picture"]
 

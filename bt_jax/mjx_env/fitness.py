@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float32, Int8, Int32
 
 from bt_jax.mjx_env.world import Array, World, distances, frames, namespace, to_world
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["WORST_FITNESS", "Ending", "fitness", "subgoals_missed", "target_distances"]
 

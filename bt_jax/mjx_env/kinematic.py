@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float32
 from bt_jax.mjx_env.physics import Settled
 from bt_jax.mjx_env.surfaces import Surfaces, box_surfaces, fixed_surfaces, overlaps, support_height
 from bt_jax.mjx_env.world import Array, namespace
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["Kinematic", "settle"]
 

@@ -9,7 +9,7 @@ import numpy as np
 from bt_jax.mjx_env.placement import draw_kit_table, draw_places
 from bt_jax.mjx_env.statuses import see_subgoals
 from bt_jax.mjx_env.world import World, snap
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["sample_layouts"]
 

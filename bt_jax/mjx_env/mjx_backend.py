@@ -24,7 +24,7 @@ from bt_jax.mjx_env.mjx_scene import stand_in_mjcf
 from bt_jax.mjx_env.newton import solve
 from bt_jax.mjx_env.physics import MAX_STEPS, QUIET_STEPS, Settled
 from bt_jax.mjx_env.scene import resolve_ids, timing
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
     from mujoco import mjx  # says on import that the optional warp is missing

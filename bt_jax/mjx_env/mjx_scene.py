@@ -11,7 +11,7 @@ import math
 import xml.etree.ElementTree as ElementTree
 
 from bt_jax.mjx_env.scene import build_mjcf
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["StandIn", "stand_in_mjcf"]
 

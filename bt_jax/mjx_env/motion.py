@@ -17,7 +17,7 @@ from bt_jax.mjx_env.scene import GRAVITY, REFERENCE_SIZE, compile_scene
 from bt_jax.mjx_env.skills import Released, act
 from bt_jax.mjx_env.statuses import Semantics
 from bt_jax.mjx_env.world import World
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["Shot", "Stage", "shots"]
 

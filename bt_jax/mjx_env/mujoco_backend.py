@@ -13,7 +13,7 @@ from mujoco.rollout import Rollout
 from bt_jax.mjx_env.physics import MAX_STEPS, QUIET_STEPS, Settled
 from bt_jax.mjx_env.scene import compile_scene, timing
 from bt_jax.mjx_env.world import row_names
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["MujocoPhysics"]
 

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
 from bt_jax.errors import UserError
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["MAX_STEPS", "QUIET_STEPS", "Physics", "Settled", "make_physics"]
 

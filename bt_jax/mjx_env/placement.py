@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bt_jax.errors import UserError
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["draw_kit_table", "draw_places"]
 

@@ -21,7 +21,7 @@ from jaxtyping import Float, UInt8
 
 from bt_jax.errors import UserError
 from bt_jax.mjx_env.scene import FIELD_OF_VIEW, compile_scene
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["GripperPose", "Renderer", "View", "available", "contact_sheet", "write_film"]
 

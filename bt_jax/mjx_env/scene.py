@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from bt_jax.task import Box, Kit, Task
+from bt_jax.tasks import Box, Kit, Task
 
 __all__ = ["SceneIds", "Timing", "build_mjcf", "compile_scene", "kit_height", "resolve_ids", "timing"]
 

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float32, Int, Int32
 from bt_jax.mjx_env.physics import Physics
 from bt_jax.mjx_env.skills import LIFT, Released
 from bt_jax.mjx_env.world import POSITION_GRID, ROTATION_GRID, row_names, snap
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["Settler"]
 

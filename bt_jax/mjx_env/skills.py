@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float32, Int32
 from bt_jax.mjx_env.statuses import Semantics, see_subgoals
 from bt_jax.mjx_env.surfaces import Surfaces, box_surfaces, fixed_surfaces, support_height
 from bt_jax.mjx_env.world import Array, World, frames, namespace, rotate, snap
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["LIFT", "Released", "act", "settled_world"]
 

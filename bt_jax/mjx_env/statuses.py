@@ -27,7 +27,7 @@ from bt_jax.behaviors import (
 from bt_jax.encoding.tick import Status
 from bt_jax.errors import UserError
 from bt_jax.mjx_env.world import Array, World, distances, frames, namespace, to_world
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["COMMAND_BITS", "Semantics", "reachable", "see_subgoals"]
 

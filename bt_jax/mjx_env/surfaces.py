@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float32
 
 from bt_jax.mjx_env.world import Array, namespace
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = ["Surfaces", "box_surfaces", "fixed_surfaces", "overlaps", "support_height"]
 

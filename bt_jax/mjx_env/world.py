@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float32, Int8, Int32, Shaped
 
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 __all__ = [
     "Array",

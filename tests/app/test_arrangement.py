@@ -11,7 +11,7 @@ from bt_jax.app.arrangement import fixed_layout, free_layout, goals, kit_table, 
 from bt_jax.errors import UserError
 from bt_jax.mjx_env.layouts import sample_layouts
 from bt_jax.mjx_env.mujoco_backend import MujocoPhysics
-from bt_jax.task import load_task, task_from_dict
+from bt_jax.tasks import load_task, task_from_dict
 
 TASK = load_task("stack3")
 PHYSICS = MujocoPhysics(TASK, threads=1)

@@ -9,7 +9,7 @@ import pytest
 from bt_jax.app.clusters import cluster_svg, scores
 from bt_jax.lfd import learn
 from bt_jax.lfd.synthetic import demonstration_set
-from bt_jax.task import Target, load_task
+from bt_jax.tasks import Target, load_task
 
 TASK = load_task("stack3")
 ON_GREEN = Target("BlueBox", (0.0, 0.0, 0.1), "GreenBox")

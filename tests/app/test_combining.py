@@ -11,7 +11,7 @@ from bt_jax.lessons import Changes
 from bt_jax.lfd import DemonstrationFolder, Frames
 from bt_jax.lfd.synthetic import demonstration_set
 from bt_jax.run_folder import RunConfig, RunFolder
-from bt_jax.task import Target, load_task
+from bt_jax.tasks import Target, load_task
 from bt_jax.training import Settings
 
 STACK, RESTACK = load_task("stack"), load_task("restack")

@@ -16,7 +16,7 @@ from bt_jax.gp.config import GPConfig
 from bt_jax.gp.evolution import Generation
 from bt_jax.progress import Reporter, locked, read_progress
 from bt_jax.run_folder import RunConfig, RunFolder
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 from bt_jax.training import Settings
 
 STACK = load_task("stack")

@@ -10,7 +10,7 @@ from bt_jax.encoding.text import parse_tree
 from bt_jax.gp.config import GPConfig, Selection
 from bt_jax.lessons import Changes
 from bt_jax.run_folder import RunConfig, RunFolder
-from bt_jax.task import load_task, task_names
+from bt_jax.tasks import load_task, task_names
 from bt_jax.train import parse
 from bt_jax.training import Settings
 

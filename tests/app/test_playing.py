@@ -8,7 +8,7 @@ from bt_jax.app.workspace import Workspace
 from bt_jax.encoding.text import parse_tree
 from bt_jax.errors import UserError
 from bt_jax.mjx_env.fitness import Ending
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 TREE = parse_tree("""
 Sequence

@@ -5,7 +5,7 @@ from bt_jax.app.arrangement import goals, retarget, untarget
 from bt_jax.app.spots import Spot, origins, spot_at, spot_of_target
 from bt_jax.mjx_env.layouts import sample_layouts
 from bt_jax.mjx_env.mujoco_backend import MujocoPhysics
-from bt_jax.task import load_task, task_names
+from bt_jax.tasks import load_task, task_names
 
 
 @pytest.mark.parametrize("name", task_names())

@@ -8,7 +8,7 @@ from bt_jax.app.arrangement import untarget
 from bt_jax.app.studio import Studio
 from bt_jax.app.workspace import Workspace
 from bt_jax.encoding.text import parse_tree
-from bt_jax.task import Box, load_task
+from bt_jax.tasks import Box, load_task
 
 TREE = parse_tree("move(YellowBox, (0, 0, 0.055), KittingBox)")
 

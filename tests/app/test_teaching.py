@@ -15,7 +15,7 @@ from bt_jax.errors import UserError
 from bt_jax.lfd import plan_task
 from bt_jax.mjx_env.kinematic import Kinematic
 from bt_jax.mjx_env.world import frames, to_world
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 TASK = load_task("stack")
 

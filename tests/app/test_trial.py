@@ -11,7 +11,7 @@ from bt_jax.encoding.text import parse_tree
 from bt_jax.errors import UserError
 from bt_jax.lfd import DemonstrationFolder, Frames, learn
 from bt_jax.lfd.synthetic import demonstration_set
-from bt_jax.task import Target, load_task
+from bt_jax.tasks import Target, load_task
 
 TASK = load_task("stack")
 ON_GREEN = Target("BlueBox", (0.0, 0.0, 0.1), "GreenBox")

@@ -11,7 +11,7 @@ from bt_jax.errors import UserError
 from bt_jax.gp.config import GPConfig
 from bt_jax.lfd import Frames
 from bt_jax.run_folder import RunConfig, RunFolder
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 from bt_jax.training import Settings
 
 STACK = load_task("stack")

@@ -10,7 +10,7 @@ from bt_jax.deploy.motion import Trajectory
 from bt_jax.deploy.observation import Observation
 from bt_jax.deploy.skills import YumiSkills
 from bt_jax.encoding.status import Status
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 TICK = 0.1
 FINGERS = 0.05  # m/s

@@ -12,7 +12,7 @@ from bt_jax.mjx_env.settling import Settler
 from bt_jax.mjx_env.skills import act, settled_world
 from bt_jax.mjx_env.statuses import Semantics
 from bt_jax.mjx_env.world import World
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 
 
 def observe(task: Task, world: World, time: float = 0.0, unknown: tuple[str, ...] = ()) -> Observation:

@@ -14,7 +14,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from bt_jax.deploy.marker_scene import marker_scene
 from bt_jax.deploy.rendered_camera import RenderedCamera, cell_camera
 from bt_jax.mjx_env.scene import build_mjcf
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 TASK = load_task("yumi_stack")
 PLACEMENT = cell_camera(TASK)

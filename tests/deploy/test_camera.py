@@ -8,7 +8,7 @@ from rendered import PLACEMENT, TASK, fresh_scene
 from bt_jax.deploy.camera import Camera, CameraError, Frame, RecordedCamera, Recorder, UvcCamera, open_camera
 from bt_jax.deploy.rendered_camera import RenderedCamera, cell_camera
 from bt_jax.errors import UserError
-from bt_jax.task import load_task, task_names
+from bt_jax.tasks import load_task, task_names
 
 
 class Pictures:

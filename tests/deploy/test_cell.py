@@ -26,7 +26,7 @@ from bt_jax.deploy.program import load_program
 from bt_jax.deploy.rendered_camera import RenderedCamera, cell_camera
 from bt_jax.deploy.twin_cell import build_scene
 from bt_jax.errors import UserError
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 TASK = load_task("yumi_stack")
 TREE = "move(YellowBox, (0, 0, 0.021), KittingBox)\n"

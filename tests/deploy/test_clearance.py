@@ -7,7 +7,7 @@ from bt_jax.deploy.clearance import Carried, CellClearance, SafetyClearance
 from bt_jax.deploy.grasps import grasp_poses
 from bt_jax.deploy.kinematics import arm_kinematics
 from bt_jax.deploy.twin_cell import box_poses, build_scene
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 TASK = load_task("yumi_stack")
 

@@ -19,7 +19,7 @@ from bt_jax.mjx_env.layouts import sample_layouts
 from bt_jax.mjx_env.playback import play
 from bt_jax.mjx_env.settling import Settler
 from bt_jax.mjx_env.statuses import Semantics
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 TASK = load_task("stack3")
 SEMANTICS = Semantics(TASK, gene_pool(TASK))

@@ -5,7 +5,7 @@ from scipy.spatial.transform import RigidTransform
 from bt_jax.deploy import yumi
 from bt_jax.deploy.grasps import grasp_poses
 from bt_jax.deploy.kinematics import arm_kinematics
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 
 @pytest.mark.parametrize("arm", yumi.ARMS)

@@ -7,7 +7,7 @@ import pytest
 from bt_jax.deploy.marker_sheet import DPI, MarkersArguments, markers_command, sheet_pages
 from bt_jax.deploy.markers import marker_dictionary, task_markers
 from bt_jax.errors import UserError
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 PIXEL = 0.0254 / DPI
 

@@ -6,7 +6,7 @@ from rendered import KIT, TASK
 
 from bt_jax.deploy.markers import MODULES, marker_image, task_markers
 from bt_jax.errors import UserError
-from bt_jax.task import load_task, task_names
+from bt_jax.tasks import load_task, task_names
 
 
 @pytest.mark.parametrize("name", task_names())

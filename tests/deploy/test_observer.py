@@ -3,7 +3,7 @@ from cells import run_for, running
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy.observer import Observer
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 TASK = load_task("yumi_stack")
 AT_HAND = RigidTransform.from_translation([0.3, 0.1, 0.02])

@@ -14,7 +14,7 @@ from bt_jax.deploy.planning_process import PlanningProcess
 from bt_jax.deploy.skills import YumiSkills
 from bt_jax.encoding.status import Status
 from bt_jax.errors import UserError
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 TASK = load_task("yumi_stack")
 

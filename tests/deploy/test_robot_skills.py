@@ -9,7 +9,7 @@ from bt_jax.behaviors import parse_behavior
 from bt_jax.deploy import yumi
 from bt_jax.deploy.skills import YumiSkills
 from bt_jax.encoding.status import Status
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 TASK = load_task("yumi_stack")
 PICK = parse_behavior("pick(YellowBox)")

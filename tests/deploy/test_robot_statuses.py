@@ -12,7 +12,7 @@ from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import prefix
 from bt_jax.mjx_env.layouts import sample_layouts
 from bt_jax.mjx_env.statuses import COMMAND_BITS, see_subgoals
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 
 def test_the_simulation_means_the_same_by_every_leaf():

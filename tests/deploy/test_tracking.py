@@ -66,6 +66,17 @@ def test_a_jump_is_unknown_until_it_is_sure():
     np.testing.assert_allclose(known(tracker, 0.5), THERE.translation)
 
 
+@pytest.mark.parametrize("before", [2, 3])
+def test_who_was_hidden_and_is_seen_elsewhere_has_jumped(before):
+    """Though it could have moved there in time: one image is not enough."""
+    tracker = fed(*[HERE] * before, *[None] * 5, THERE)
+    seen = known(tracker, 0.1 * (before + 5))
+    assert seen is None if before < 3 else np.allclose(seen, HERE.translation)
+    for i in range(2):
+        tracker.update(0.1 * (before + 6 + i), {"box": THERE})
+    np.testing.assert_allclose(known(tracker, 0.1 * (before + 7)), THERE.translation)
+
+
 def test_a_flip_is_a_jump():
     flipped = RigidTransform.from_components(HERE.translation, Rotation.from_euler("x", 90, degrees=True))
     assert (known(fed(HERE, HERE, HERE, flipped), 0.3) == HERE.translation).all()

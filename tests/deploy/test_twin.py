@@ -9,7 +9,7 @@ from bt_jax.deploy.replay import replay
 from bt_jax.deploy.twin import run_twin
 from bt_jax.encoding.text import parse_tree
 from bt_jax.mjx_env.render import available
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 pytestmark = [
     pytest.mark.slow,

@@ -17,7 +17,7 @@ from bt_jax.deploy.twin import run_twin
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.text import parse_tree
 from bt_jax.encoding.walk import prefix
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 pytestmark = pytest.mark.slow
 TASK = load_task("yumi_stack")

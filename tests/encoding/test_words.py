@@ -9,7 +9,7 @@ from bt_jax.encoding.svg import node_ids, to_svg
 from bt_jax.encoding.text import parse_tree
 from bt_jax.encoding.walk import prefix
 from bt_jax.encoding.words import Words
-from bt_jax.task import load_task, task_names
+from bt_jax.tasks import load_task, task_names
 
 SVG = "{http://www.w3.org/2000/svg}"
 STACK = Words(load_task("stack"))

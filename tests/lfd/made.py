@@ -14,7 +14,7 @@ from bt_jax.mjx_env.layouts import sample_layouts
 from bt_jax.mjx_env.playback import Playback, play
 from bt_jax.mjx_env.settling import Settler
 from bt_jax.mjx_env.statuses import Semantics
-from bt_jax.task import Target, Task, load_task
+from bt_jax.tasks import Target, Task, load_task
 
 STACK3 = load_task("stack3")
 RESTACK = load_task("restack")

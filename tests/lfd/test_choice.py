@@ -10,7 +10,7 @@ from made import STACK3, STACKING, demonstrations, run
 
 from bt_jax.errors import UserError
 from bt_jax.lfd import Moment, learn
-from bt_jax.task import Target
+from bt_jax.tasks import Target
 
 ON_GREEN = Target("BlueBox", (0.0, 0.0, 0.1), "GreenBox")
 

@@ -9,7 +9,7 @@ from made import RESTACK, STACK3, STACKING, UNSTACKING, demonstrations
 
 from bt_jax.lfd.clustering import NEEDED, SPREAD_FLOOR, infer
 from bt_jax.lfd.demonstration import Demonstrations
-from bt_jax.task import Target
+from bt_jax.tasks import Target
 
 BOXES = STACK3.box_names
 sets = st.fixed_dictionaries(

@@ -16,7 +16,7 @@ from bt_jax.errors import UserError
 from bt_jax.files import write_atomic
 from bt_jax.lfd import Action, Demonstration, DemonstrationFolder, Frames, Moment, Pose, learn
 from bt_jax.lfd.demonstration import Scene
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 FRAMES = Frames.of(STACK3)
 numbers = st.floats(-5, 5).map(lambda x: round(x, 5) + 0.0)

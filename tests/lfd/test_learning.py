@@ -13,7 +13,7 @@ from bt_jax.encoding.walk import leaves
 from bt_jax.errors import UserError
 from bt_jax.lfd import Action, DemonstrationFolder, Demonstrations, Pose, learn
 from bt_jax.mjx_env.fitness import Ending
-from bt_jax.task import Target, load_task
+from bt_jax.tasks import Target, load_task
 
 PUBLISHED = Path(__file__).parents[3] / "shared/reference/demonstrations/stack"
 

@@ -13,7 +13,7 @@ from bt_jax.errors import UserError
 from bt_jax.lfd.planner import MAX_DEPTH, fold_moves, plan, plan_task
 from bt_jax.lfd.synthetic import random_truth, with_boxes
 from bt_jax.mjx_env.fitness import Ending
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 GOAL = [at(one.object, one.position, one.frame) for one in STACKING]
 ASIDE = [at(one.object, one.position, one.frame) for one in UNSTACKING]

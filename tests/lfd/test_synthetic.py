@@ -6,7 +6,7 @@ from made import RESTACK, STACK3, STACKING
 
 from bt_jax.lfd.demonstration import Frames
 from bt_jax.lfd.synthetic import demonstrate, random_truth, reordered, with_boxes
-from bt_jax.task import Target, load_task, task_from_dict
+from bt_jax.tasks import Target, load_task, task_from_dict
 
 seeds = st.integers(0, 10**6)
 

@@ -8,7 +8,7 @@ from samples import kinematic_walk
 
 from bt_jax.mjx_env.fitness import WORST_FITNESS, Ending, fitness, subgoals_missed, target_distances
 from bt_jax.mjx_env.layouts import sample_layouts
-from bt_jax.task import Weights, load_task
+from bt_jax.tasks import Weights, load_task
 
 TASK = load_task("stack3")
 

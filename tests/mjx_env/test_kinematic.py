@@ -11,7 +11,7 @@ from bt_jax.mjx_env.layouts import sample_layouts
 from bt_jax.mjx_env.mujoco_backend import MujocoPhysics
 from bt_jax.mjx_env.skills import act, settled_world
 from bt_jax.mjx_env.world import snap
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 TASK = load_task("stack3")
 PLATE_TOP = 0.755

@@ -10,7 +10,7 @@ from samples import assert_same
 
 from bt_jax.errors import UserError
 from bt_jax.mjx_env.layouts import sample_layouts
-from bt_jax.task import Target, load_task, task_names
+from bt_jax.tasks import Target, load_task, task_names
 
 COUNT = 200
 POSITION_ERROR = 1e-4

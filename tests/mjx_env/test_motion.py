@@ -17,7 +17,7 @@ from bt_jax.mjx_env.playback import play
 from bt_jax.mjx_env.render import available
 from bt_jax.mjx_env.settling import Settler
 from bt_jax.mjx_env.statuses import Semantics
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 FPS = 30.0
 STACK = "Sequence(move(YellowBox, (0, 0, 0.055), KittingBox), move(GreenBox, (0, 0, 0.1), YellowBox), {})"

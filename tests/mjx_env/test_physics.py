@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from bt_jax.errors import UserError
 from bt_jax.mjx_env.physics import MAX_STEPS, make_physics
 from bt_jax.mjx_env.scene import kit_height
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 
 @functools.cache

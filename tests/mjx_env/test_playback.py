@@ -19,7 +19,7 @@ from bt_jax.mjx_env.playback import play
 from bt_jax.mjx_env.settling import Settler
 from bt_jax.mjx_env.statuses import Semantics
 from bt_jax.mjx_env.world import take
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 STACK3 = """
 Sequence

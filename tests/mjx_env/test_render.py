@@ -5,7 +5,7 @@ import pytest
 from bt_jax.errors import UserError
 from bt_jax.mjx_env.render import GripperPose, Renderer, available, contact_sheet, write_film
 from bt_jax.mjx_env.scene import kit_height
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 needs_graphics = pytest.mark.skipif(available() is not True, reason=str(available()))
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from bt_jax.mjx_env.scene import build_mjcf, compile_scene, kit_height, resolve_ids, timing
-from bt_jax.task import load_task, task_names
+from bt_jax.tasks import load_task, task_names
 
 
 @pytest.mark.parametrize("name", task_names())

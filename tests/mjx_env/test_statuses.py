@@ -12,7 +12,7 @@ from bt_jax.errors import UserError
 from bt_jax.mjx_env.layouts import sample_layouts
 from bt_jax.mjx_env.statuses import COMMAND_BITS, Semantics
 from bt_jax.mjx_env.world import rotate
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 THEIRS = {Status.SUCCESS: Theirs.SUCCESS, Status.FAILURE: Theirs.FAILURE, Status.RUNNING: Theirs.RUNNING}
 

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bt_jax.mjx_env.surfaces import Surfaces, box_surfaces, fixed_surfaces, overlaps, support_height
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 TASK = load_task("stack")
 KIT = np.array([[1, 0, 0.7525]], np.float32)

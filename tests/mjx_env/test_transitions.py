@@ -20,7 +20,7 @@ from bt_jax.mjx_env.mujoco_backend import MujocoPhysics
 from bt_jax.mjx_env.rollout import RolloutEvaluator
 from bt_jax.mjx_env.transitions import TransitionTable
 from bt_jax.mjx_env.world import take
-from bt_jax.task import task_names
+from bt_jax.tasks import task_names
 
 NODES, BATCH, LAYOUTS = 32, 100, 3
 

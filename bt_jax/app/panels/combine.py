@@ -17,7 +17,7 @@ from bt_jax.gp.config import GPConfig
 from bt_jax.lessons import Changes
 from bt_jax.lfd import Lesson
 from bt_jax.run_folder import RunConfig, RunFolder
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 from bt_jax.training import Settings
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from bt_jax.encoding.words import Words
 from bt_jax.errors import UserError
 from bt_jax.mjx_env.fitness import Ending
 from bt_jax.mjx_env.layouts import sample_layouts
-from bt_jax.task import Task
+from bt_jax.tasks import Task
 from bt_jax.training import UNSEEN
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from bt_jax.encoding.words import Words
 from bt_jax.errors import UserError
 from bt_jax.mjx_env.layouts import sample_layouts
 from bt_jax.mjx_env.world import World
-from bt_jax.task import Box, Task, load_task, task_names
+from bt_jax.tasks import Box, Task, load_task, task_names
 
 if TYPE_CHECKING:
     from bt_jax.app.page import Page

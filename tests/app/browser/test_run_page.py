@@ -12,7 +12,7 @@ from scene import COMPONENT, at_rest, drag, position
 from bt_jax.encoding.text import parse_tree
 from bt_jax.gp.config import GPConfig
 from bt_jax.run_folder import RunConfig, RunFolder
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 from bt_jax.training import Settings
 
 pytestmark = pytest.mark.slow

@@ -9,7 +9,7 @@ from menus import choose_option
 from playwright.sync_api import expect
 from scene import at_rest, drag, exists, position
 
-from bt_jax.task import load_task, task_names
+from bt_jax.tasks import load_task, task_names
 
 pytestmark = pytest.mark.slow
 STACK = load_task("stack")

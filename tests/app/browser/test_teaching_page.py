@@ -11,7 +11,7 @@ from playwright.sync_api import expect
 
 from bt_jax.encoding.xml import from_xml
 from bt_jax.lfd import DemonstrationFolder, learn
-from bt_jax.task import load_task
+from bt_jax.tasks import load_task
 
 pytestmark = pytest.mark.slow
 

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bt_jax.errors import UserError
-from bt_jax.task import load_task, task_from_dict, task_names
+from bt_jax.tasks import load_task, task_from_dict, task_names
 
 LAST = "\ntargets: [{object: YellowBox, position: [0, 0, 0.052], frame: KittingBox}]\n"
 

@@ -1,0 +1,20 @@
+"""Tasks: what a scene holds and what should become of it, written as YAML files."""
+
+from bt_jax.tasks.files import load_task, task_from_dict, task_names
+from bt_jax.tasks.task import Box, Episode, GeneSettings, Kit, Layout, Subgoal, Table, Target, Task, Weights
+
+__all__ = [
+    "Box",
+    "Episode",
+    "GeneSettings",
+    "Kit",
+    "Layout",
+    "Subgoal",
+    "Table",
+    "Target",
+    "Task",
+    "Weights",
+    "load_task",
+    "task_from_dict",
+    "task_names",
+]
