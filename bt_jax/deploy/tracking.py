@@ -21,7 +21,7 @@ LEVER = 0.02  # m by which an error of position is one of angle
 class TrackerSettings:
     """`max_age` [s]: older knowledge is none. `frames`: as many images in a row must agree on a place before it is believed.
     Two measurements agree within `position` [m] and `angle` [rad], and what `speed` [m/s] and `turn` [rad/s] allow between
-    them, though for no longer than `unwatched` [s]: a body that was hidden for longer and is elsewhere has jumped. `still` and
+    them, though for no longer than `unwatched` [s]: a body that was hidden longer and is elsewhere has jumped. `still` and
     `still_angle` say within what a body counts as resting, so that measurements are averaged, each weighted by the inverse
     of its variance; each makes those before it count less by a part in `window`."""
 
