@@ -37,6 +37,12 @@ def on_screen(page: Page, point: list[float]) -> tuple[float, float]:
     return x, y
 
 
+def click(page: Page, name: str) -> None:
+    """Clicks a box in the scene at its middle."""
+    at_rest(page)
+    page.mouse.click(*on_screen(page, position(page, name)))
+
+
 def drag(page: Page, name: str, to: list[float], *, target: bool = False) -> None:
     """Takes a box, or its target, at its middle and lets it go over a point of the world [m]."""
     at_rest(page)

@@ -8,6 +8,7 @@ import yaml
 from gripper import carry, position, press, said, set_step
 from keys import press_on
 from playwright.sync_api import expect
+from scene import click
 
 from bt_jax.encoding.xml import from_xml
 from bt_jax.lfd import DemonstrationFolder, learn
@@ -96,7 +97,10 @@ def test_three_demonstrations_by_keyboard_only(page, see, demonstrate):
 
 
 def test_the_buttons_do_what_the_keys_do(page, see):
-    begin(page, see)
+    see("demonstrate-new").click()
+    see("demonstrate-pick-GreenBox").click()
+    expect(see("demonstrate-pose-KittingBox-z")).to_be_visible()
+    set_step(page, see, 2)
     for name, axis, sign in (
         ("right", "x", 1), ("left", "x", -1), ("away", "y", 1), ("near", "y", -1), ("up", "z", 1), ("down", "z", -1)
     ):  # fmt: skip
@@ -187,7 +191,8 @@ def test_a_discarded_demonstration_leaves_nothing(page, see, demonstrate):
 
 def test_a_box_that_is_clicked_is_picked_and_a_reload_loses_nothing(page, see):
     see("demonstrate-new").click()
-    see("demonstrate-pick-BlueBox").click()
+    expect(see("demonstrate-finish")).to_be_visible()
+    click(page, "BlueBox")
     expect(see("demonstrate-done")).to_contain_text("Pick up BlueBox")
     page.reload()
     see("tab-demonstrate").click()
