@@ -9,6 +9,7 @@ from pathlib import Path
 
 import tyro
 
+from bt_jax.app.reserve import Reserve
 from bt_jax.errors import UserError
 from bt_jax.startup import configure_jax, exit_code
 
@@ -51,13 +52,14 @@ def main() -> None:
 def run(arguments: Arguments) -> None:
     """Serves the page until it is interrupted."""
     arguments.check()
+    reserve = Reserve()  # gets ready while the server does, and ends with this process where that fails
     try:
         from bt_jax.app.server import serve
     except ModuleNotFoundError as error:
         raise UserError(f'{error.name} is not installed; run pip install -e ".[app]"') from error
     configure_jax("cpu")
     print(f"the page is at http://{arguments.host}:{arguments.port} (Ctrl-C ends it; an evolution goes on)", flush=True)
-    serve(arguments.folder, host=arguments.host, port=arguments.port, show=arguments.show)
+    serve(arguments.folder, host=arguments.host, port=arguments.port, show=arguments.show, reserve=reserve)
 
 
 if __name__ in {"__main__", "__mp_main__"}:

@@ -52,7 +52,7 @@ class Evolution:
     `poll` says whether something has changed. Everything that is asked for and cannot be done raises UserError.
     """
 
-    def __init__(self, workspace: Workspace) -> None:
+    def __init__(self, workspace: Workspace, reserve: Reserve | None = None) -> None:
         self.workspace = workspace
         self.run: str | None = None
         self.stage: Stage = "none"
@@ -63,8 +63,8 @@ class Evolution:
         self.result: dict[str, Any] | None = None  # `result.json`, where the best tree has been tested
         self.phases: tuple[int, ...] = ()  # generations at which something was taught
         self._process: Reserve | None = None  # where this page has started it
-        self._reserve: Reserve | None = None
-        self._prepared: Any = None  # what the reserve has compiled for
+        self._reserve = reserve
+        self._prepared: Any = None  # what the reserve compiles for, None where it was told nothing yet
         self._stopping = False
         self._halt: bool | None = None  # what was asked for last and not yet seen
         self._read_at: int | None = None  # modification time of what was read last
@@ -103,10 +103,13 @@ class Evolution:
         if self.running:
             return
         key = gene_pool(task).leaves, dataclasses.replace(gp, seed=0, generations=1)
-        if self._reserve is not None and self._reserve.alive and self._prepared == key:
+        alive = self._reserve is not None and self._reserve.alive
+        if alive and self._prepared == key:
             return
-        self.discard_reserve()
-        self._reserve, self._prepared = Reserve(), key
+        if not alive or self._prepared is not None:
+            self.discard_reserve()
+            self._reserve = Reserve()
+        self._prepared = key
         self._reserve.warm(self._orders.start(task, gp))
 
     def discard_reserve(self) -> None:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Literal, ParamSpec, TypeVar
 from bt_jax.app.evolution import Evolution
 from bt_jax.app.playing import Playing
 from bt_jax.app.record import read_record
+from bt_jax.app.reserve import Reserve
 from bt_jax.app.shelf import Shelf
 from bt_jax.app.teaching import Teaching
 from bt_jax.app.workspace import Workspace
@@ -51,7 +52,7 @@ class Studio:
     here says so with `changed`.
     """
 
-    def __init__(self, workspace: Workspace, task: Task) -> None:
+    def __init__(self, workspace: Workspace, task: Task, reserve: Reserve | None = None) -> None:
         self.workspace, self.task = workspace, task
         self.start: World = sample_layouts(task, 0, 1)
         self.shown: World = self.start
@@ -66,7 +67,7 @@ class Studio:
         self._physics: Physics | None = None
         self._launched: Task | None = None  # the task as it was when the evolution was started
         self.gp = GPConfig()  # of the next evolution
-        self.evolution = Evolution(workspace)
+        self.evolution = Evolution(workspace, reserve)
         self.message = ""
         self._listeners: dict[Topic, list[Callable[[], None]]] = defaultdict(list)
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="studio")
