@@ -147,7 +147,7 @@ class RunFolder:
             baseline = None if data["baseline"] is None else parse_tree(data["baseline"])
             extra = tuple(_leaf(text) for text in data["extra_leaves"])
             phase, since, version = int(data["phase"]), int(data["since"]), data["version"]
-        except (TypeError, KeyError, ValueError) as error:
+        except (TypeError, KeyError, ValueError, UserError) as error:
             raise UserError(f"{source} is damaged ({error}); restore it, or train again") from error
         task = task_from_dict(data["task"], source=str(source))
         return RunConfig(task, gp, settings, baseline, extra, phase, since, version)

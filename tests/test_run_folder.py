@@ -143,7 +143,7 @@ def test_what_is_no_run_folder(tmp_path):
         ({"gp": None}, "is damaged"),
         ({"gp": {"parent_selection": "luck"}}, "is damaged"),
         ({"settings": []}, "is damaged"),
-        ({"baseline": "Sequence("}, ""),
+        ({"baseline": "Sequence("}, r"config.json is damaged \(line 1, column 9"),
         ({"task": {}}, "missing; add it"),
     ],
 )
