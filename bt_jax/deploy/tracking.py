@@ -20,8 +20,8 @@ LEVER = 0.02  # m by which an error of position is one of angle
 @dataclasses.dataclass(frozen=True)
 class TrackerSettings:
     """`max_age` [s]: older knowledge is none. `frames`: as many images in a row must agree on a place before it is believed.
-    Two measurements agree within `position` [m] and `angle` [rad], and what `speed` [m/s] and `turn` [rad/s] allow between
-    them, though for no longer than `unwatched` [s]: a body that was hidden longer and is elsewhere has jumped. `still` and
+    Two measurements agree within `position` [m] and `angle` [rad], and within what `speed` [m/s] and `turn` [rad/s] allow
+    between them unless that is longer than `unwatched` [s]: a body that was hidden and is elsewhere has jumped. `still` and
     `still_angle` say within what a body counts as resting, so that measurements are averaged, each weighted by the inverse
     of its variance; each makes those before it count less by a part in `window`."""
 
@@ -112,7 +112,8 @@ class Tracker:
 
     def _agree(self, track: _Track, time: float, pose: RigidTransform) -> bool:
         limits = self.settings
-        passed = min(time - track.time, limits.unwatched)
+        gap = time - track.time
+        passed = gap if gap <= limits.unwatched else 0.0
         return (
             _distance(track.pose, pose) <= limits.position + limits.speed * passed
             and _angle(track.pose, pose) <= limits.angle + limits.turn * passed

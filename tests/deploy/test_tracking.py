@@ -67,14 +67,16 @@ def test_a_jump_is_unknown_until_it_is_sure():
 
 
 @pytest.mark.parametrize("before", [2, 3])
-def test_who_was_hidden_and_is_seen_elsewhere_has_jumped(before):
+@pytest.mark.parametrize("away", [0.05, 0.12, 0.3])
+def test_who_was_hidden_and_is_seen_elsewhere_has_jumped(before, away):
     """Though it could have moved there in time: one image is not enough."""
-    tracker = fed(*[HERE] * before, *[None] * 5, THERE)
+    there = RigidTransform.from_translation(HERE.translation - np.array([0, away, 0]))
+    tracker = fed(*[HERE] * before, *[None] * 5, there)
     seen = known(tracker, 0.1 * (before + 5))
     assert seen is None if before < 3 else np.allclose(seen, HERE.translation)
     for i in range(2):
-        tracker.update(0.1 * (before + 6 + i), {"box": THERE})
-    np.testing.assert_allclose(known(tracker, 0.1 * (before + 7)), THERE.translation)
+        tracker.update(0.1 * (before + 6 + i), {"box": there})
+    np.testing.assert_allclose(known(tracker, 0.1 * (before + 7)), there.translation)
 
 
 def test_a_flip_is_a_jump():
