@@ -25,9 +25,10 @@ from bt_jax.deploy.planning_process import PlanningProcess
 from bt_jax.errors import UserError
 from bt_jax.tasks import Task
 
-__all__ = ["Failed", "Moved", "Movements", "Poses", "Routine"]
+__all__ = ["REPLANS", "Failed", "Moved", "Movements", "Poses", "Routine"]
 
 PATIENCE = 4.0  # seconds for fingers to come to rest
+REPLANS = 3
 STILL = 0.0005  # metres that resting fingers move in the time they are given to react
 REACTION = 0.25  # seconds until a command to the fingers shows in their readings, over Robot Web Services
 ARRIVED = 0.01  # rad from the end of a path
@@ -91,11 +92,14 @@ class Movements:
 
     def go_home(self, arms: Iterable[str]) -> Routine:
         for arm in arms:
-            joints = self.joints()
-            if np.abs(joints[arm] - yumi.HOME[arm]).max() > AT_HOME:
-                held = next(iter(self.carried.values()), None)
-                path = yield from self.planned(self.planner.home, arm, self.obstacles(), joints, held)
-                yield from self.follow(arm, path)
+            plans = 0
+            while np.abs((joints := self.joints())[arm] - yumi.HOME[arm]).max() > AT_HOME:
+                if plans == REPLANS:
+                    raise Failed(f"things do not stay where they are on the {arm} arm's way home")
+                held, around = next(iter(self.carried.values()), None), self.obstacles()
+                path = yield from self.planned(self.planner.home, arm, around, joints, held)
+                yield from self.follow(arm, path, watch=around)
+                plans += 1
 
     def others_home(self, arm: str) -> Routine:
         yield from self.go_home([other for other in self.link.arms if other != arm])
@@ -113,6 +117,13 @@ class Movements:
     ) -> Moved:
         """The same slowly, along a straight line of the tool."""
         return (yield from self._move(arm, timed(line, self._pace.slowed(SLOW), arm), watch, aim, held))
+
+    def back(self, arm: str, line: np.ndarray) -> Routine:
+        """To the top of a straight line [m, 7] down, from wherever on it the arm was halted."""
+        here = self.link.arm(arm).commanded
+        above = [row for row in line[::-1] if _height(arm, row) > _height(arm, here)]
+        if above:
+            yield from self.straight(arm, np.array([here, *above]))
 
     def _move(self, arm: str, trajectory: Trajectory, watch: Poses, aim: str, held: str | None) -> Moved:
         if self._shifted(watch, aim):
@@ -149,7 +160,11 @@ class Movements:
             if now - began > PATIENCE:
                 raise Failed(f"the {arm} fingers do not move as they should")
 
-    def until_seen(self, name: str) -> Routine:
+    def found(self, name: str) -> Routine:
+        """Until something is seen, with both arms out of the camera's way where it is not. Raises where it does not show."""
+        if name in self.seen.poses:
+            return
+        yield from self.go_home(yumi.ARMS)
         end = self.link.now() + PATIENCE
         while name not in self.seen.poses:
             if self.link.now() > end:
@@ -179,3 +194,8 @@ class Movements:
             for name, pose in watch.items()
             if name in seen
         )
+
+
+def _height(arm: str, joints: np.ndarray) -> float:
+    """Of the tool, m."""
+    return float(yumi.forward(arm, joints).translation[2])

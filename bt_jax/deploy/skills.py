@@ -6,6 +6,7 @@ One arm works, the other rests at home. Once the fingers close, or a box is bein
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Generator, Iterable
 
 import numpy as np
@@ -16,9 +17,9 @@ from bt_jax.deploy import yumi
 from bt_jax.deploy.clearance import Carried
 from bt_jax.deploy.grasps import carried_pose, grasp_poses, put_poses, yaw_of
 from bt_jax.deploy.link import RobotLink
-from bt_jax.deploy.movements import Failed, Moved, Movements, Poses, Routine
+from bt_jax.deploy.movements import REPLANS, Failed, Moved, Movements, Poses, Routine
 from bt_jax.deploy.observation import Observation
-from bt_jax.deploy.observer import SQUEEZE
+from bt_jax.deploy.observer import FIT, SQUEEZE
 from bt_jax.deploy.paths import Pace
 from bt_jax.deploy.planning import Reach, Unplannable
 from bt_jax.deploy.planning_process import PlanningProcess
@@ -30,7 +31,6 @@ __all__ = ["YumiSkills"]
 
 GRIP = 4 * SQUEEZE  # metres by which a grasp would close further than the box is wide
 FORCE = 15.0  # N
-REPLANS = 3
 LET_GO = 0.0007  # metres above its place at which a box is let go
 SPOTS = 25  # places tried for setting a box down
 
@@ -115,16 +115,16 @@ class YumiSkills:
         self._moves.carried = {
             arm: held for arm, held in self._moves.carried.items() if held.box == self._moves.seen.holding
         }  # not what fell
-        if box not in self._moves.seen.poses:
-            yield from self._moves.go_home(yumi.ARMS)
-            yield from self._moves.until_seen(box)
+        yield from self._moves.found(box)
         for _ in range(REPLANS):
             reach, around = yield from self._plan_pick(box)
             self.link.grip(reach.arm, yumi.OPENING, FORCE)
             moved = yield from self._moves.follow(reach.arm, reach.approach, watch=around, aim=box)
+            if moved:
+                continue
+            yield from self._moves.fingers(reach.arm, at_least=self._moves.sizes[box] + FIT)
+            moved = yield from self._grasp(box, reach, around[box])
             if not moved:
-                yield from self._moves.fingers(reach.arm, at_least=self._moves.sizes[box] + 0.006)
-                yield from self._grasp(box, reach, around[box])
                 return
         raise Failed(f"things do not stay where they are on the way to {box}")
 
@@ -147,10 +147,14 @@ class YumiSkills:
         assert problem is not None
         raise problem
 
-    def _grasp(self, box: str, reach: Reach, pose: RigidTransform) -> Routine:
-        """Down, fingers around it, up. `pose` is the box's as it was seen before the hand came between it and the camera."""
+    def _grasp(self, box: str, reach: Reach, pose: RigidTransform) -> Moved:
+        """Down, fingers around it, up. `pose` is the box's as it was seen before the hand came between it and the camera.
+        Gives True, above it again, where the box was moved meanwhile."""
         arm, size = reach.arm, self._moves.sizes[box]
-        yield from self._moves.straight(arm, reach.line)
+        moved = yield from self._moves.straight(arm, reach.line, watch={box: pose})
+        if moved:
+            yield from self._moves.back(arm, reach.line)
+            return True
         self.committed = True
         self.link.grip(arm, size - GRIP, FORCE)
         tcp = yumi.forward(arm, self.link.arm(arm).commanded)
@@ -168,12 +172,15 @@ class YumiSkills:
             self._avoid[box] = arm
             raise Failed(f"{box} slipped out of the {arm} fingers")
         self._avoid.pop(box, None)
+        return False
 
     def _place(self, box: str, position: tuple[float, float, float], frame: str) -> Routine:
         arm = self._arm_with(box)
+        if frame != self.task.robot_frame:
+            yield from self._moves.found(frame)
         goal, yaw = self._goal(position, frame)
         if not self._reaches(arm, goal, yaw):
-            yield from self._hand_over(box, arm, goal)
+            yield from self._hand_over(box, arm, goal, yaw)
             return
         for _ in range(REPLANS):
             moved = yield from self._put(arm, lambda: self._goal(position, frame), self._below(frame), frame=frame)
@@ -202,15 +209,15 @@ class YumiSkills:
         self.link.grip(arm, yumi.OPENING, FORCE)
         del self._moves.carried[arm]
         self._moves.known[carried.box] = yumi.forward(arm, self.link.arm(arm).commanded) * carried.pose
-        yield from self._moves.fingers(arm, at_least=self._moves.sizes[carried.box] + 0.006)
+        yield from self._moves.fingers(arm, at_least=self._moves.sizes[carried.box] + FIT)
         yield from self._moves.straight(arm, reach.line[::-1])
         self.committed = False
         return False
 
-    def _hand_over(self, box: str, arm: str, goal: np.ndarray) -> Routine:
+    def _hand_over(self, box: str, arm: str, goal: np.ndarray, yaw: float) -> Routine:
         """Sets the box down where both arms reach it, for the tree to have it picked again: by the other one then."""
         other = next(name for name in yumi.ARMS if name != arm)
-        if not self._reaches(other, goal, 0.0):
+        if not self._reaches(other, goal, yaw):
             raise Failed(f"neither arm reaches the place for {box}")
         self._avoid[box] = arm
         yield from self._set_down(arm, both=True)
@@ -219,18 +226,25 @@ class YumiSkills:
         """Puts what an arm holds on a free place of a table, one that both arms reach where asked for."""
         carried = self._moves.carried[arm]
         near = yumi.forward(arm, self.link.arm(arm).commanded).translation
+        if both:
+            near = near * [
+                1,
+                0,
+                1,
+            ]  # the middle between the arms: at the edge of its reach, one finds the other in its way
         arms = yumi.ARMS if both else (arm,)
         tables = [table.name for table in self.task.tables]
-        for count, spot in enumerate(self._moves.planner.spots(carried.box, self._moves.obstacles(), near)):
-            if count == SPOTS:
+        tried = 0
+        for spot in self._moves.planner.spots(carried.box, self._moves.obstacles(), near):
+            if tried == SPOTS:
                 break
             if all(self._reaches(name, spot, 0.0) for name in arms):
-                try:
+                tried += 1
+                with contextlib.suppress(Unplannable):
                     moved = yield from self._put(arm, lambda spot=spot: (spot, 0.0), tables)
                     if not moved:
                         return
-                except Unplannable:
-                    continue
+            yield
         raise Failed(f"there is no free place to set {carried.box} down")
 
     def _open_all(self) -> Routine:
@@ -261,8 +275,6 @@ class YumiSkills:
         """Where the box's centre should be in the base frame, and along which direction its edges."""
         if frame == self.task.robot_frame:
             return np.array(position), 0.0
-        if frame not in self._moves.known:
-            raise Failed(f"{frame} was never seen")
         pose = self._moves.known[frame]
         return pose.apply(position), yaw_of(pose.rotation)
 

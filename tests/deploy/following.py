@@ -18,7 +18,7 @@ NEAR = 0.012  # m from between the fingers at which they close on a box
 
 
 class FollowingLink(SimulatedTime):
-    """`boxes` are where the boxes are, base frame; one in the fingers moves with them."""
+    """`boxes` are where boxes and kit are, base frame; one in the fingers moves with them. `hidden` are not seen."""
 
     def __init__(self, task: Task, boxes: dict[str, RigidTransform]) -> None:
         super().__init__()
@@ -29,6 +29,7 @@ class FollowingLink(SimulatedTime):
         self.openings = dict.fromkeys(self.arms, yumi.OPENING)
         self.targets = dict(self.openings)
         self.held: dict[str, tuple[str, RigidTransform]] = {}
+        self.hidden: set[str] = set()
         self.grips: list[tuple[str, float]] = []
 
     def follow(self, arm: str, trajectory: Trajectory) -> int:
@@ -79,9 +80,10 @@ class FollowingLink(SimulatedTime):
         self.openings[arm] += float(np.clip(target - self.openings[arm], -FINGERS * TICK, FINGERS * TICK))
 
     def seen(self) -> Observation:
-        """As one sees it who sees everything."""
+        """As one sees it who sees everything that is not hidden."""
         holding = next((box for box, _ in self.held.values()), None)
-        return Observation(self.time, dict(self.boxes), dict(self.openings), holding)
+        poses = {name: pose for name, pose in self.boxes.items() if name not in self.hidden}
+        return Observation(self.time, poses, dict(self.openings), holding)
 
 
 def carried_out(skills: YumiSkills, link: FollowingLink, action, *, seconds=60.0, each=lambda: None) -> Status:

@@ -86,6 +86,76 @@ def test_a_box_goes_where_the_kit_is_now(link, skills):
     assert np.linalg.norm(link.boxes["YellowBox"].translation - moved.apply([0, 0, 0.022])) < 0.0015
 
 
+def test_nothing_is_put_down_where_something_was_once(link, skills):
+    assert carried_out(skills, link, PICK) == Status.SUCCESS
+    link.hidden.add(TASK.kit.name)
+    assert carried_out(skills, link, PLACE) == Status.FAILURE
+    assert "KittingBox is not seen" in skills.reason
+    assert link.seen().holding == "YellowBox"
+
+
+def test_what_was_out_of_sight_is_waited_for_and_looked_at_anew(link, skills):
+    assert carried_out(skills, link, PICK) == Status.SUCCESS
+    link.hidden.add(TASK.kit.name)
+    moved = RigidTransform.from_translation([0.31, 0.06, 0.001])
+    link.boxes[TASK.kit.name] = moved
+    at_home = lambda: np.abs(link.joints["left"] - yumi.HOME["left"]).max() < 0.05  # noqa: E731
+    assert carried_out(skills, link, PLACE, each=once(at_home, link.hidden.clear)) == Status.SUCCESS, skills.reason
+    assert np.linalg.norm(link.boxes["YellowBox"].translation - moved.apply([0, 0, 0.022])) < 0.0015
+
+
+def test_a_box_that_leaves_under_the_descending_hand_is_followed(link, skills):
+    """By 30 mm; 5 mm may be the hand over its markers."""
+
+    def low():
+        return link.arm("left").moving and yumi.forward("left", link.joints["left"]).translation[2] < 0.07
+
+    each = once(low, lambda: link.boxes.update(YellowBox=at(0.3, 0.21, 0.3)))
+    assert carried_out(skills, link, PICK, each=each) == Status.SUCCESS, skills.reason
+    assert "left" in link.halted
+    assert link.grips.count(("left", yumi.OPENING)) == 2, "one approach was broken off before the fingers closed"
+
+
+def test_a_box_that_seems_to_wander_under_the_hand_is_grasped(link, skills):
+    def low():
+        return link.arm("left").moving and yumi.forward("left", link.joints["left"]).translation[2] < 0.07
+
+    each = once(low, lambda: link.boxes.update(YellowBox=at(0.302, 0.244, 0.3)))
+    assert carried_out(skills, link, PICK, each=each) == Status.SUCCESS, skills.reason
+    assert not link.halted
+
+
+def test_the_way_home_is_planned_anew_around_what_comes_into_it(link, skills):
+    link.joints["left"] = yumi.HOME["left"] + 0.3
+    skills.look()
+    for _ in range(200):
+        if skills.poll(link.seen()) != Status.RUNNING:
+            break
+        if link.time > 0.25:
+            link.boxes["GreenBox"] = at(0.3, 0.1)
+        link.wait(link.time + 0.1)
+    assert link.halted == ["left"]
+    assert np.abs(link.joints["left"] - yumi.HOME["left"]).max() < 0.05
+
+
+@pytest.mark.parametrize("place", [(0.3, -0.46), (0.35, -0.45)])
+def test_a_box_is_set_down_where_both_arms_reach_it_though_that_is_far(place):
+    """Tables so far apart that the nearest places are the right arm's alone."""
+    apart = [
+        dataclasses.replace(table, position=(table.position[0], 1.75 * table.position[1], table.position[2]))
+        for table in TASK.tables
+    ]
+    task = dataclasses.replace(TASK, tables=tuple(apart))
+    kit = RigidTransform.from_translation([0.3, 0.42, 0.001])
+    link = FollowingLink(task, {"YellowBox": at(*place), TASK.kit.name: kit})
+    skills = YumiSkills(task, link)
+    assert carried_out(skills, link, PICK) == Status.SUCCESS, skills.reason
+    assert link.held["right"][0] == "YellowBox"
+    assert carried_out(skills, link, PLACE) == Status.SUCCESS, skills.reason
+    assert carried_out(skills, link, PICK, seconds=120) == Status.SUCCESS, skills.reason
+    assert link.held["left"][0] == "YellowBox"
+
+
 def test_an_arm_that_is_halted_has_not_arrived(link, skills):
     assert carried_out(skills, link, PICK) == Status.SUCCESS
     started = link.time
