@@ -126,7 +126,7 @@ def _at_work(browser: Browser, scratch: Path, arguments: Arguments) -> tuple[lis
         frames.append(_turned(page, "evolving", arguments.seconds))
         for _ in range(arguments.repeat):
             orders.append(("pause", _order(page, "evolve-pause", "paused")))
-            orders.append(("resume", _order(page, "evolve-resume", "evolving")))
+            orders.append(("resume", _order(page, "evolve-pause", "evolving")))
         stalls.append(_watched(page, "evolving and learning from demonstrations", lambda: _learn(page, url)))
         stalls.append(_watched(page, "evolving and running a tree", lambda: _run(page)))
         _see(page, "tab-evolve").click()

@@ -163,7 +163,7 @@ def reached_by(tree: Tree, task: Task, physics: Physics, start: World) -> World:
     semantics = Semantics(task, Vocabulary.of(leaves(tree)))
     final = play(semantics, Settler(task, physics), tree, start).final
     if final.held[0] >= 0:
-        raise UserError("the tree ends with an object in the gripper; demonstrate from the start, without --after")
+        raise UserError("the tree ends with an object in the gripper; demonstrate from the start instead")
     return final
 
 

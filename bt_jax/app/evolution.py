@@ -278,7 +278,7 @@ class Evolution:
         """Why it has failed."""
         if self._heard and self.progress.message:
             return self.progress.message
-        return self._process.last_words().removeprefix("error: ") if self._process else "The evolution has failed."
+        return self._process.last_words() if self._process else "The evolution has failed."
 
     def _pid(self) -> int | None:
         if self._process is not None:

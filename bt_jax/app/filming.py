@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
-import os
-import sys
 from pathlib import Path
 
+from bt_jax.app.child import run_command
 from bt_jax.errors import UserError
 
 __all__ = ["film_run"]
 
-NICE = 10  # the page comes first
 _RUNNING: set[Path] = set()
 
 
@@ -22,21 +19,11 @@ async def film_run(run: Path) -> Path:
     _RUNNING.add(run)
     part = run / ".part.film.mp4"
     try:
-        await _film(run, part)
+        words = [str(run), "--render", str(part), "--delay", "0"]
+        await run_command("bt_jax.run", words, otherwise="the film could not be made; try again")
         return part.replace(run / "film.mp4")
     except OSError as error:
         raise UserError(f"the film cannot be kept ({error.strerror}); look at the folder {run}") from None
     finally:
         _RUNNING.discard(run)
         part.unlink(missing_ok=True)
-
-
-async def _film(run: Path, film: Path) -> None:
-    process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "bt_jax.run", str(run), "--render", str(film), "--delay", "0",
-        stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE, preexec_fn=lambda: os.nice(NICE),
-    )  # fmt: skip
-    _, said = await process.communicate()
-    if process.returncode:
-        lines = said.decode("utf-8", "replace").strip().splitlines() or ["the film could not be made; see the terminal"]
-        raise UserError(lines[-1].removeprefix("error: "))

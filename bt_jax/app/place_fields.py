@@ -46,7 +46,9 @@ class PlaceFields:
         )
         self._fields: dict[str, ui.number] = {}
         for axis, label in AXES:
-            field = ui.number(label, step=1, format="%.1f").props(f"dense outlined data-testid={step}-{axis}-{name}")
+            field = ui.number(label, step=1, format="%.1f").props(
+                f'dense outlined data-testid={step}-{axis}-{name} aria-label="{name}, {label}"'
+            )
             for event in APPLY:
                 field.on(event, page.guard(functools.partial(self._apply, axis)))
             self._fields[axis] = field.classes("place-number")
@@ -66,7 +68,8 @@ class PlaceFields:
             self._fields[axis].set_value(_centimetres(self._spot, axis))
 
     async def _apply(self, axis: str) -> None:
-        written = self._fields[axis].value
+        value = self._fields[axis].value
+        written = None if value is None else round(value, 1)
         async with self._turn:
             if written == _centimetres(self._spot, axis):
                 return
@@ -75,14 +78,15 @@ class PlaceFields:
                     raise UserError(f"a number is missing for {self._name}; write how many centimetres")
                 await self._moved(dataclasses.replace(self._spot, **{axis: written / 100}))
             finally:
-                if self._fields[axis].value == written:
+                if self._fields[axis].value in (value, written):
                     self._restore([axis])
 
     async def _change(self) -> None:
         """The same numbers from elsewhere would mean another place: it begins in the middle, or on top."""
+        reference = self._reference.value
         async with self._turn:
             try:
-                await self._moved(Spot(self._reference.value, 0.0, 0.0, 0.0))
+                await self._moved(Spot(reference, 0.0, 0.0, 0.0))
             finally:
                 self._restore([])
 

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import dataclasses
 import traceback
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -52,18 +53,27 @@ class Playing:
         self._run: asyncio.Task | None = None
         self._turn = asyncio.Lock()
 
-    async def begin(self, start: World | None = None) -> None:
-        """A new episode of the studio's tree. Raises UserError where there is none, or it is one of another task."""
+    async def begin(self, start: World | None = None, *, anew: bool = True) -> None:
+        """An episode of the studio's tree; with `anew` also where there is one already. Raises UserError where there is no
+        tree, or it is one of another task."""
         studio = self.studio
         if studio.tree is None:
             raise UserError("there is no tree to run yet; evolve one, or choose a run")
-        self.halt()
+        if anew:
+            self.halt()
         async with self._turn:
-            world, task = studio.start if start is None else start, studio.task
-            player = await studio.work(Player, task, studio.physics, studio.tree, world)
-            if studio.task is task:  # else nobody waits for this any more
-                studio.player = player
-                self._show(player, moving=False)
+            if not anew and studio.player is not None:
+                return
+            world, task, tree = studio.start if start is None else start, studio.task, studio.tree
+            player = await studio.work(Player, task, studio.physics, tree, world)
+            if studio.task is not task:
+                return  # nobody waits for this any more
+            going = self.on  # somebody has pressed Play meanwhile
+            self.halt()
+            studio.player = player
+            self._show(player, moving=False)
+        if going:
+            self.play()
 
     def play(self) -> None:
         """Goes on until the episode ends; from its beginning where it has ended."""
@@ -99,29 +109,29 @@ class Playing:
 
     async def tick(self) -> None:
         """One tick, then a pause."""
-        player = self._player()
         self.halt()
         async with self._turn:
+            player = self._player()
             before = player.at
             await self.studio.work(player.tick)
             self._show(player, moving=player.at != before)
 
     async def seek(self, at: int) -> None:
         """Pauses and shows another moment."""
-        player = self._player()
         self.halt()
         async with self._turn:
+            player = self._player()
             player.seek(at)
             self._show(player, moving=False)
 
-    async def put(self, name: str, position: Float[np.ndarray, "3"]) -> None:
-        """A person moves a box, once the motion that is shown has ended; then things go on as before. Raises UserError, and
-        changes nothing, where that cannot be."""
-        player = self._player()
+    async def put(self, name: str, place: Callable[[World], Float[np.ndarray, "3"]]) -> None:
+        """A person moves a box, once the motion that is shown has ended, to its `place` [m, world] in what there is then;
+        after that things go on as before. Raises UserError, and changes nothing, where that cannot be."""
         async with self._turn:
+            player = self._player()
             if self._left is None:
                 await asyncio.sleep(max(0.0, self._ends - self._now()))
-            await self.studio.work(player.put, name, position)
+            await self.studio.work(player.put, name, place(player.world))
             self._left = None
             self._show(player, moving=False)
         if self._lasting and not self.on:
@@ -155,7 +165,7 @@ class Playing:
                     if player.at == len(player.moments) - 1 and player.ending != Ending.OPEN:
                         break
                     await self.studio.work(player.tick)
-                    self._show(player, moving=True)
+                    self._show(player, moving=not stop.is_set())
         except Exception as error:
             traceback.print_exc()
             self.studio.say(f"the tree could not go on ({error}); start it anew")

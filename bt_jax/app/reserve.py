@@ -16,11 +16,10 @@ import tempfile
 import threading
 from collections.abc import Sequence
 
+from bt_jax.app.child import NICE, last_words
 from bt_jax.errors import UserError
 
 __all__ = ["Reserve"]
-
-NICE = 10  # the page comes first where a machine has too much to do
 
 
 class Reserve:
@@ -57,8 +56,7 @@ class Reserve:
     def last_words(self) -> str:
         """The last line that it has printed."""
         self.log.seek(0)
-        lines = self.log.read().decode("utf-8", "replace").strip().splitlines()
-        return lines[-1] if lines else ""
+        return last_words(self.log.read())
 
     def _order(self, order: str, words: Sequence[str]) -> None:
         try:

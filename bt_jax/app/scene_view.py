@@ -79,9 +79,7 @@ class SceneView(Element, component="scene.js", esm={"nicegui-scene": str(THREE)}
         self._arranging = dragging
         self._enter()
 
-    def ghost(
-        self, poses: Mapping[str, Pose], *, group: str = "ghosts", texts: Mapping[str, str] | None = None
-    ) -> None:
+    def ghost(self, poses: Mapping[str, Pose], *, group: str, texts: Mapping[str, str] | None = None) -> None:
         """Translucent copies of boxes at these poses [m, world; wxyz], in place of those that `group` had before."""
         texts = {} if texts is None else texts
         ghosts = [{"name": name, "pose": _plain(pose), "text": texts.get(name, name)} for name, pose in poses.items()]

@@ -52,6 +52,8 @@ class Shelf:
     @property
     def progress(self) -> str:
         """How many demonstrations there are and how many are needed, in a sentence."""
+        if not self.read:
+            return "The demonstrations are being read."
         count = sum(not one.problem for one in self.kept)
         if count == 0:
             return f"No demonstration yet; {NEEDED} are needed to tell what each place is relative to."
@@ -65,7 +67,8 @@ class Shelf:
         """Another set of demonstrations, there already or not."""
         self.studio.workspace.demonstration_set(name)
         self.studio.demonstration_set = name
-        self.read = False
+        self.read, self.kept = False, ()
+        self.studio.changed("demonstrations")
         await self.refresh()
 
     async def rename(self, name: str, new: str) -> None:

@@ -96,11 +96,17 @@ class Studio:
         self.changed("task", "scene", "player")
 
     @property
-    def unsaved(self) -> bool:
-        """Whether the task is another than its file says, nor that of the run that is shown."""
+    def saved(self) -> bool:
+        """Whether the task is as its file says."""
         with contextlib.suppress(UserError):
-            if self.workspace.task(self.task.name) == self.task:
-                return False
+            return self.workspace.task(self.task.name) == self.task
+        return False
+
+    @property
+    def unsaved(self) -> bool:
+        """Whether the task is neither as its file says, nor that of the run that is shown."""
+        if self.saved:
+            return False
         with contextlib.suppress(UserError):
             return self.run is None or self.workspace.run(self.run).config().task != self.task
         return True
@@ -118,6 +124,12 @@ class Studio:
         self.gp, self.run, self.tree = gp, self.evolution.run, None
         self.changed("evolution", "tree", "runs")
 
+    def take(self, tree: Tree | None, run: str | None) -> None:
+        """Another tree to look at and to run, with the run that it is from, None where it is from none; what runs ends."""
+        self.playing.halt()
+        self.tree, self.run, self.player = tree, run, None
+        self.changed("tree", "runs", "player")
+
     def open_run(self, name: str) -> None:
         """Shows the task and the best tree of a run, and its evolution unless another is running. Raises UserError where the
         run has gone or cannot be read."""
@@ -126,8 +138,8 @@ class Studio:
             self.set_task(record.config.task)
         if not self.evolution.running:
             self.evolution.open(name)
-        self.run, self.tree = name, record.tree
-        self.changed("tree", "runs", "evolution")
+        self.take(record.tree, name)
+        self.changed("evolution")
 
     def forget_run(self, name: str) -> None:
         """A run was deleted; its tree may still be looked at."""
@@ -146,7 +158,9 @@ class Studio:
     def watch(self) -> None:
         """Looks after the evolution; to be called a few times a second."""
         before, gone = self.evolution.stage, self.evolution.gone
-        if before == "starting" and self._launched is None:
+        if before != "starting":
+            self._launched = None
+        elif self._launched is None:
             self._launched = self.task
         if not self.evolution.poll():
             return

@@ -18,6 +18,8 @@ from bt_jax.demonstrate import DEMONSTRATED, reached_by
 from bt_jax.errors import UserError
 from bt_jax.lfd import Frames
 from bt_jax.mjx_env.layouts import sample_layouts
+from bt_jax.mjx_env.physics import Physics
+from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Task
 from bt_jax.teleoperation import Landing, Teleoperation
 
@@ -84,7 +86,10 @@ class Teaching:
             if (folder.path / "info.yaml").exists():
                 folder.create(Frames.of(task))  # says now, and not at the end, that this set is for another task
             number = max(self._layout, len(studio.shelf.kept))
-            session = await studio.work(_begun, studio, task, tree, number if self.elsewhere else None)
+            layout = sample_layouts(task, [DEMONSTRATED, number], 1) if self.elsewhere else studio.start
+            session = await studio.work(_begun, task, studio.physics, tree, layout)
+            if (studio.task.boxes, studio.task.frames) != (task.boxes, task.frames):
+                raise UserError("another task was chosen meanwhile; begin again")
             self._layout = number + 1
             studio.session = session
             self._shown()
@@ -163,12 +168,13 @@ class Teaching:
 
     async def replay(self, name: str) -> None:
         """Shows a demonstration again, scene by scene, until it ends or `stop_replay` is called."""
-        if self.studio.session is not None:
-            raise UserError("a demonstration is in the making; finish or discard it first")
-        self.stop_replay()
-        found = await self.studio.work(_scenes, self.studio, name)
-        self.replayed = name
-        self._replay = asyncio.create_task(self._show_all(found))
+        async with self._lock:
+            if self.studio.session is not None:
+                raise UserError("a demonstration is in the making; finish or discard it first")
+            found = await self.studio.work(_scenes, self.studio, name)
+            self.stop_replay()
+            self.replayed = name
+            self._replay = asyncio.create_task(self._show_all(found))
         self.studio.changed("demonstrations")
 
     def stop_replay(self) -> None:
@@ -190,12 +196,9 @@ class Teaching:
         self.studio.changed("demonstrations")
 
 
-def _begun(studio: Studio, task: Task, tree: Tree | None, number: int | None) -> Teleoperation:
-    """A demonstration that begins in random layout number so and so, or in the start layout, once a tree has run there."""
-    layout = studio.start if number is None else sample_layouts(task, [DEMONSTRATED, number], 1)
-    if tree is not None:
-        layout = reached_by(tree, task, studio.physics, layout)
-    return Teleoperation(task, studio.physics, layout)
+def _begun(task: Task, physics: Physics, tree: Tree | None, layout: World) -> Teleoperation:
+    """A demonstration that begins in a layout, or where a tree ends there."""
+    return Teleoperation(task, physics, layout if tree is None else reached_by(tree, task, physics, layout))
 
 
 def _vector(task: Task, direction: Direction) -> np.ndarray:

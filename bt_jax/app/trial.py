@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import asyncio
 import dataclasses
 import json
-import os
-import sys
 import tempfile
 from datetime import datetime
 from pathlib import Path
 
 import yaml
 
-from bt_jax.errors import UserError
+from bt_jax.app.child import run_command
 from bt_jax.files import unused, write_atomic
 from bt_jax.tasks import Task
 
 __all__ = ["LAYOUTS", "Trial", "try_out"]
 
 LAYOUTS = 20
-PATIENCE = 10  # how nice the process is to the page
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,20 +47,6 @@ async def try_out(demonstrations: Path, task: Task, runs: Path, *, layouts: int 
         source = Path(scratch) / f"{task.name}.yaml"
         write_atomic(source, yaml.safe_dump(task.to_dict(), sort_keys=False))
         words = [str(demonstrations), "--task", str(source), "--out", str(out), "--layouts", str(layouts)]
-        process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "bt_jax.learn", *words),
-            stdin=asyncio.subprocess.DEVNULL,
-            stdout=asyncio.subprocess.DEVNULL,
-            stderr=asyncio.subprocess.PIPE,
-            preexec_fn=lambda: os.nice(PATIENCE),
-        )
-        try:
-            _, said = await process.communicate()
-        except asyncio.CancelledError:
-            process.kill()
-            raise
-    if process.returncode != 0:
-        lines = said.decode(errors="replace").strip().splitlines()
-        raise UserError(lines[-1].removeprefix("error: ") if lines else "the trial was stopped; try again")
+        await run_command("bt_jax.learn", words, otherwise="the trial was stopped; try again")
     found = json.loads((out / "lesson.json").read_text(encoding="utf-8"))
     return Trial(found["solved"], found["tried"], out.name)

@@ -105,7 +105,7 @@ def test_a_box_that_is_moved_while_it_runs_is_put_back(studio):
         await begun(studio)
         await until(lambda: not studio.playing.on)
         table = studio.start.poses[0, 1, :3].astype(float)
-        await studio.playing.put("GreenBox", table)
+        await studio.playing.put("GreenBox", lambda world: table)
         assert studio.playing.on  # since it had not been paused
         await until(lambda: not studio.playing.on)
         assert studio.player.ending == Ending.SUCCESS
@@ -118,11 +118,65 @@ def test_a_box_that_is_moved_in_a_pause_waits_for_play(studio):
     async def check():
         await studio.playing.begin()
         await studio.playing.tick()
-        await studio.playing.put("BlueBox", studio.start.kit[0] + np.array([0.1, 0.1, 0.06]))
+        await studio.playing.put("BlueBox", lambda world: world.kit[0] + np.array([0.1, 0.1, 0.06]))
         assert not studio.playing.on
         with pytest.raises(UserError, match="in the gripper"):
-            await studio.playing.put("YellowBox", studio.start.kit[0] + np.array([-0.1, -0.1, 0.06]))
+            await studio.playing.put("YellowBox", lambda world: world.kit[0] + np.array([-0.1, -0.1, 0.06]))
         assert studio.playing.cue.kind == "show"
+
+    asyncio.run(check())
+
+
+def test_play_is_not_undone_by_an_episode_that_was_being_made(studio):
+    async def check():
+        await studio.playing.begin()
+        beginning = asyncio.ensure_future(studio.playing.begin())
+        await asyncio.sleep(0)
+        old = studio.player
+        studio.playing.play()
+        await beginning
+        assert studio.player is not old
+        assert studio.playing.on
+        await until(lambda: not studio.playing.on)
+        assert studio.player.ending == Ending.SUCCESS
+
+    asyncio.run(check())
+
+
+def test_a_tick_is_one_of_the_episode_that_is_being_made(studio):
+    async def check():
+        await asyncio.gather(studio.playing.begin(), studio.playing.begin(anew=False))
+        first = studio.player
+        await asyncio.gather(studio.playing.begin(), studio.playing.tick())
+        assert studio.player is not first
+        assert studio.player.at == 1
+
+    asyncio.run(check())
+
+
+def test_a_box_goes_to_a_place_in_what_there_is_then(studio):
+    """Beside GreenBox, which the robot has carried elsewhere meanwhile."""
+
+    async def check():
+        await begun(studio)
+        await until(lambda: not studio.playing.on)
+        index = studio.task.box_names.index("GreenBox")
+        await studio.playing.put("BlueBox", lambda world: world.poses[0, index, :3] + np.array([0, 0, 0.1]))
+        blue = studio.player.world.poses[0, studio.task.box_names.index("BlueBox"), :2]
+        np.testing.assert_allclose(blue, studio.start.kit[0, :2], atol=0.03)
+
+    asyncio.run(check())
+
+
+def test_another_tree_ends_what_runs(studio):
+    async def check():
+        await begun(studio)
+        other = parse_tree("move(YellowBox, (0, 0, 0.055), KittingBox)")
+        studio.take(other, None)
+        assert (studio.tree, studio.player) == (other, None)
+        await until(lambda: not studio.playing.on)
+        await studio.playing.begin(anew=False)
+        assert studio.player.tree == other
 
     asyncio.run(check())
 

@@ -66,6 +66,8 @@ async def demonstrate(studio, *, reached=False):
 async def test_three_demonstrations_teach_a_tree(studio):
     seen = []
     studio.subscribe("lesson", lambda: seen.append(studio.lesson))
+    assert studio.shelf.progress == "The demonstrations are being read."
+    await studio.shelf.refresh()
     said = [studio.shelf.progress]
     for number in (1, 2, 3):
         assert await demonstrate(studio) == f"demo{number}"
@@ -230,11 +232,35 @@ async def test_windows_hear_of_another_set_and_of_nothing_else(studio):
     studio.subscribe("demonstrations", lambda: heard.append(studio.demonstration_set))
     await studio.shelf.refresh()
     await studio.shelf.use_set("other")
-    assert heard == ["demonstrations", "other"]
+    assert heard == ["demonstrations", "other", "other"]  # once to be read, and once read
     lesson = studio.lesson
     await asyncio.gather(studio.shelf.refresh(), studio.shelf.refresh())
-    assert heard == ["demonstrations", "other"]
+    assert heard == ["demonstrations", "other", "other"]
     assert studio.lesson is lesson
+
+
+@in_loop
+async def test_a_demonstration_of_a_task_that_has_gone_does_not_begin(studio):
+    beginning = asyncio.ensure_future(studio.teaching.begin(reached=False))
+    await asyncio.sleep(0)
+    studio.set_task(load_task("yumi_stack"))
+    with pytest.raises(UserError, match="another task was chosen meanwhile"):
+        await beginning
+    assert studio.session is None
+
+
+@in_loop
+async def test_of_two_replays_the_last_is_shown_and_can_be_stopped(studio):
+    await demonstrate(studio)
+    await demonstrate(studio)
+    await asyncio.gather(studio.teaching.replay("demo1"), studio.teaching.replay("demo2"))
+    assert studio.teaching.replayed == "demo2"
+    await asyncio.sleep(0.01)
+    assert studio.message.startswith("demo2")
+    studio.teaching.stop_replay()
+    await asyncio.sleep(0.01)
+    others = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
+    assert not any("_show_all" in repr(task) for task in others)
 
 
 @in_loop

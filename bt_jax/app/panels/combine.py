@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 from nicegui import ui
 
-from bt_jax.app.panels.parts import button, heading, whole, whole_field
+from bt_jax.app.panels.parts import MOST, button, heading, whole, whole_field
 from bt_jax.app.studio import Studio
 from bt_jax.app.tree_view import TreeView
 from bt_jax.behaviors import Tree, parse_behavior
@@ -31,7 +31,6 @@ USES: dict[Use, str] = {
     "subgoal": "It is a step on the way: one whole, done once, and rewarded",
     "baseline": "Only its tree, as a model to breed from; the targets stay",
 }
-MOST = 100_000  # generations
 ANYWHERE = -1
 
 
@@ -145,7 +144,8 @@ class _Combine:
         if self.page.step != "combine":
             return
         evolution, lesson = self.studio.evolution, self.studio.lesson
-        if evolution.run is None:
+        gone = self._run() is None
+        if gone:
             sentence = "Nothing has been evolved yet: start in step 2, then come back."
         elif evolution.running:
             sentence = "Evolution is running: stop it in step 2 first."
@@ -155,7 +155,7 @@ class _Combine:
             now = evolution.progress.generation if evolution.progress else 0
             sentence = f"Evolution goes on in the run {evolution.run}, from generation {now}."
         self.state.set_text(sentence)
-        self.go.set_enabled(evolution.run is not None and not evolution.running and lesson is not None)
+        self.go.set_enabled(not gone and not evolution.running and lesson is not None)
         options = _places(evolution.tree, Words(self.studio.task))
         if self.where.options != options:
             self.where.set_options(options, value=self.where.value if self.where.value in options else ANYWHERE)

@@ -10,6 +10,7 @@ from nicegui import ui
 from bt_jax.app.panels.gripper import Gripper
 from bt_jax.app.panels.parts import ask, ask_for, button, heading, mark
 from bt_jax.app.studio import Studio
+from bt_jax.errors import UserError
 
 if TYPE_CHECKING:
     from bt_jax.app.page import Page, Step
@@ -93,15 +94,23 @@ class _Demonstrate:
             await self.shelf.use_set(name.strip())
 
     async def _rename(self, name: str) -> None:
+        chosen = self.studio.demonstration_set
         new = await ask_for(f"New name of {name}", value=name, yes="Rename", testid="demonstrate-rename")
         if new is not None and new.strip() != name:
+            self._check_set(chosen)
             await self.shelf.rename(name, new)
 
     async def _delete(self, name: str) -> None:
+        chosen = self.studio.demonstration_set
         if await ask(f"Delete {name}? This cannot be taken back.", yes="Delete", testid="demonstrate-delete"):
+            self._check_set(chosen)
             self.teaching.stop_replay()
             await self.shelf.delete(name)
             self.studio.say(f"{name} is deleted. {self.shelf.progress}")
+
+    def _check_set(self, chosen: str) -> None:
+        if self.studio.demonstration_set != chosen:
+            raise UserError("another set was chosen meanwhile, so nothing was changed; choose the set again")
 
     async def _replay(self, name: str) -> None:
         if self.teaching.replayed == name:

@@ -10,7 +10,7 @@ from nicegui import ui
 
 from bt_jax.app.curve import Curve, curve_options
 from bt_jax.app.evolution import Evolution
-from bt_jax.app.panels.parts import button, heading, whole, whole_field
+from bt_jax.app.panels.parts import MOST, button, heading, whole, whole_field
 from bt_jax.app.record import tested
 from bt_jax.app.studio import Studio
 from bt_jax.app.tree_view import TreeView
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 __all__ = ["build"]
 
 NOTHING = "\N{EN DASH}"
-MOST = 100_000  # trees, and generations
 CURVE_SECONDS = 2.0  # between two drawings of the curve while it grows
 COLORS = {
     "finished": "positive",
@@ -50,8 +49,7 @@ class _Evolve:
                 self.generations = _field("Generations", "evolve-generations", studio.gp.generations)
                 self.seed = _field("Seed", "evolve-seed", studio.gp.seed)
                 self.start = button("Start", "evolve-start", "play_arrow", page.guard(self._start))
-                self.pause = button("Pause", "evolve-pause", "pause", page.guard(self._pause))
-                self.resume = button("Resume", "evolve-resume", "play_arrow", page.guard(self._resume))
+                self.pause = button("Pause", "evolve-pause", "pause", page.guard(self._pause_or_resume))
                 self.stop = button("Stop", "evolve-stop", "stop", page.guard(self._stop))
             with ui.row().classes("items-center gap-3 w-full no-wrap"):
                 self.bar = ui.linear_progress(0, show_value=False).props(
@@ -97,12 +95,9 @@ class _Evolve:
     def _start(self) -> None:
         self.studio.start_evolution(self._gp())
 
-    def _pause(self) -> None:
-        self.studio.evolution.pause()
-        self.studio.watch()
-
-    def _resume(self) -> None:
-        self.studio.evolution.resume()
+    def _pause_or_resume(self) -> None:
+        evolution = self.studio.evolution
+        (evolution.resume if evolution.stage == "paused" else evolution.pause)()
         self.studio.watch()
 
     def _stop(self) -> None:
@@ -110,8 +105,10 @@ class _Evolve:
         self.studio.watch()
 
     def _more(self) -> None:
-        self.studio.evolution.more(whole(self.more, 1, MOST))
-        self.studio.changed("evolution")
+        studio = self.studio
+        studio.evolution.more(whole(self.more, 1, MOST))
+        studio.run = studio.evolution.run
+        studio.changed("evolution", "runs")
 
     def _refresh(self) -> None:
         if self.page.step != "evolve":
@@ -121,9 +118,9 @@ class _Evolve:
         if progress is not None and progress.best is None:
             progress = None  # nothing was measured yet
         self.start.set_enabled(not running)
-        self.pause.set_visibility(stage != "paused")
-        self.resume.set_visibility(stage == "paused")
-        self.pause.set_enabled(stage == "evolving")
+        self.pause.set_text("Resume" if stage == "paused" else "Pause")
+        self.pause.set_icon("play_arrow" if stage == "paused" else "pause")
+        self.pause.set_enabled(stage in ("evolving", "paused"))
         self.stop.set_enabled(running and stage not in ("stopping", "testing"))
         self.onward.set_visibility(not running and progress is not None and stage != "vanished")
         self.stage.set_text(stage if stage != "none" else "not started")

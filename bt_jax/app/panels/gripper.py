@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from nicegui import ui
 from nicegui.events import GenericEventArguments
 
-from bt_jax.app.panels.parts import ask, button, heading
+from bt_jax.app.panels.parts import ask, button, css_color, heading, known
 from bt_jax.app.studio import Studio
 from bt_jax.app.teaching import Direction
 from bt_jax.errors import UserError
@@ -49,6 +49,7 @@ class Gripper:
         ui.on("teach_key", page.guard(self._key))
         self._posed: object = None
         self._done: object = None
+        self._stepped = studio.teaching.step
         self._cells: dict[str, list[ui.label]] = {}
         self._build()
         self._task_changed()
@@ -73,7 +74,9 @@ class Gripper:
             over.set_enabled(held is not None)
             over.set_visibility(held is None or held != frame)
         self.release.set_enabled(held is not None)
-        self.step.set_value(round(100 * teaching.step, 3))
+        if teaching.step != self._stepped:  # else a step that is being written would be lost
+            self._stepped = teaching.step
+            self.step.set_value(round(100 * teaching.step, 3))
         self._refresh_landing(landing)
         self._refresh_poses()
         if (done := teaching.done) != self._done:
@@ -120,6 +123,7 @@ class Gripper:
                         .classes("teach-step")
                     )
                     self.step.on("change", page.guard(self._set_step))
+                    self.step.on("keydown.enter", js_handler="(event) => event.target.blur()")  # the keys carry again
                     button("", "demonstrate-larger", "add", page.guard(lambda: teaching.change_step(1)), more=larger)
                 self.release = button("Release", "demonstrate-release", "pan_tool_alt", page.guard(self._release))
                 self.release.props("title='Let go (R)'").classes("w-full")
@@ -135,8 +139,8 @@ class Gripper:
                 heading("Done so far")
                 self.done = ui.element("ol").classes("teach-done").props("data-testid=demonstrate-done")
         ui.label(
-            "Keys: 1, 2, 3 pick; arrows and page up/down carry; + and - change the step; R lets go; Ctrl+Z takes back. Or "
-            "click a box in the scene to pick it."
+            "Keys: the numbers pick; arrows and page up/down carry; + and - change the step; R lets go; Ctrl+Z takes back. "
+            "Or click a box in the scene to pick it."
         ).classes("teach-hint")
 
     def _mover(self, direction: Direction):
@@ -184,6 +188,8 @@ class Gripper:
             question = "Discard this demonstration? What was done in it is lost."
             if not await ask(question, yes="Discard", testid="demonstrate-discard"):
                 return
+            if self.studio.session is not session:
+                raise UserError("that demonstration is over already; nothing was discarded")
         await self.teaching.discard()
         self.studio.say("The demonstration was discarded; the others are kept.")
 
@@ -199,7 +205,6 @@ class Gripper:
         self.picks.clear()
         with self.picks:
             for number, box in enumerate(self.studio.task.boxes, start=1):
-                red, green, blue = (round(255 * part) for part in box.color)
                 pick = button(
                     f"{number} {box.name}",
                     f"demonstrate-pick-{box.name}",
@@ -207,13 +212,13 @@ class Gripper:
                     self.page.guard(functools.partial(self._pick, box.name)),
                     more=f"outline title='Key {number}'",
                 )
-                pick.style(f"--box: rgb({red} {green} {blue})").classes("teach-pick")
+                pick.style(f"--box: {css_color(box)}").classes("teach-pick")
         self.over.clear()
         with self.over:
             for frame in (*self.studio.task.box_names, self.studio.task.kit.name):
                 over = self.page.guard(functools.partial(self.teaching.carry_over, frame))
                 text = f"outline title='Carry straight over {frame}'"
-                button(self._known(frame), f"demonstrate-over-{frame}", "vertical_align_bottom", over, more=text)
+                button(self._called(frame), f"demonstrate-over-{frame}", "vertical_align_bottom", over, more=text)
         numbers = " ".join(str(number) for number in range(1, min(10, len(self.studio.task.boxes) + 1)))
         self.pad.props(f'data-teach-keys="{" ".join(MOVES)} {numbers} + = - r"')
         self._posed = None
@@ -248,7 +253,7 @@ class Gripper:
                 for title in () if held is None else ("seen from", "x", "y", "z", "turned"):
                     ui.label(title).classes("teach-hint")
                 for frame in () if held is None else [name for name in session.task.frames if name != held]:
-                    ui.label(self._known(frame)).props(f'title="{frame}"')
+                    ui.label(self._called(frame)).props(f'title="{frame}"')
                     self._cells[frame] = [
                         ui.label().props(f"data-testid=demonstrate-pose-{frame}-{key}")
                         for key in ("x", "y", "z", "turn")
@@ -258,10 +263,8 @@ class Gripper:
             for cell, text in zip(cells, (*values, f"{_number(session.turn(frame))}°"), strict=True):
                 cell.set_text(text)
 
-    def _known(self, frame: str) -> str:
-        """What a person calls a frame."""
-        task = self.studio.task
-        return {task.kit.name: "the kit", task.robot_frame: "the robot"}.get(frame, frame)
+    def _called(self, frame: str) -> str:
+        return known(frame, self.studio.task, robot="the robot")
 
 
 def _number(value: float) -> str:

@@ -44,6 +44,7 @@ class _Keep:
         self.studio, self.page = studio, page
         self.records: dict[str, Record] = {}
         self.chosen: list[str] = []
+        self._asked = 0  # counts readings, so that only the newest is shown
         with ui.element("div").classes("keep"):
             self.hint = ui.label().props("data-testid=keep-hint")
             self.table = (
@@ -74,7 +75,11 @@ class _Keep:
         """Reads the runs anew, where the step is shown."""
         if self.page.step != "keep":
             return
-        self.records = await asyncio.to_thread(_records, self.studio)
+        self._asked += 1
+        asked, records = self._asked, await asyncio.to_thread(_records, self.studio)
+        if asked != self._asked:
+            return
+        self.records = records
         self.chosen = [name for name in self.chosen if name in self.records]
         self.table.rows = [_row(record) for record in self.records.values()]
         self.table.selected = [row for row in self.table.rows if row["run"] in self.chosen]

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
 from nicegui import ui
 from nicegui.element import Element
 
 from bt_jax.errors import UserError
+from bt_jax.tasks import Box, Task
 
-__all__ = ["ask", "ask_for", "button", "heading", "mark", "whole", "whole_field"]
+__all__ = ["MOST", "ask", "ask_for", "button", "css_color", "heading", "known", "mark", "whole", "whole_field"]
+
+MOST = 100_000  # trees of a population, and generations
 
 E = TypeVar("E", bound=Element)
 
@@ -34,6 +38,17 @@ def heading(text: str) -> ui.label:
     return ui.label(text).classes("part-heading").props("role=heading aria-level=2")
 
 
+def css_color(box: Box) -> str:
+    """The colour of a box."""
+    red, green, blue = (round(255 * part) for part in box.color)
+    return f"rgb({red} {green} {blue})"
+
+
+def known(frame: str, task: Task, *, robot: str) -> str:
+    """What a person calls a frame; `robot` is what that of the robot is called."""
+    return {task.kit.name: "the kit", task.robot_frame: robot}.get(frame, frame)
+
+
 def whole_field(label: str, testid: str, value: int) -> ui.number:
     """A field for a whole number. It has no limits of its own: NiceGUI would put the nearest number in place of what a
     person has written, unasked; `whole` says instead what can be."""
@@ -49,16 +64,23 @@ def whole(field: ui.number, low: int, high: int) -> int:
     return int(value)
 
 
+@contextlib.contextmanager
+def _dialog() -> Iterator[ui.dialog]:
+    """A dialog of its window, not of the button that opens it, which may go meanwhile. It goes itself once it has closed:
+    only then the focus is back where it was."""
+    with ui.context.client, ui.dialog() as dialog, ui.card():
+        dialog.on("hide", dialog.delete)
+        yield dialog
+
+
 async def ask(question: str, *, yes: str, testid: str) -> bool:
     """Whether a person says yes to something that cannot be taken back."""
-    with ui.dialog() as dialog, ui.card():
+    with _dialog() as dialog:
         ui.label(question)
         with ui.row().classes("self-end gap-2"):
             ui.button("Cancel", on_click=lambda: dialog.submit(False)).props("no-caps flat autofocus")
             ui.button(yes, on_click=lambda: dialog.submit(True)).props(f"no-caps unelevated data-testid={testid}-yes")
-    answer = await dialog
-    dialog.delete()
-    return bool(answer)
+    return bool(await dialog)
 
 
 async def may_leave(studio: Studio) -> bool:
@@ -70,7 +92,7 @@ async def may_leave(studio: Studio) -> bool:
 
 async def ask_for(question: str, *, value: str, yes: str, testid: str) -> str | None:
     """A name that a person types, None where they would rather not."""
-    with ui.dialog() as dialog, ui.card():
+    with _dialog() as dialog:
         field = ui.input(question, value=value).props(
             f"autofocus outlined dense data-testid={testid}-name maxlength=64"
         )
@@ -80,6 +102,4 @@ async def ask_for(question: str, *, value: str, yes: str, testid: str) -> str | 
             ui.button(yes, on_click=lambda: dialog.submit(field.value)).props(
                 f"no-caps unelevated data-testid={testid}-yes"
             )
-    answer = await dialog
-    dialog.delete()
-    return answer
+    return await dialog

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -44,7 +45,7 @@ def build(studio: Studio, page: Page) -> None:
 class _Run:
     def __init__(self, studio: Studio, page: Page) -> None:
         self.studio, self.page = studio, page
-        self._layout = 0
+        self._drawn = -1  # number of the layout that was drawn last
         self.scrubbing, self.wanted = False, 0
         self.learnt: dict[str, str] = {}
         self.fields: PlaceFields | None = None
@@ -60,7 +61,7 @@ class _Run:
                 self.other = button("Other start", "run-layout", "shuffle", page.guard(self._other_layout))
             with ui.row().classes("items-center gap-2 w-full no-wrap"):
                 self.toggle = button("Play", "run-play", "play_arrow", page.guard(self._toggle))
-                self.step = button("One tick", "run-tick", "skip_next", page.guard(studio.playing.tick))
+                self.step = button("One tick", "run-tick", "skip_next", page.guard(self._tick))
                 ui.select(
                     {speed: f"{speed:g} \N{MULTIPLICATION SIGN}" for speed in SPEEDS}, value=1.0, label="Speed"
                 ).props("dense outlined options-dense data-testid=run-speed").classes("run-speed").bind_value(
@@ -101,8 +102,8 @@ class _Run:
 
     async def _prepare(self) -> None:
         """A tree that is at hand is ready to run as soon as one comes here."""
-        if self.studio.player is None and self.studio.tree is not None:
-            await self.studio.playing.begin()
+        if self.studio.tree is not None:
+            await self.studio.playing.begin(anew=False)
         self._refresh()
 
     def _sources(self) -> None:
@@ -120,11 +121,9 @@ class _Run:
         studio, name = self.studio, self.source.value
         try:
             if name == LESSON:
-                studio.tree, studio.run = studio.lesson.tree, None
-                studio.changed("tree")
+                studio.take(studio.lesson.tree, None)
             elif name in self.learnt:
-                studio.tree, studio.run = studio.workspace.learnt_tree(self.learnt[name]), None
-                studio.changed("tree")
+                studio.take(studio.workspace.learnt_tree(self.learnt[name]), None)
             elif studio.workspace.run(name).config().task == studio.task or await may_leave(studio):
                 studio.open_run(name)
             else:
@@ -134,18 +133,20 @@ class _Run:
             self._sources()
 
     async def _restart(self) -> None:
-        await self.studio.playing.begin(None if self._layout == 0 else self._drawn())
+        player = self.studio.player
+        await self.studio.playing.begin(None if player is None else player.moments[0].episode.world)
 
     async def _other_layout(self) -> None:
-        self._layout += 1
-        await self.studio.playing.begin(self._drawn())
+        self._drawn += 1
+        await self.studio.playing.begin(sample_layouts(self.studio.task, [UNSEEN, self._drawn], 1))
 
-    def _drawn(self):
-        return sample_layouts(self.studio.task, [UNSEEN, self._layout - 1], 1)
+    async def _tick(self) -> None:
+        await self.studio.playing.begin(anew=False)
+        await self.studio.playing.tick()
 
     async def _toggle(self) -> None:
         if self.studio.player is None:
-            await self.studio.playing.begin()
+            await self.studio.playing.begin(anew=False)
         if self.studio.playing.on:
             self.studio.playing.pause()
         else:
@@ -176,20 +177,19 @@ class _Run:
         references = [*(table.name for table in task.tables), task.kit.name, *others]
         with self.numbers:
             spot = spot_at(task, player.world, name)
-            self.fields = PlaceFields(self.page, name, references, spot, self._move, step="run")
+            moved = functools.partial(self._move, name)
+            self.fields = PlaceFields(self.page, name, references, spot, moved, step="run")
 
-    async def _move(self, spot: Spot) -> None:
-        player, task, name = self.studio.player, self.studio.task, self.hand.value
-        if player is None:
-            raise UserError("nothing runs; choose a tree first")
-        await self.studio.playing.put(name, spot.point(task, name, origins(task, player.world, ended=False)))
+    async def _move(self, name: str, spot: Spot) -> None:
+        task = self.studio.task
+        await self.studio.playing.put(name, lambda world: spot.point(task, name, origins(task, world, ended=False)))
 
     async def _drop(self, dragged: str, name: str, position: np.ndarray) -> None:
         if self.page.step != "run":
             return
         if self.studio.player is None:
             raise UserError("nothing runs yet; press Play first, or arrange boxes in the step Task")
-        await self.studio.playing.put(name, position)
+        await self.studio.playing.put(name, lambda world: position)
 
     def _refresh(self) -> None:
         if self.page.step != "run":
@@ -241,9 +241,15 @@ def _said(words: Words, player: Player) -> str:
 
 
 def _verdict(studio: Studio, player: Player) -> str:
+    newer = studio.tree is not None and studio.tree != player.tree
+    hint = "Evolution has found a better tree meanwhile: Start over runs it." if newer else ""
+    return f"{_ended(player)} {hint}".strip()
+
+
+def _ended(player: Player) -> str:
+    """How the episode has ended, nothing where it goes on."""
     if player.ending == Ending.OPEN:
-        newer = studio.tree is not None and studio.tree != player.tree
-        return "Evolution has found a better tree meanwhile: Start over runs it." if newer else ""
+        return ""
     there = all(x < player.task.episode.tolerance for x in player.distances.values())
     if player.ending == Ending.SUCCESS:
         return (

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import functools
+from collections.abc import Callable, Collection
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from nicegui import ui
 
 from bt_jax.app.arrangement import fixed_layout, free_layout, kit_table, move_kit, put, retarget, untarget
-from bt_jax.app.panels.parts import ask, button, may_leave
+from bt_jax.app.panels.parts import ask, button, css_color, may_leave
 from bt_jax.app.place_fields import PlaceFields
 from bt_jax.app.spots import Spot, origins, spot_at, spot_of_target
 from bt_jax.app.studio import Studio
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["build"]
 
 Side = Literal["targets", "start"]
+Place = Callable[[Task, World], np.ndarray]  # where a box should be [m, world], once it is its turn
 CHOSEN = "update:model-value"  # by a person: a change by the program would be taken for one in every other window
 UNSAVED = "Changed, and not saved yet."
 HINTS = {
@@ -42,6 +44,7 @@ class _Task:
     def __init__(self, studio: Studio, page: Page) -> None:
         self.studio, self.page = studio, page
         self.draws = 0
+        self.suggested_for = ""  # name of the task for which a name was suggested
         self.shape: tuple = ()
         self.fields: dict[str, PlaceFields] = {}
         self.words: dict[str, ui.label] = {}
@@ -109,10 +112,11 @@ class _Task:
         self.description.set_text(task.description)
         self.beginning.set_visibility(self.side == "start")
         self.hint.set_text(HINTS[self.side])
-        if not self.name.value:
+        if not self.name.value or self.suggested_for != task.name:
+            self.suggested_for = task.name
             self.name.set_value(task.name if task.name not in task_names() else f"my_{task.name}")
         self.saved.set_text(self._state())
-        self.revert.set_visibility(self.saved.text == UNSAVED)
+        self.revert.set_visibility(not studio.saved)
         targets = {target.object: target for target in task.targets}
         shape = (self.side, task.boxes, tuple(targets))
         if shape != self.shape:
@@ -127,10 +131,10 @@ class _Task:
 
     def _state(self) -> str:
         """What became of the changes, in words."""
-        name = self.studio.task.name
-        if self.studio.unsaved:
-            return UNSAVED
-        return "" if name in task_names() else f"Saved as tasks/{name}.yaml"
+        studio, name = self.studio, self.studio.task.name
+        if studio.saved:
+            return "" if name in task_names() else f"Saved as tasks/{name}.yaml"
+        return UNSAVED if studio.unsaved else f"As the run {studio.run} has it; not saved as a task."
 
     def _build_rows(self, targets: Collection[str]) -> None:
         """One row a box; they stay as long as there is the same to say, so that the focus does."""
@@ -171,39 +175,41 @@ class _Task:
             self._fields(name, references, spot_of_target(task, self.studio.start, name))
 
     def _fields(self, name: str, references: list[str], spot: Spot) -> None:
-        self.fields[name] = PlaceFields(self.page, name, references, spot, lambda moved: self._place(name, moved))
+        self.fields[name] = PlaceFields(
+            self.page, name, references, spot, functools.partial(self._place, self.side, name)
+        )
 
-    async def _place(self, name: str, spot: Spot) -> None:
-        studio = self.studio
-        ended = self.side == "targets"
-        point = spot.point(studio.task, name, origins(studio.task, studio.start, ended=ended))
-        if ended:
-            await self._target(name, point, spot.frame(studio.task))
+    async def _place(self, side: Side, name: str, spot: Spot) -> None:
+        def place(task: Task, start: World) -> np.ndarray:
+            return spot.point(task, name, origins(task, start, ended=side == "targets"))
+
+        if side == "targets":
+            await self._target(name, place, spot.frame(self.studio.task))
         else:
-            await self._start(name, point)
+            await self._start(name, place)
 
     async def _add(self, name: str) -> None:
         """A target where the box is now."""
         index = self.studio.task.box_names.index(name)
-        await self._target(name, self.studio.start.poses[0, index, :3].astype(float))
+        await self._target(name, lambda task, start: start.poses[0, index, :3].astype(float))
 
     async def _drop(self, dragged: str, name: str, position: np.ndarray) -> None:
         if self.page.step == "task":
-            await (self._target if dragged == "targets" else self._start)(name, position)
+            await (self._target if dragged == "targets" else self._start)(name, lambda task, start: position)
 
-    async def _target(self, name: str, position: np.ndarray, frame: str | None = None) -> None:
+    async def _target(self, name: str, place: Place, frame: str | None = None) -> None:
         studio = self.studio
         async with studio.turn:
             task, start = studio.task, studio.start
-            changed = await studio.work(retarget, task, studio.physics, start, name, position, frame)
+            changed = await studio.work(retarget, task, studio.physics, start, name, place(task, start), frame)
             self._check_same(task, start)
             self._amend(changed)
 
-    async def _start(self, name: str, position: np.ndarray) -> None:
+    async def _start(self, name: str, place: Place) -> None:
         studio = self.studio
         async with studio.turn:
             task, start = studio.task, studio.start
-            world = await studio.work(put, task, studio.physics, start, name, position)
+            world = await studio.work(put, task, studio.physics, start, name, place(task, start))
             self._check_same(task, start)
             self._begin(world)
 
@@ -253,7 +259,10 @@ class _Task:
         return load_task(task.name) if task.layout.fixed and task.name in task_names() else task
 
     def _move_kit(self) -> None:
-        self._begin(move_kit(self.studio.task, self.studio.start, self.kit.value))
+        try:
+            self._begin(move_kit(self.studio.task, self.studio.start, self.kit.value))
+        finally:
+            self._refresh()
 
     def _fix(self) -> None:
         task, start = self.studio.task, self.studio.start
@@ -272,6 +281,5 @@ class _Task:
 
 
 def _name(box: Box) -> None:
-    red, green, blue = (round(255 * value) for value in box.color)
-    ui.element("span").classes("task-chip").style(f"background: rgb({red}, {green}, {blue})")
+    ui.element("span").classes("task-chip").style(f"background: {css_color(box)}")
     ui.label(box.name).classes("task-box")

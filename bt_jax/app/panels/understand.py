@@ -117,7 +117,7 @@ class _Understand:
         card = ui.element("button").classes("lesson-frame").on("click", choose)
         card.props(f"type=button aria-pressed={str(chosen).lower()} data-testid=understand-frame-{index + 1}-{frame}")
         with card:
-            ui.label(_known(frame, lesson)).classes("text-bold")
+            ui.label(known(frame, lesson.task, robot="a fixed place")).classes("text-bold")
             ui.html(cluster_svg(lesson, inference, frame, task=lesson.task), sanitize=False)
             ui.label(_agreement(candidate)).classes("lesson-score")
             if candidate is not None and candidate.score > -math.inf:
@@ -173,20 +173,12 @@ class _Understand:
         studio, lesson = self.studio, self.studio.lesson
         if lesson is None:
             raise UserError("nothing has been learnt yet; demonstrate in step 3")
-        studio.tree, studio.run = lesson.tree, None
-        studio.changed("tree", "runs")
+        studio.take(lesson.tree, None)
         self.page.go("run")
 
 
 def _quoted(words: Words, behavior: Behavior) -> str:
     return f"“{words.statement(behavior) if behavior.kind == Kind.CONDITION else words(behavior)}”"
-
-
-def _known(frame: str, lesson: Lesson) -> str:
-    """What a person calls a frame."""
-    if frame == lesson.task.kit.name:
-        return "the kit"
-    return "a fixed place" if frame == lesson.task.robot_frame else frame
 
 
 def _agreement(candidate: Candidate | None) -> str:
@@ -201,5 +193,5 @@ def _reason(inference: Inference, lesson: Lesson) -> str:
     """Why it is this frame, and how well the demonstrations agree there."""
     said = inference.reason
     for frame in (lesson.task.kit.name, lesson.task.robot_frame):
-        said = re.sub(rf"\b{frame}\b", _known(frame, lesson), said)
+        said = re.sub(rf"\b{frame}\b", known(frame, lesson.task, robot="a fixed place"), said)
     return f"{said[:1].upper()}{said[1:]}."

@@ -69,13 +69,14 @@ def test_start_pause_resume_stop_and_more(page, see, server):
 
     see("evolve-pause").click()
     expect(see("evolve-stage")).to_have_text("paused")
-    expect(see("evolve-resume")).to_be_visible()
+    expect(see("evolve-pause")).to_contain_text("Resume")
+    expect(see("evolve-pause")).to_be_focused()
     held = read_progress(folder.path).generation
     page.reload()
     expect(see("evolve-stage")).to_have_text("paused")
     assert read_progress(folder.path).generation == held
 
-    press_on(see("evolve-resume"), "Enter")
+    press_on(see("evolve-pause"), "Enter")
     expect(see("evolve-stage")).to_have_text("evolving")
     goes_on(see)
 
@@ -127,7 +128,7 @@ def test_two_windows_show_the_same(window, page, see):
     for name in ("evolve-generation", "evolve-best", "evolve-mean", "evolve-episodes"):
         expect(see(name)).to_have_text(other.get_by_test_id(name).inner_text())
     assert see("evolve-tree").inner_text() == other.get_by_test_id("evolve-tree").inner_text()
-    see("evolve-resume").click()
+    see("evolve-pause").click()
     expect(other.get_by_test_id("evolve-stage")).to_have_text("evolving")
     see("evolve-stop").click()
     expect(other.get_by_test_id("evolve-stage")).to_have_text("stopped")
@@ -204,7 +205,7 @@ def test_settings_that_cannot_work(page, see, field, value):
     page.wait_for_timeout(200)  # nothing puts another number in its place
     expect(see(f"evolve-{field}")).to_have_value(value)
     see("evolve-start").click()
-    expect(see("message")).to_contain_text(names[field])
+    expect(page.locator(".q-notification")).to_contain_text(names[field])
     expect(see("evolve-start")).to_be_enabled()
 
 

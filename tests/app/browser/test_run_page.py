@@ -227,6 +227,7 @@ def test_nodes_are_in_words_and_unfold(page, see):
 
 def test_a_large_tree_begins_folded(page, see):
     choose(page, see, "large")
+    expect(see("run-tree")).to_contain_text("BlueBox")  # which the tree before has nothing to do with
     expect(node(page, 2)).to_contain_text("+")
     expect(node(page, 3)).to_have_count(0)
     node(page, 2).click()

@@ -39,6 +39,12 @@ def fill(page, see, field, value):
     page.keyboard.press("Enter")
 
 
+def say_no(page):
+    """Closes the dialog that asks, and waits until that is done."""
+    page.get_by_text("Cancel").click()
+    expect(page.locator(".q-dialog")).to_have_count(0)
+
+
 def close(a, b, within=0.02):
     return math.dist(a, b) < within
 
@@ -67,8 +73,9 @@ def test_a_target_is_dragged_beside_another(page, see):
     drag(page, "GreenBox", [kit[0] + 0.125, kit[1] + 0.01], target=True)
     expect(see("task-words-GreenBox")).to_have_text("at the right of the kit")
     expect(see("task-saved")).to_have_text("Changed, and not saved yet.")
+    beside = [kit[0] + 0.133, kit[1], kit[2] + 0.0525]
+    until(page, lambda: close(position(page, "GreenBox", target=True), beside, 0.002))
     green = position(page, "GreenBox", target=True)
-    assert close(green, [kit[0] + 0.133, kit[1], kit[2] + 0.0525], 0.002)
     expect(see("task-up-GreenBox")).to_have_value("0.0")
     drag(page, "YellowBox", green, target=True)  # and on top of that
     expect(see("task-words-YellowBox")).to_have_text("on top of GreenBox")
@@ -78,14 +85,14 @@ def test_changes_are_not_lost_unasked(page, see, server):
     see("task-remove-GreenBox").click()
     expect(see("task-saved")).to_have_text("Changed, and not saved yet.")
     choose(page, see, "pyramid", described="stack")
-    page.get_by_text("Cancel").click()
+    say_no(page)
     expect(see("task-words-GreenBox")).to_have_text("may be anywhere")
     (server.folder / "tasks").mkdir(exist_ok=True)
     taken = server.folder / "tasks" / "taken.yaml"
     taken.write_text("extends: pyramid\nname: taken\n")
     see("task-name").fill("taken")
     see("task-save").click()
-    page.get_by_text("Cancel").click()
+    say_no(page)
     assert load_task(taken).targets == load_task("pyramid").targets
     choose(page, see, "pyramid", described="stack")
     see("task-leave-yes").click()
@@ -247,5 +254,5 @@ def test_a_broken_task_file_is_a_sentence(page, see, server, content, says):
 def test_a_name_that_cannot_be(page, see, server, name, says):
     see("task-name").fill(name)
     see("task-save").click()
-    expect(see("message")).to_contain_text(says)
+    expect(page.locator(".q-notification")).to_contain_text(says)
     assert not (server.folder / "evil.yaml").exists()

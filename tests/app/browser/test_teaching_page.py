@@ -124,7 +124,6 @@ def test_who_types_does_not_move_the_gripper(page, see):
     see("demonstrate-step").fill("7")
     page.keyboard.press("ArrowLeft")
     page.keyboard.press("Enter")
-    see("demonstrate-step").evaluate("field => field.blur()")
     press(page, see, "ArrowRight", 1, frame="base_link", axis="x", sign=1, step=7)
     assert position(see, "base_link", "x") == pytest.approx(before + 7, abs=0.2)
     see("demonstrate-step").fill("0")
