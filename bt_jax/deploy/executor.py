@@ -129,9 +129,7 @@ class Executor:
         if reason is not None:
             raise Halt(reason, Exit.STOPPED)
         if now - start > self.limits.run:
-            self.skills.cancel()
-            self.link.wait(now + SETTLED)
-            raise Halt(f"the time is up ({self.limits.run:g} s)", Exit.FAILED)
+            raise self._failed(f"the time is up ({self.limits.run:g} s)", now)
 
     def _context(self, seen: Observation) -> Context:
         return Context(
@@ -185,7 +183,14 @@ class Executor:
             why = [f"{action} failed {count} times" for action, count in self.attempts.failures.items()]
             why += [f"{name} is out of reach" for name in self._reach.known_unreachable()]
             why += [f"one of {', '.join(unseen)} is not seen"] if unseen else []
-            raise Halt(f"the tree has failed{': ' if why else ''}{'; '.join(why)}", Exit.FAILED, status)
+            raise self._failed(f"the tree has failed{': ' if why else ''}{'; '.join(why)}", now, status)
+
+    def _failed(self, reason: str, now: float, status: Status = Status.RUNNING) -> Halt:
+        """The end of a run that has failed, with the arms brought to rest."""
+        if self.attempts.action is not None or self.attempts.looking:
+            self.attempts.cancel(now, reason)
+        self.link.wait(max(now, self.attempts.rest_at))
+        return Halt(reason, Exit.FAILED, status)
 
     def _record(self, seen: Observation, context: Context, ticked: TreeTick | None, phase: str, took: float) -> None:
         self.ticks += 1

@@ -9,6 +9,7 @@ import pytest
 from ideal import IdealSkills, SimulatedTime, observe
 
 from bt_jax.behaviors import Behavior, Control, gene_pool
+from bt_jax.deploy.attempts import SETTLED
 from bt_jax.deploy.executor import Executor, Exit, Limits
 from bt_jax.deploy.log import Log, read_log
 from bt_jax.deploy.program import Program
@@ -201,12 +202,30 @@ def test_an_attempt_has_a_time_out(tmp_path):
     assert sum(entry["event"] == "TIMEOUT" for entry in events) == TASK.episode.action_ticks
 
 
+def test_a_run_that_fails_during_a_look_brings_the_arms_to_rest_first():
+    """A box is looked for, seen at last and found out of reach, while the arms are still on their way home."""
+    cell = Cell(Control.sequence(PICK["YellowBox"], Behavior("open_gripper")), limits=Limits(patience=1.0))
+    cell.skills.polls = 10**6
+    cell.hide.add("YellowBox")
+    cell.skills.out_of_reach.add("YellowBox")
+    cell.on_tick = lambda shown: cell.hide.clear() if cell.skills.looks else None
+    cancel = cell.skills.cancel
+    cancelled = []
+    cell.skills.cancel = lambda: (cancel(), cancelled.append(cell.link.time))
+    outcome = cell.executor.run()
+    assert outcome.exit_code == Exit.FAILED
+    assert "out of reach" in outcome.reason
+    assert cell.skills.cancelled == [None], "the look was under way"
+    assert cell.link.time >= cancelled[0] + SETTLED
+
+
 def test_a_run_has_a_time_limit():
     cell = Cell(limits=Limits(run=1.0))
     cell.skills.polls = 10**6
     outcome = cell.executor.run()
     assert outcome.exit_code == Exit.FAILED
     assert "time is up" in outcome.reason
+    assert cell.skills.cancelled == [PICK["YellowBox"]]
 
 
 def break_camera(cell):
