@@ -42,6 +42,7 @@ from bt_jax.tasks import Task
 __all__ = ["CheckArguments", "RunArguments", "check_command", "confirm", "last_stop", "rules_of", "run_command"]
 
 FASTEST = 0.2  # rad/s of any joint of a real robot
+ATTEMPT = 150.0  # seconds for one attempt at that speed: its motion alone took up to 62 s, planned anew twice as long
 SENTENCE = "the cell is clear"
 WARNING = (
     "The robot will move. Software stops replace neither the emergency stop nor a risk assessment: keep the stop in your\n"
@@ -64,7 +65,7 @@ class CheckArguments:
     robot: str = "192.168.125.1"
     """address of the controller"""
     camera: str | None = None
-    """number or address of the camera, or a folder with a recording"""
+    """number or address of the camera; without motion, also a folder with a recording"""
     calibration: Path | None = None
     """file that calibrate has written"""
     twin_log: Path | None = None
@@ -104,6 +105,20 @@ class RunArguments(CheckArguments):
             raise UserError(f"--speed is {self.speed}; choose rad/s above 0 and up to {FASTEST}")
         if not 0 < self.seconds <= 24 * 3600:
             raise UserError(f"--seconds is {self.seconds}; choose more than 0, and a day at most")
+        if self.motion and self.camera is not None and _is_recorded(self.camera):
+            raise UserError(
+                f"--camera {self.camera} is a recording, not the cell; name a camera, or leave out --motion"
+            )
+
+    @property
+    def limits(self) -> Limits:
+        """Of the run; the slower the joints, the longer an attempt may take."""
+        return Limits(run=self.seconds, action=ATTEMPT * FASTEST / self.speed)
+
+
+def _is_recorded(camera: str) -> bool:
+    """Does it name something on a disk that `open_camera` would play?"""
+    return Path(camera).is_dir() or (Path(camera).is_file() and not camera.isdigit())
 
 
 def rules_of(task: Task, *, override: float = float("inf")) -> Rules:
@@ -264,7 +279,7 @@ def _executor(parts: _Parts, arguments: RunArguments, log: Log, items: list[Item
         link=parts.link,
         observe=observe,
         log=log,
-        limits=Limits(run=arguments.seconds, action=Limits.action * max(1.0, FASTEST / arguments.speed)),
+        limits=arguments.limits,
         settings=settings,
         dry=not arguments.motion,
         on_tick=tell,

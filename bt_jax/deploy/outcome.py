@@ -23,7 +23,7 @@ class Limits:
 
     tick: float = 0.1  # from tick to tick
     run: float = 600.0  # the whole run
-    action: float = 60.0  # one attempt
+    action: float = 60.0  # one attempt, at the twin's speed
     look: float = 3.0  # for what is not seen to be seen once the arms are out of the way; then it counts as absent
     settle: float = 0.5  # for the camera to see what an attempt has changed
     patience: float = 10.0  # for which the tree may fail before the run has failed

@@ -20,7 +20,7 @@ from bt_jax.deploy import preflight
 from bt_jax.deploy.calibration import CameraPose, Intrinsics, save_camera
 from bt_jax.deploy.cell import SENTENCE, CheckArguments, RunArguments, check_command, last_stop, run_command
 from bt_jax.deploy.controller import Controller
-from bt_jax.deploy.executor import Exit
+from bt_jax.deploy.executor import Exit, Limits
 from bt_jax.deploy.log import Log, read_log
 from bt_jax.deploy.program import load_program
 from bt_jax.deploy.rendered_camera import RenderedCamera, cell_camera
@@ -249,6 +249,23 @@ def test_arguments_that_cannot_work_are_refused(tmp_path, name, value):
     with contextlib.ExitStack() as stack:
         stack.enter_context(pytest.raises(UserError, match=f"--{name}"))
         run_command(RunArguments(tmp_path / "tree.txt", **{name: value}), Person(""))
+
+
+def test_no_recording_is_the_eyes_of_a_robot_that_moves(tmp_path):
+    (tmp_path / "film.mp4").write_bytes(b"")
+    for recording in (tmp_path, tmp_path / "film.mp4"):
+        with pytest.raises(UserError, match=r"recording.*leave out --motion"):
+            run_command(RunArguments(tmp_path / "tree.txt", camera=str(recording), motion=True), Person(SENTENCE))
+        RunArguments(tmp_path / "tree.txt", camera=str(recording)).check()
+    for camera in ("0", "rtsp://10.0.0.2/stream", "/dev/null"):
+        RunArguments(tmp_path / "tree.txt", camera=camera, motion=True).check()
+
+
+def test_an_attempt_has_the_time_that_its_speed_needs():
+    fast, slow = (RunArguments(module.Path("x"), speed=speed).limits.action for speed in (0.2, 0.05))
+    assert fast > 2 * 62, "seconds of motion, measured at 0.2 rad/s, and once planned anew"
+    assert slow == pytest.approx(4 * fast)
+    assert Limits().action < fast
 
 
 def a_log(path, *, code, dry=False, finished=True, preflight=True):
