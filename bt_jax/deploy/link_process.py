@@ -278,7 +278,10 @@ class _Loop:
             self.reply(f"{' and '.join(silent)}: not running")
             return
         for name, arm in self.arms.items():
-            if arm.commanded is None or np.max(np.abs(arm.feedback.joints - arm.commanded)) > self.start.rules.start:
+            if (
+                arm.commanded is None
+                or not np.max(np.abs(arm.feedback.joints - arm.commanded)) <= self.start.rules.start
+            ):
                 self.reply(f"{name}: not where it was when the start was asked for")
                 return
         self.blocks.alive.value = time.monotonic()

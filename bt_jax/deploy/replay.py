@@ -112,12 +112,13 @@ def _summary(entries: list[dict[str, Any]]) -> str:
     """How it ended, and how well the arms followed."""
     lines = []
     lags = [
-        np.abs(np.subtract(entry["setpoint"], entry["measured"])).max()
+        np.abs(np.array(entry["setpoint"], float) - np.array(entry["measured"], float)).ravel()
         for entry in entries
         if entry["kind"] == "motion"
     ]
-    if lags:
-        lines.append(f"motion     largest distance of a joint from its setpoint {np.degrees(max(lags)):.2f} deg")
+    known = [lag for lag in np.concatenate([[], *lags]) if np.isfinite(lag)]
+    if known:
+        lines.append(f"motion     largest distance of a joint from its setpoint {np.degrees(max(known)):.2f} deg")
     end = entries[-1]
     if end["kind"] != "end":
         return "\n".join([*lines, "end        the log breaks off: the program was killed"])

@@ -162,9 +162,10 @@ class Supervisor:
 
     def admit(self, arm: str, target: np.ndarray, *, commanded: np.ndarray, measured: np.ndarray) -> np.ndarray:
         """The setpoint [7] to send for a target: itself, or less far from `commanded` where the step is too large. Where
-        the target breaks a rule, or the arm lags behind, latches and gives the measured joints."""
+        the target breaks a rule, or the arm lags behind, latches and gives the measured joints; `commanded` where they are
+        not known."""
         lag = float(np.max(np.abs(commanded - measured)))
-        if lag > self.rules.lag:
+        if not lag <= self.rules.lag:  # nor where a joint is not a number
             self.stop(f"{arm}: the arm is {np.degrees(lag):.0f} deg from its setpoint; something holds it")
         else:
             try:
@@ -175,7 +176,7 @@ class Supervisor:
             except Rejected as broken:
                 self.stop(str(broken))
         if self.reason is not None:
-            return self._hold.setdefault(arm, measured.copy())
+            return self._hold.setdefault(arm, np.where(np.isfinite(measured), measured, commanded))
         step = np.minimum(self.rules.speed, self.rules.override) * (CYCLE * 1.05)
         clipped = np.clip(target, commanded - step, commanded + step)
         self.clipped += not np.array_equal(clipped, target)

@@ -123,3 +123,16 @@ def test_a_measurement_that_is_no_number_is_null(tmp_path):
         log.write("start", format=1)
         log.motion(("left", "right"), records, every=1)
     assert list(read_log(tmp_path / "log.jsonl"))[1]["measured"] == [[None] * 7]
+
+
+@pytest.mark.parametrize(("measured", "told"), [([None] * 7, ""), ([None] * 6 + [0.1], "setpoint 5.73 deg")])
+def test_a_log_with_unknown_measurements_is_told(written, tmp_path, measured, told):
+    entry = {"kind": "motion", "arm": "left", "time": [0.0], "setpoint": [[0.0] * 7], "measured": [measured]}
+    *lines, end = written.read_text().splitlines()
+    path = tmp_path / "log.jsonl"
+    path.write_text("\n".join([*lines, json.dumps(entry), end]))
+    console = Console(record=True, width=120, file=io.StringIO())
+    assert replay_command(ReplayArguments(path), console) == 0
+    text = console.export_text()
+    assert ("motion  " in text) == bool(told)
+    assert told in text

@@ -178,6 +178,17 @@ def test_an_arm_that_does_not_follow_stops():
     np.testing.assert_array_equal(sent, measured)
 
 
+@pytest.mark.parametrize("known", [0, 6])
+def test_an_arm_that_is_no_longer_measured_is_held_all_the_same(known):
+    supervisor = Supervisor(RULES, ARMS)
+    commanded = np.full(7, 0.2)
+    measured = np.where(np.arange(7) < known, 0.19, np.nan)
+    for _ in range(2):
+        sent = supervisor.admit("left", np.full(7, 0.21), commanded=commanded, measured=measured)
+        np.testing.assert_array_equal(sent, np.where(np.arange(7) < known, 0.19, 0.2))
+    assert supervisor.reason is not None
+
+
 def test_arms_that_come_near_each_other_stop():
     rules = dataclasses.replace(RULES, clearance_of=lambda: lambda left, right: float(abs(left[0] - right[0])))
     supervisor = Supervisor(rules, ARMS)
