@@ -46,7 +46,8 @@ class Skills(Protocol):
 
 
 class Attempts:
-    """Begins, drives on and ends what the skills do; one thing at a time. In a dry run, plans are made and not followed."""
+    """Begins, drives on and ends what the skills do; one thing at a time. In a dry run, plans are made as far as
+    to an attempt's first motion, which may be that of the other arm, home."""
 
     def __init__(self, skills: Skills, link: RobotLink, log: Log, limits: Limits, *, dry: bool) -> None:
         self.skills, self.link, self.log, self.limits, self.dry = skills, link, log, limits, dry
@@ -84,7 +85,8 @@ class Attempts:
                 self._planned.add(action)
                 self.skills.start(action, seen)
                 status = self.skills.poll(seen)
-                self.log.write("action", time=now, action=str(action), event="planned", reason=self.skills.reason)
+                reason = "as far as to its first motion" if status == Status.RUNNING else self.skills.reason
+                self.log.write("action", time=now, action=str(action), event="planned", reason=reason)
                 if status != Status.FAILURE:
                     self.skills.cancel()
             return f"would start {action}"

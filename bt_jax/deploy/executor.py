@@ -42,7 +42,8 @@ def decide(program: Program, tree: Tree, seen: Observation, context: Context) ->
 
 
 class Executor:
-    """Runs a program on a robot. `observe` gives what is known now; `on_tick` is told of every tick."""
+    """Runs a program on a robot. `observe` gives what is known now; `on_tick` is told of every tick; `verify` says what is
+    not as the tree believes when it has succeeded, "" if nothing, where somebody knows better."""
 
     def __init__(
         self,
@@ -56,12 +57,14 @@ class Executor:
         settings: dict[str, Any] | None = None,
         dry: bool = False,
         on_tick: Callable[[Shown], None] | None = None,
+        verify: Callable[[], str] | None = None,
     ) -> None:
         self.program, self.tree = program, expand(program.tree)
         self.nodes = prefix(self.tree)
         self.skills, self.link, self.observe, self.log = skills, link, observe, log
         self.limits, self.settings, self.dry = limits or Limits(), settings or {}, dry
         self.on_tick = on_tick or (lambda shown: None)
+        self.verify = verify or (lambda: "")
         self.ticks = self.overruns = 0
         boxes = sorted({node.object for node in self.nodes if isinstance(node, Behavior) and node.name == "pick"})
         self.attempts = Attempts(skills, link, log, self.limits, dry=dry)
@@ -177,7 +180,10 @@ class Executor:
                 self.attempts.look(now)
         lasted = now - self._since[1]
         if status == Status.SUCCESS and not self.attempts.looking and lasted >= self.limits.success:
-            raise Halt("the tree has succeeded", Exit.DONE, status)
+            wrong = self.verify()
+            raise Halt(
+                f"the tree has succeeded{wrong and f', but {wrong}'}", Exit.FAILED if wrong else Exit.DONE, status
+            )
         if status == Status.FAILURE and lasted >= self.limits.patience:
             unseen = sorted({name for c in undecided for name in (c.object, c.frame) if name is not None})
             why = [f"{action} failed {count} times" for action, count in self.attempts.failures.items()]

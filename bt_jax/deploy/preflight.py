@@ -123,6 +123,8 @@ def _twin(cell: Cell) -> str:
         )
     entries = list(read_log(cell.twin_log))
     start, end = entries[0], entries[-1]
+    if start.get("settings", {}).get("robot") != "twin":
+        raise UserError(f"{cell.twin_log} is not of the twin; run this tree there and give the log of that")
     if start["digest"] != cell.program.digest:
         raise UserError(f"{cell.twin_log} is of another tree; run this one in the twin")
     if start["task"] != cell.program.task.to_dict():

@@ -21,7 +21,7 @@ from bt_jax.deploy import yumi
 from bt_jax.deploy.background import BackgroundPerception
 from bt_jax.deploy.cell import rules_of
 from bt_jax.deploy.controller import Controller, Stats
-from bt_jax.deploy.executor import Executor, Exit, Limits, Outcome, Shown
+from bt_jax.deploy.executor import Executor, Limits, Outcome, Shown
 from bt_jax.deploy.link import Counters
 from bt_jax.deploy.log import Log
 from bt_jax.deploy.observer import Observer, Perceiving
@@ -67,8 +67,8 @@ class Run:
 
     @property
     def exit_code(self) -> int:
-        """The executor's, or FAILED where the tree believes what is not so."""
-        return Exit.FAILED if self.outcome.exit_code == Exit.DONE and not self.solved else self.outcome.exit_code
+        """The executor's: FAILED also where the tree believes what is not so."""
+        return self.outcome.exit_code
 
 
 def run_twin(
@@ -111,6 +111,9 @@ def run_twin(
             if on_tick is not None:
                 on_tick(Moment(shown, qpos, touch))
 
+        def verify() -> str:
+            return "" if solved(scene, controller.state()[1]) else "not every object is where its target is"
+
         executor = Executor(
             program,
             skills=skills,
@@ -122,6 +125,7 @@ def run_twin(
             limits=limits or Limits(run=LIMIT),
             settings=_settings(seed, realtime, disturbances),
             on_tick=tick,
+            verify=verify,
         )
         if prepare is not None:
             prepare(controller, perception)

@@ -51,7 +51,7 @@ def robot(tmp_path, monkeypatch):
     (tmp_path / "tree.txt").write_text(TREE)
     program = load_program(tmp_path / "tree.txt")
     with Log(tmp_path / "twin.jsonl") as log:
-        log.write("start", format=1, digest=program.digest, task=TASK.to_dict(), dry=False)
+        log.write("start", format=1, digest=program.digest, task=TASK.to_dict(), dry=False, settings={"robot": "twin"})
         log.write("end", exit_code=0, seconds=1.0, ticks=10)
     place = cell_camera(TASK)
     lens = Intrinsics(place.matrix, np.zeros(5), place.width, place.height, 0.1)
@@ -141,7 +141,7 @@ def test_a_dry_run_plans_and_moves_nothing(robot, tmp_path):
     np.testing.assert_allclose(arm_joints(controller), before, atol=1e-4)
     planned = [entry for entry in read_log(log) if entry["kind"] == "action"]
     assert [(entry["action"], entry["event"]) for entry in planned] == [("pick(YellowBox)", "planned")]
-    assert planned[0]["reason"] == ""
+    assert planned[0]["reason"] == "as far as to its first motion"
     assert controller.stats().unanswered == 0
 
 

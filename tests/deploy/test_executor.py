@@ -126,6 +126,15 @@ def test_an_attempt_is_broken_off_when_the_tree_wants_something_else():
     assert Behavior("place", STACK3.children[0].args) not in cell.skills.started
 
 
+def test_a_tree_that_believes_what_is_not_so_has_failed(tmp_path):
+    with Log(tmp_path / "log.jsonl") as log:
+        outcome = Cell(log=log, verify=lambda: "YellowBox is a picture").executor.run()
+    assert (outcome.exit_code, outcome.status) == (Exit.FAILED, Status.SUCCESS)
+    end = list(read_log(tmp_path / "log.jsonl"))[-1]
+    assert end["exit_code"] == Exit.FAILED
+    assert end["reason"] == "the tree has succeeded, but YellowBox is a picture"
+
+
 def test_a_committed_phase_is_not_broken_off():
     cell = Cell()
     goal = cell.skills.world.kit[0] + np.array([0, 0, 0.055])

@@ -55,7 +55,7 @@ class Seeing:
 def twin_log(tmp_path_factory):
     path = tmp_path_factory.mktemp("twin") / "log.jsonl"
     with Log(path) as log:
-        IdealCell(log=log).executor.run()
+        IdealCell(log=log, settings={"robot": "twin"}).executor.run()
     return path
 
 
@@ -153,6 +153,15 @@ def test_a_twin_run_that_failed_does_not_count(good, twin_log, tmp_path):
     path.write_text("\n".join([*lines[:-1], json.dumps(end)]))
     found = failing(dataclasses.replace(good, twin_log=path))
     assert "did not succeed" in found["twin:this"].detail
+
+
+def test_a_run_on_a_robot_is_none_in_the_twin(good, twin_log, tmp_path):
+    path = tmp_path / "log.jsonl"
+    path.write_text(
+        twin_log.read_text().replace('"robot": "twin"', '"preflight": []').replace('"robot":"twin"', '"preflight":[]')
+    )
+    found = failing(dataclasses.replace(good, twin_log=path))
+    assert "not of the twin" in found["twin:this"].detail
 
 
 def test_a_silent_controller_fails(good, rig):
