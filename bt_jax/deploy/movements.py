@@ -18,7 +18,7 @@ from bt_jax.deploy.clearance import Carried
 from bt_jax.deploy.link import RobotLink
 from bt_jax.deploy.motion import Trajectory
 from bt_jax.deploy.observation import Observation
-from bt_jax.deploy.observer import FIT, SQUEEZE
+from bt_jax.deploy.observer import FIT
 from bt_jax.deploy.paths import Pace, timed
 from bt_jax.deploy.planning import Planner
 from bt_jax.deploy.planning_process import PlanningProcess
@@ -80,15 +80,16 @@ class Movements:
         """What a method of the planner gives. Raises what it raises."""
         if self._background is None:
             return plan(*arguments)
-        future = self._background.submit(plan.__name__, *arguments)
         try:
-            while not future.done():
-                yield
-            return future.result()
+            future = self._background.submit(plan.__name__, *arguments)
+            try:
+                while not future.done():
+                    yield
+                return future.result()
+            finally:
+                future.cancel()
         except BrokenProcessPool as error:
             raise UserError("the process that plans has ended; start the run again") from error
-        finally:
-            future.cancel()
 
     def go_home(self, arms: Iterable[str]) -> Routine:
         for arm in arms:
@@ -172,8 +173,17 @@ class Movements:
             yield
 
     def holds(self, arm: str, size: float) -> bool:
-        """Are an arm's fingers as far apart as a box of this size would hold them?"""
-        return abs(self.link.arm(arm).opening - size) <= FIT
+        """Are an arm's closing fingers as far apart as a box of this size would hold them?"""
+        state = self.link.arm(arm)
+        return state.grip_target < size and abs(state.opening - size) <= FIT
+
+    def forget_lost(self) -> None:
+        """Of what was grasped, keeps what is held, or still between fingers by their readings."""
+        self.carried = {
+            arm: carried
+            for arm, carried in self.carried.items()
+            if carried.box == self.seen.holding or self.holds(arm, self.sizes[carried.box])
+        }
 
     def joints(self) -> dict[str, np.ndarray]:
         return {arm: self.link.arm(arm).commanded for arm in self.link.arms}
@@ -184,7 +194,7 @@ class Movements:
         return {name: pose for name, pose in self.known.items() if name not in held}
 
     def _dropped(self, arm: str, box: str) -> bool:
-        return self.link.arm(arm).opening < self.sizes[box] - 2 * SQUEEZE or self.seen.holding != box
+        return self.link.arm(arm).opening < self.sizes[box] - FIT or self.seen.holding != box
 
     def _shifted(self, watch: Poses, aim: str) -> bool:
         """Is something seen that has left its pose?"""

@@ -15,7 +15,7 @@ from bt_jax.tasks import Task
 
 __all__ = ["Observer", "Perceiving"]
 
-SQUEEZE = 0.003  # metres by which a grasp closes further than the box is wide
+SQUEEZE = 0.003  # metres by which fingers that grasp a box are sent closer together than it is wide, at least
 FIT = 0.006  # metres by which the fingers' distance may differ from the box's size
 STEADY = 0.001  # metres that the fingers may still move between two looks
 TRAIL = 1.2  # seconds by which a pose may lag behind: it was right then

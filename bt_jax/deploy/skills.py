@@ -29,7 +29,7 @@ from bt_jax.tasks import Task
 
 __all__ = ["YumiSkills"]
 
-GRIP = 4 * SQUEEZE  # metres by which a grasp would close further than the box is wide
+GRIP = 4 * SQUEEZE  # metres by which fingers are sent closer together than the box is wide
 FORCE = 15.0  # N
 LET_GO = 0.0007  # metres above its place at which a box is let go
 SPOTS = 25  # places tried for setting a box down
@@ -69,6 +69,8 @@ class YumiSkills:
 
     def look(self) -> None:
         """Begins to take both arms home."""
+        if self._moves.seen is not None:
+            self._moves.forget_lost()
         self._begin(self._moves.go_home(yumi.ARMS))
 
     def poll(self, seen: Observation) -> Status:
@@ -112,9 +114,7 @@ class YumiSkills:
     def _pick(self, box: str) -> Routine:
         if box not in self._moves.known:
             raise Failed(f"{box} was never seen")
-        self._moves.carried = {
-            arm: held for arm, held in self._moves.carried.items() if held.box == self._moves.seen.holding
-        }  # not what fell
+        self._moves.forget_lost()
         yield from self._moves.found(box)
         for _ in range(REPLANS):
             reach, around = yield from self._plan_pick(box)
@@ -129,15 +129,15 @@ class YumiSkills:
         raise Failed(f"things do not stay where they are on the way to {box}")
 
     def _plan_pick(self, box: str) -> Generator[None, None, tuple[Reach, Poses]]:
-        """A way for the arm that reaches best from where it is, one that should not comes last; and where things were."""
+        """A way for the arm on the box's side, else for the other; one that should not comes last. And where things were."""
         last = self._avoid.get(box)
         side = "left" if self._moves.known[box].translation[1] > 0 else "right"
         order = sorted(yumi.ARMS, key=lambda arm: (arm == last, arm != side))
         problem: Unplannable | None = None
         for arm in order:
-            yield from self._moves.others_home(arm)
-            around = self._moves.obstacles()
             try:
+                yield from self._moves.others_home(arm)
+                around = self._moves.obstacles()
                 reach = yield from self._moves.planned(
                     self._moves.planner.pick, box, around, self._moves.joints(), [arm]
                 )

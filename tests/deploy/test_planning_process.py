@@ -1,6 +1,7 @@
 import os
 import signal
 import time
+from concurrent.futures.process import BrokenProcessPool
 
 import numpy as np
 import pytest
@@ -49,12 +50,16 @@ def test_what_cannot_be_planned_is_raised_here(process):
         process.submit("pick", "YellowBox", {**inside, "GreenBox": inside["YellowBox"]}, away(), ["right"]).result(60)
 
 
-def test_a_dead_process_is_told():
+@pytest.mark.parametrize("noticed", [False, True])
+def test_a_dead_process_is_told(noticed):
     link = FollowingLink(TASK, {"YellowBox": RigidTransform.from_translation([0.3, 0.24, 0.02])})
     with PlanningProcess(TASK) as process:
         skills = YumiSkills(TASK, link, background=process)
         for worker in process._pool._processes.values():
             os.kill(worker.pid, signal.SIGKILL)
+        if noticed:
+            with pytest.raises(BrokenProcessPool):
+                process.submit("home", "left", {}, away()).result(30)
         skills.start(parse_behavior("pick(YellowBox)"), link.seen())
         with pytest.raises(UserError, match="has ended; start the run again"):
             polled_until_done(skills, link)

@@ -7,6 +7,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.behaviors import parse_behavior
 from bt_jax.deploy import yumi
+from bt_jax.deploy.planning import Unplannable
 from bt_jax.deploy.skills import YumiSkills
 from bt_jax.encoding.status import Status
 from bt_jax.tasks import load_task
@@ -136,6 +137,36 @@ def test_the_way_home_is_planned_anew_around_what_comes_into_it(link, skills):
         link.wait(link.time + 0.1)
     assert link.halted == ["left"]
     assert np.abs(link.joints["left"] - yumi.HOME["left"]).max() < 0.05
+
+
+def test_a_box_that_slipped_out_is_no_longer_carried_after_a_look(link, skills):
+    assert carried_out(skills, link, PICK) == Status.SUCCESS
+    skills.look()
+    assert skills.grasped == {"left": "YellowBox"}
+
+    def slip():
+        del link.held["left"]
+        link.boxes["YellowBox"] = at(0.3, 0.24)
+
+    started = link.time
+    each = once(lambda: link.arm("left").moving and link.time > started + 0.3, slip)
+    assert carried_out(skills, link, PLACE, seconds=started + 60, each=each) == Status.FAILURE
+    link.wait(link.time + 1.0)
+    skills.poll(link.seen())
+    skills.look()
+    assert skills.grasped == {}
+
+
+def test_where_one_arm_finds_no_way_home_it_is_the_one_that_picks(link, skills, monkeypatch):
+    link.boxes["YellowBox"] = at(0.3, 0.1)
+    link.joints["right"][0] += 0.3
+
+    def home(arm, *_):
+        raise Unplannable(f"the {arm} arm finds no way home")
+
+    monkeypatch.setattr(skills._moves.planner, "home", home)
+    assert carried_out(skills, link, PICK) == Status.SUCCESS, skills.reason
+    assert link.held["right"][0] == "YellowBox"
 
 
 @pytest.mark.parametrize("place", [(0.3, -0.46), (0.35, -0.45)])
