@@ -15,16 +15,13 @@ from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy.controller_process import PARTS, STATS, Cell, Spec, serve
 from bt_jax.deploy.lateness import Late, Watch
+from bt_jax.deploy.link import ControllerGone
 from bt_jax.deploy.realtime import CONTEXT, Snapshot
 from bt_jax.errors import UserError
 
-__all__ = ["ANSWER", "Cell", "Controller", "ControllerGone", "Stats"]
+__all__ = ["ANSWER", "Cell", "Controller", "Stats"]
 
 ANSWER = 30.0  # seconds within which the process must answer
-
-
-class ControllerGone(Exception):
-    """The controller's process has ended, or no longer answers."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,7 +10,11 @@ from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy.motion import Trajectory
 
-__all__ = ["ArmState", "Counters", "RobotLink"]
+__all__ = ["ArmState", "ControllerGone", "Counters", "RobotLink"]
+
+
+class ControllerGone(Exception):
+    """The twin's controller has ended, or no longer answers: simulated time stands still."""
 
 
 @dataclasses.dataclass(frozen=True)

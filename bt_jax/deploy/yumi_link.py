@@ -12,14 +12,14 @@ import socket
 import threading
 import time
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from bt_jax.deploy.controller import Controller, ControllerGone
 from bt_jax.deploy.egm import CYCLE
 from bt_jax.deploy.lateness import Late
-from bt_jax.deploy.link import ArmState, Counters
+from bt_jax.deploy.link import ArmState, ControllerGone, Counters
 from bt_jax.deploy.link_process import HISTORY, RECORD, Blocks, Start, serve
 from bt_jax.deploy.motion import Trajectory
 from bt_jax.deploy.realtime import CONTEXT
@@ -27,14 +27,18 @@ from bt_jax.deploy.rws import EGM_MOTION, GRIP_ACTUAL, GRIP_FORCE, GRIP_TARGET, 
 from bt_jax.deploy.safety import Rejected, Rules, check_trajectory
 from bt_jax.errors import UserError
 
+if TYPE_CHECKING:
+    from bt_jax.deploy.controller import Controller
+
 __all__ = ["LinkConfig", "YumiLink"]
 
 STARTED = 3.0  # seconds within which the arms must run once the program was started
 FIRST = 30.0  # seconds for the link process to come up
+ANSWER = 1.0  # seconds for it to answer by the clock: it looks 500 times as often
 POLL = 0.05  # seconds between two looks at the grippers in real time
 STATE = 5  # of these looks, one also asks for the controller's state
 RAMP = 0.5  # seconds within which the robot's program has ended guided motion: a look at the gripper, and its ramp
-ENDED = "the link process has ended"
+ENDED, HANGS = "the link process has ended", "the link process does not answer"
 SILENT = 2.0  # seconds without an answer to such a look
 
 
@@ -67,10 +71,10 @@ class YumiLink:
         self._rws = Rws(config.host, config.rws_port, config.user, config.password)
         self._opening = dict.fromkeys(self.arms, 0.0)
         self._target = dict.fromkeys(self.arms, 0.0)
-        self._state: ControllerState | None = None
         self._rejected = self._motions = self._drained = 0
         self._answering = False  # the robot's program was asked to follow
         self._enabled = False  # and follows
+        self._hangs = False  # the link process did not answer: what it says later answers something else
         self._reason: str | None = None  # of a stop that the link process could not be told of
         self._closing = threading.Event()
         self._poller: threading.Thread | None = None
@@ -86,7 +90,7 @@ class YumiLink:
             if kind != "ready":
                 ports = ", ".join(map(str, self.config.ports.values()))
                 raise UserError(f"the UDP ports {ports} cannot be used ({value}); end the program that uses them")
-            self._state = self._rws.state()
+            self._rws.state()
             self._look()
         except BaseException:
             self.close()
@@ -139,16 +143,26 @@ class YumiLink:
     def close(self) -> None:
         """Stops the robot's program where it was started, and ends the process."""
         self._closing.set()
-        if self._poller is not None:
-            self._poller.join(SILENT + 1)
-        if self._answering:
-            well = self._enabled and self.stopped() is None and self._process.is_alive()
-            self._answering = self._enabled = False
+        try:
+            if self._poller is not None:
+                self._poller.join(SILENT + 1)
+            if self._answering:
+                self._end_motion()
+        finally:
+            self._end_process()
+
+    def _end_motion(self) -> None:
+        well = self._enabled and self.stopped() is None and self._process.is_alive()
+        self._answering = self._enabled = False
+        try:
             with contextlib.suppress(UserError):
                 self._ask("disable")
                 if well:
                     self._ramp_out()
+        finally:
             self._stop_program()
+
+    def _end_process(self) -> None:
         if self._process.pid is not None:
             with contextlib.suppress(UserError):
                 self._ask("close")
@@ -204,15 +218,12 @@ class YumiLink:
     def state(self) -> ControllerState:
         """Of the controller, asked for now."""
         with self._rws_lock:
-            self._state = self._rws.state()
-        return self._state
+            return self._rws.state()
 
     def stopped(self) -> str | None:
         if self._blocks.stopped.value:
             return self._blocks.reason.value.decode(errors="replace")
-        if self._reason is None and self._dead():
-            return ENDED
-        return self._reason
+        return self._reason or (ENDED if self._dead() else None)
 
     def follow(self, arm: str, trajectory: Trajectory) -> int:
         other = next((name for name in self.arms if name != arm), arm)
@@ -299,15 +310,21 @@ class YumiLink:
         return rows[np.arange(first, written) % HISTORY].copy()
 
     def _ask(self, *message: object) -> str | None:
-        """Gives what the process objects, None where it does as it was told."""
+        """Gives what the process objects, None where it does as it was told. Raises UserError where it does not answer;
+        the robot's program is stopped then."""
         with self._pipe_lock:
             try:
-                self._pipe.send(message)
-                if self._pipe.poll(FIRST):
-                    return self._pipe.recv()
+                if not self._hangs:
+                    self._pipe.send(message)
+                    if self._pipe.poll(FIRST if self._lockstep else ANSWER):
+                        return self._pipe.recv()
             except (OSError, EOFError) as error:
-                raise UserError("the link process has ended; start again") from error
-        raise UserError("the link process does not answer; start again")
+                raise UserError(f"{ENDED}; start again") from error
+        if not self._hangs:
+            self._hangs, self._reason = True, self._reason or HANGS
+            if self._answering:
+                self._stop_program()
+        raise UserError(f"{HANGS}; start again")
 
     def _guided(self) -> str | None:
         """Which arms do not follow EGM yet; they are asked to. None where all do."""

@@ -10,7 +10,7 @@ from bt_jax.deploy.safety import Rules
 from bt_jax.deploy.yumi_link import LinkConfig, YumiLink
 
 ARMS = ("left", "right")
-RULES = Rules(lower=(-2.0,) * 7, upper=(2.0,) * 7, speed=(3.0,) * 7)
+RULES = Rules(lower=(-2.0,) * 7, upper=(2.0,) * 7, speed=(3.0,) * 7, stale=0.3)  # a shared machine may stall
 
 
 def _arm(name: str, y: float) -> str:
