@@ -48,6 +48,10 @@ class BackgroundPerception:
     def image(self) -> float:
         return float("-inf") if self._perception is None else self._perception.image
 
+    @property
+    def lost(self) -> str:
+        return "" if self._perception is None else self._perception.lost
+
     def _run(self) -> None:
         try:
             made = self._make()

@@ -17,8 +17,7 @@ from typing import Any
 
 from bt_jax.behaviors import Behavior, Tree, expand
 from bt_jax.deploy.attempts import SETTLED, Attempts, Skills
-from bt_jax.deploy.controller import ControllerGone
-from bt_jax.deploy.link import RobotLink
+from bt_jax.deploy.link import ControllerGone, RobotLink
 from bt_jax.deploy.log import Log
 from bt_jax.deploy.observation import Observation
 from bt_jax.deploy.outcome import Exit, Halt, Limits, Outcome, Shown
@@ -109,7 +108,8 @@ class Executor:
         self._check(now, start)
         seen = self.observe()
         if seen.time - seen.image > self.limits.image:
-            raise Halt(f"camera: no new image for {seen.time - seen.image:.1f} s", Exit.STOPPED)
+            why = f": {seen.lost}" if seen.lost else ""
+            raise Halt(f"camera: no new image for {seen.time - seen.image:.1f} s{why}", Exit.STOPPED)
         self._reached |= seen_subgoals(self.program.task, seen)
         self.attempts.poll(seen, now)
         ticked = None

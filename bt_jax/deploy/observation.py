@@ -21,6 +21,7 @@ class Observation:
     opening: Mapping[str, float]  # of each arm's gripper: m between the fingers
     holding: str | None  # the box that is held
     image: float = math.inf  # time of the newest camera image, s
+    lost: str = ""  # why there is no newer one; "" where that is not known
 
     def to_dict(self) -> dict[str, Any]:
         """For the log; poses as position [m] and quaternion (x, y, z, w)."""

@@ -36,6 +36,10 @@ class Perceiving(Protocol):
     def image(self) -> float:
         """Time of the newest image, s."""
 
+    @property
+    def lost(self) -> str:
+        """Why there is no newer one, "" if nothing is known to be wrong."""
+
 
 class Observer:
     """Gives an `Observation` at every call. `grasped()` names the box that each arm was told to grasp and not to release;
@@ -73,7 +77,7 @@ class Observer:
             if blocked and steady and self._in_hand(poses.get(box), arm, size):
                 holding = box
         self._before = opening
-        return Observation(now, poses, opening, holding, self.perception.image)
+        return Observation(now, poses, opening, holding, self.perception.image, self.perception.lost)
 
     def _in_hand(self, pose: RigidTransform | None, arm: str, size: float) -> bool:
         """Is the box where the fingers are, or were just now? Not seen, it is believed to be."""

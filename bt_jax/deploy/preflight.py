@@ -246,7 +246,8 @@ def _images(cell: Cell) -> str:
         link.wait(link.now() + 0.05)
     age = link.now() - max(times)
     if age > IMAGE or len(times) < 4:
-        raise UserError(f"{len(times)} images in {LISTEN:g} s, the last {age:.2f} s old; check the camera's cable")
+        why = f" ({cell.perception.lost})" if cell.perception.lost else ""
+        raise UserError(f"{len(times)} images in {LISTEN:g} s, the last {age:.2f} s old{why}; check the camera's cable")
     return f"{len(times)} images in {LISTEN:g} s"
 
 

@@ -78,10 +78,6 @@ class Tracker:
         with self._lock:
             return {name: track.pose for name, track in self._known.items()}
 
-    def age(self, name: str, time: float) -> float:
-        """Seconds since the body was last seen where it is believed to be; infinite if it never was."""
-        return time - self._known[name].time if name in self._known else float("inf")
-
     def _take(self, name: str, time: float, pose: RigidTransform, sigma: float) -> None:
         known = self._known.get(name)
         if known is not None and time <= known.time:

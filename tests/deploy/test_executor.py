@@ -40,6 +40,7 @@ class Cell:
     def __init__(self, tree=STACK3, *, seed=0, log=None, **options):
         self.skills = IdealSkills(SEMANTICS, SETTLER, sample_layouts(TASK, seed, 1))
         self.link, self.hide, self.image = SimulatedTime(), set(), 0.0
+        self.lost = ""
         self.shown = []
         self.on_tick = lambda shown: None
         self.executor = Executor(
@@ -55,7 +56,7 @@ class Cell:
     def observe(self):
         hide = tuple(self.hide)
         seen = observe(TASK, self.skills.world, self.link.now(), hide)
-        return dataclasses.replace(seen, image=seen.time - self.image)
+        return dataclasses.replace(seen, image=seen.time - self.image, lost=self.lost)
 
     def tick(self, shown):
         self.shown.append(shown)
@@ -241,6 +242,10 @@ def break_camera(cell):
     cell.image = 2.0
 
 
+def pull_out_camera(cell):
+    cell.image, cell.lost = 2.0, "its cable is out"
+
+
 def raise_in_skills(cell):
     def poll(seen):
         raise RuntimeError("no plan survives")
@@ -263,7 +268,8 @@ def stop_robot(cell):
 @pytest.mark.parametrize(
     ("fault", "code", "word"),
     [
-        (break_camera, Exit.STOPPED, "camera"),
+        (break_camera, Exit.STOPPED, "camera: no new image for 2.0 s"),
+        (pull_out_camera, Exit.STOPPED, "its cable is out"),
         (raise_in_skills, Exit.STOPPED, "no plan survives"),
         (press_ctrl_c, Exit.INTERRUPTED, "interrupted"),
         (terminate, Exit.INTERRUPTED, "interrupted"),

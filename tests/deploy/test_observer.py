@@ -13,7 +13,7 @@ class Seeing:
     """Sees one box, or nothing."""
 
     def __init__(self):
-        self.image, self.box = 0.0, AT_HAND
+        self.image, self.lost, self.box = 0.0, "", AT_HAND
 
     def update(self):
         self.image += 1.0

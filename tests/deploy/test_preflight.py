@@ -41,7 +41,7 @@ class Seeing:
     """Sees what is in a start layout, with images of now."""
 
     def __init__(self, link):
-        self.link, self.image, self.frozen, self.hidden = link, 0.0, False, ()
+        self.link, self.image, self.lost, self.frozen, self.hidden = link, 0.0, "", False, ()
 
     def update(self):
         if not self.frozen:
