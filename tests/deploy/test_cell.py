@@ -18,7 +18,7 @@ from rich.console import Console
 from bt_jax.deploy import cell as module
 from bt_jax.deploy import preflight
 from bt_jax.deploy.calibration import CameraPose, Intrinsics, save_camera
-from bt_jax.deploy.cell import SENTENCE, CheckArguments, RunArguments, check_command, last_stop, run_command
+from bt_jax.deploy.cell import FASTEST, SENTENCE, CheckArguments, RunArguments, check_command, last_stop, run_command
 from bt_jax.deploy.controller import Controller
 from bt_jax.deploy.executor import Exit, Limits
 from bt_jax.deploy.log import Log, read_log
@@ -211,22 +211,24 @@ def press_ctrl_c(controller):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("fault", "code", "word"),
+    ("fault", "code", "word", "seconds"),
     [
-        (lose_camera, Exit.STOPPED, "camera"),
-        (kill, Exit.STOPPED, "no feedback"),
-        (stop_by_hand, Exit.STOPPED, "not running"),
-        (press_ctrl_c, Exit.INTERRUPTED, "interrupted"),
+        (lose_camera, Exit.STOPPED, "camera", Limits.image + 1.0),
+        (kill, Exit.STOPPED, "no feedback", 1.0),
+        (stop_by_hand, Exit.STOPPED, "not running", 1.0),
+        (press_ctrl_c, Exit.INTERRUPTED, "interrupted", 1.0),
     ],
 )
-def test_faults_in_mid_motion_hold_the_arms(robot, at_a_terminal, tmp_path, fault, code, word):
+def test_faults_in_mid_motion_hold_the_arms(robot, at_a_terminal, tmp_path, fault, code, word, seconds):
+    """They come to rest within `seconds`: at their speed they get no further."""
     controller, arguments = robot
-    log, began = tmp_path / "run.jsonl", time.monotonic()
+    struck, log, began = [], tmp_path / "run.jsonl", time.monotonic()
 
     def break_it():
         start = arm_joints(controller)
         while time.monotonic() - began < 60 and np.abs(arm_joints(controller) - start).max() < 0.1:
             time.sleep(0.05)
+        struck.append(arm_joints(controller))
         fault(controller)
 
     thread = threading.Thread(target=break_it)
@@ -240,6 +242,7 @@ def test_faults_in_mid_motion_hold_the_arms(robot, at_a_terminal, tmp_path, faul
     assert word in end["reason"]
     if controller.alive:
         held = arm_joints(controller)
+        assert np.abs(held - struck[0]).max() < FASTEST * seconds
         time.sleep(0.5)
         np.testing.assert_allclose(arm_joints(controller), held, atol=1e-3)
 

@@ -21,7 +21,7 @@ def test_only_late_rounds_are_kept_with_what_was_done_before():
     watch.begin(2 * NEAR)
     (late,) = watch.read()
     assert late.late == 2 * NEAR
-    assert late.slack == pytest.approx(-0.01, abs=0.005)
+    assert -0.1 < late.slack <= -0.01
     assert late.parts["think"] > 0.019
     assert late.parts["think"] + late.parts["write"] <= late.time
     watch.begin(0.5 * NEAR)
@@ -64,8 +64,7 @@ def test_a_process_that_was_kept_from_running_says_so():
         time.sleep(0.08)
         os.kill(controller.pid, signal.SIGCONT)
         time.sleep(0.3)
-        worst = max(controller.late_cycles(), key=lambda late: late.late)
-        assert began < worst.time < time.monotonic()
-        assert worst.late > 0.07
+        since = [late for late in controller.late_cycles() if late.time > began]
+        assert max(late.late for late in since) > 0.07
         assert controller.stats().missed >= 17
         assert isinstance(link.late_rounds(), list)
