@@ -15,6 +15,8 @@ import traceback
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from scipy.spatial.transform import RigidTransform
+
 from bt_jax.behaviors import Behavior, Tree, expand
 from bt_jax.deploy.attempts import SETTLED, Attempts, Skills
 from bt_jax.deploy.link import ControllerGone, RobotLink
@@ -69,6 +71,7 @@ class Executor:
         self.attempts = Attempts(skills, link, log, self.limits, dry=dry)
         self._reach = ReachMemory(skills, boxes)
         self._entries = RunLog(log, link)
+        self._last: dict[str, RigidTransform] = {}
         self._reached: frozenset[str] = frozenset()
         self._unknown: frozenset[Behavior] = frozenset()
         self._since: tuple[Status, float] = (Status.RUNNING, 0.0)  # what the tree returns, and since when
@@ -135,11 +138,13 @@ class Executor:
             raise self._failed(f"the time is up ({self.limits.run:g} s)", now)
 
     def _context(self, seen: Observation) -> Context:
+        self._last.update(seen.poses)
         return Context(
             attempt=self.attempts.action,
             exhausted=self.attempts.exhausted(self.program.task.episode.action_ticks),
             reached=self._reached,
             unreachable=self._reach.unreachable(seen, ask=self.attempts.action is None),
+            last=self._last,
         )
 
     def _act(self, ticked: TreeTick, undecided: frozenset[Behavior], seen: Observation, now: float) -> str:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -29,6 +30,9 @@ class Context:
     exhausted: frozenset[Behavior] = frozenset()  # actions that were tried too often
     reached: frozenset[str] = frozenset()  # subgoals that were seen once
     unreachable: frozenset[str] = frozenset()  # boxes that no arm can grasp where they are
+    last: Mapping[str, RigidTransform] | None = (
+        None  # where each object was seen last, in the base frame; None: not asked
+    )
 
 
 class Statuses:
@@ -55,7 +59,7 @@ class Statuses:
     def holds(self, condition: Behavior) -> bool:
         """Is it known to be true?"""
         known = self._known(condition)
-        if not known:
+        if not known or (condition.name == "clear" and self._may_be_covered(condition.object)):
             self.undecided.append(condition)
         match condition.name:
             case "at":
@@ -71,7 +75,9 @@ class Statuses:
             case "reachable":
                 return known and self._in_reach(condition.object)
             case "clear":
-                return known and not any(self._rests_on(other, condition.object) for other in self._sizes)
+                return known and not any(
+                    self._rests_on(other, condition.object, self.seen.poses) for other in self._sizes
+                )
             case "reached":
                 return condition.args[0] in self.context.reached
         raise ValueError(f"{condition} is no condition")
@@ -107,9 +113,15 @@ class Statuses:
             return True
         return bool(self.seen.poses[name].translation[2] > self._lowest - SEATED * self._sizes[name])
 
-    def _rests_on(self, upper: str, lower: str) -> bool:
-        """Is `upper` known to stand over `lower`, close enough to rest on it? A held box rests on nothing."""
-        poses, held = self.seen.poses, self.seen.holding
+    def _may_be_covered(self, lower: str) -> bool:
+        """Could a box out of sight stand on it, since it did when it was seen last, or never was seen?"""
+        last, seen = self.context.last, self.seen.poses
+        hidden = [] if last is None else [name for name in self._sizes if name not in (*seen, self.seen.holding)]
+        return any(name not in last or self._rests_on(name, lower, {**last, **seen}) for name in hidden)
+
+    def _rests_on(self, upper: str, lower: str, poses: Mapping[str, RigidTransform]) -> bool:
+        """Does `upper` stand over `lower`, close enough to rest on it? A held box rests on nothing."""
+        held = self.seen.holding
         if upper == lower or upper not in poses or lower not in poses or held in (upper, lower):
             return False
         middle = (self._sizes[upper] + self._sizes[lower]) / 2

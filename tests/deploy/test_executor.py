@@ -160,6 +160,20 @@ def test_what_is_not_seen_is_looked_for_before_anything_is_done():
     assert cell.skills.started[0] == PICK["YellowBox"]
 
 
+def test_a_box_is_not_picked_from_under_one_that_is_out_of_sight_for_a_moment():
+    cell = Cell(PICK["YellowBox"], limits=Limits(patience=1.0))
+    yellow = cell.skills.world.poses[0, TASK.box_names.index("YellowBox"), :3]
+    cell.move("GreenBox", yellow + np.array([0, 0, 0.1]))
+
+    def hide(shown):
+        cell.hide = set() if cell.skills.looks else {"GreenBox"}
+
+    cell.on_tick = hide
+    assert cell.executor.run().exit_code == Exit.FAILED
+    assert cell.skills.looks
+    assert not cell.skills.started
+
+
 def test_hiding_a_box_does_not_break_off_an_attempt_at_another():
     cell = Cell()
 

@@ -83,6 +83,27 @@ def test_an_attempt_goes_on_while_its_object_is_hidden_but_not_against_what_is_s
     assert Statuses(task, seen, Context(attempt=place))(place, 0) == Status.FAILURE, "the box was dropped"
 
 
+def test_a_box_on_which_something_out_of_sight_may_stand_is_looked_at_first():
+    task = load_task("stack3")
+    start = observe(task, sample_layouts(task, 0, 1))
+    hidden = observe(task, sample_layouts(task, 0, 1), unknown=("GreenBox",))
+    on_top = start.poses["YellowBox"] * RigidTransform.from_translation([0, 0, 0.1])
+    never = {name: pose for name, pose in start.poses.items() if name != "GreenBox"}
+    clear = Behavior("clear", ("YellowBox",))
+
+    def doubted(seen, last):
+        statuses = Statuses(task, seen, Context(last=last))
+        statuses.holds(clear)
+        return statuses.undecided == [clear]
+
+    assert doubted(hidden, {**start.poses, "GreenBox": on_top})
+    assert doubted(hidden, never)
+    assert not doubted(hidden, start.poses), "it is known to be elsewhere"
+    assert not doubted(start, {**start.poses, "GreenBox": on_top}), "it is seen elsewhere"
+    held = dataclasses.replace(hidden, holding="GreenBox")
+    assert not doubted(held, {**start.poses, "GreenBox": on_top}), "it is in the hand"
+
+
 def test_what_was_tried_too_often_or_is_out_of_reach_fails():
     task = load_task("stack3")
     seen = observe(task, sample_layouts(task, 0, 1))
