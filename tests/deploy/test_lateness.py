@@ -4,7 +4,6 @@ import signal
 import time
 
 import numpy as np
-import pytest
 from cells import running
 
 from bt_jax.deploy.lateness import KEPT, NEAR, Watch
