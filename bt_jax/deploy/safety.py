@@ -165,7 +165,7 @@ class Supervisor:
         the target breaks a rule, or the arm lags behind, latches and gives the measured joints; `commanded` where they are
         not known."""
         lag = float(np.max(np.abs(commanded - measured)))
-        if not lag <= self.rules.lag:  # nor where a joint is not a number
+        if not lag <= self.rules.lag:  # also where a joint is not a number
             self.stop(f"{arm}: the arm is {np.degrees(lag):.0f} deg from its setpoint; something holds it")
         else:
             try:

@@ -226,12 +226,8 @@ class YumiSkills:
         """Puts what an arm holds on a free place of a table, one that both arms reach where asked for."""
         carried = self._moves.carried[arm]
         near = yumi.forward(arm, self.link.arm(arm).commanded).translation
-        if both:
-            near = near * [
-                1,
-                0,
-                1,
-            ]  # the middle between the arms: at the edge of its reach, one finds the other in its way
+        if both:  # in the middle: at the edge of its reach an arm has joints for a pose, but no straight way to it
+            near = near * np.array([1, 0, 1])
         arms = yumi.ARMS if both else (arm,)
         tables = [table.name for table in self.task.tables]
         tried = 0

@@ -143,24 +143,21 @@ class YumiLink:
     def close(self) -> None:
         """Stops the robot's program where it was started, and ends the process."""
         self._closing.set()
-        try:
+        with contextlib.ExitStack() as stack:  # each step is done whatever interrupts the one before
+            stack.callback(self._end_process)
+            if self._answering:
+                stack.callback(self._stop_program)
+                stack.callback(self._end_motion)
             if self._poller is not None:
                 self._poller.join(SILENT + 1)
-            if self._answering:
-                self._end_motion()
-        finally:
-            self._end_process()
 
     def _end_motion(self) -> None:
         well = self._enabled and self.stopped() is None and self._process.is_alive()
         self._answering = self._enabled = False
-        try:
-            with contextlib.suppress(UserError):
-                self._ask("disable")
-                if well:
-                    self._ramp_out()
-        finally:
-            self._stop_program()
+        with contextlib.suppress(UserError):
+            self._ask("disable")
+            if well:
+                self._ramp_out()
 
     def _end_process(self) -> None:
         if self._process.pid is not None:
