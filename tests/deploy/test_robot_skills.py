@@ -105,23 +105,21 @@ def test_what_was_out_of_sight_is_waited_for_and_looked_at_anew(link, skills):
     assert np.linalg.norm(link.boxes["YellowBox"].translation - moved.apply([0, 0, 0.022])) < 0.0015
 
 
+def descends(link, place):
+    """Is the left hand straight above a place, and low?"""
+    tip = yumi.forward("left", link.joints["left"]).translation
+    return link.arm("left").moving and np.linalg.norm(tip[:2] - place) < 0.003 and tip[2] < 0.08
+
+
 def test_a_box_that_leaves_under_the_descending_hand_is_followed(link, skills):
-    """By 30 mm; 5 mm may be the hand over its markers."""
-
-    def low():
-        return link.arm("left").moving and yumi.forward("left", link.joints["left"]).translation[2] < 0.07
-
-    each = once(low, lambda: link.boxes.update(YellowBox=at(0.3, 0.21, 0.3)))
+    each = once(lambda: descends(link, [0.3, 0.24]), lambda: link.boxes.update(YellowBox=at(0.3, 0.21, 0.3)))
     assert carried_out(skills, link, PICK, each=each) == Status.SUCCESS, skills.reason
     assert "left" in link.halted
     assert link.grips.count(("left", yumi.OPENING)) == 2, "one approach was broken off before the fingers closed"
 
 
 def test_a_box_that_seems_to_wander_under_the_hand_is_grasped(link, skills):
-    def low():
-        return link.arm("left").moving and yumi.forward("left", link.joints["left"]).translation[2] < 0.07
-
-    each = once(low, lambda: link.boxes.update(YellowBox=at(0.302, 0.244, 0.3)))
+    each = once(lambda: descends(link, [0.3, 0.24]), lambda: link.boxes.update(YellowBox=at(0.302, 0.244, 0.3)))
     assert carried_out(skills, link, PICK, each=each) == Status.SUCCESS, skills.reason
     assert not link.halted
 
