@@ -76,7 +76,7 @@ def test_a_film_is_a_camera_until_its_end(tmp_path):
     film(tmp_path / "film.avi")
     camera = UvcCamera(str(tmp_path / "film.avi"), np.eye(3), np.zeros(5), width=64, height=48)
     assert isinstance(camera, Camera)
-    assert camera.read().image.shape == (48, 64, 3)
+    assert camera._newest[0].shape == (48, 64, 3)  # `read` may come too late: a film is read as fast as it goes
     camera._thread.join(timeout=5)
     with pytest.raises(CameraError, match="no more"):
         camera.read()
