@@ -7,6 +7,8 @@ const TAG = 17; // pixels
 const CLICK = 4; // pixels by which a pointer may move in a click
 const TOUCH = 0.02; // as in bt_jax/mjx_env/surfaces.py
 const WARN = 0xd55e00;
+const STALL = 60; // milliseconds that a change of resolution may take
+const COARSE = 20000; // milliseconds
 const AXIS = new THREE.Vector3(0, 0, 1);
 
 function softwareOnly() {
@@ -80,6 +82,7 @@ export default {
   mounted() {
     const canvas = this.$el.children[0];
     this.tip = this.$el.children[1];
+    this.coarseUntil = 0;
     this.rendered = 0; // pictures so far, for whoever measures
     this.software = softwareOnly();
     try {
@@ -310,11 +313,13 @@ export default {
       if (this.software && !this.motion && !this.drag) this.resting = setTimeout(() => this.sharpen(true), 250);
     },
 
+    // Other resolutions take a busy machine so long that the page would stall: after that, not again for a while.
     sharpen(fine) {
-      const ratio = this.software ? (fine ? 2 : 1) : Math.min(window.devicePixelRatio, 2);
-      if (ratio === this.renderer.getPixelRatio()) return;
+      const [ratio, began] = [this.software ? (fine ? 2 : 1) : Math.min(window.devicePixelRatio, 2), performance.now()];
+      if (ratio === this.renderer.getPixelRatio() || (fine && began < this.coarseUntil)) return;
       this.renderer.setPixelRatio(ratio);
       if (fine) this.renderer.render(this.scene, this.camera);
+      if (performance.now() - began > STALL) this.coarseUntil = performance.now() + COARSE;
     },
 
     resize() {

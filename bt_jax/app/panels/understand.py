@@ -11,7 +11,7 @@ from nicegui import ui
 
 from bt_jax.app.clusters import cluster_svg, scores
 from bt_jax.app.panels.keep import FORMATS
-from bt_jax.app.panels.parts import button, heading
+from bt_jax.app.panels.parts import button, heading, known
 from bt_jax.app.studio import Studio
 from bt_jax.app.tree_view import TreeView
 from bt_jax.app.trial import LAYOUTS

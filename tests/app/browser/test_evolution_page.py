@@ -67,7 +67,7 @@ def test_start_pause_resume_stop_and_more(page, see, server):
     goes_on(see)
     folder = newest(server)
 
-    see("evolve-pause").click()
+    press_on(see("evolve-pause"), "Enter")
     expect(see("evolve-stage")).to_have_text("paused")
     expect(see("evolve-pause")).to_contain_text("Resume")
     expect(see("evolve-pause")).to_be_focused()
