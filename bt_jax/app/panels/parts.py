@@ -9,10 +9,23 @@ from typing import Any, TypeVar
 from nicegui import ui
 from nicegui.element import Element
 
+from bt_jax.app.studio import Studio
 from bt_jax.errors import UserError
 from bt_jax.tasks import Box, Task
 
-__all__ = ["MOST", "ask", "ask_for", "button", "css_color", "heading", "known", "mark", "whole", "whole_field"]
+__all__ = [
+    "MOST",
+    "ask",
+    "ask_for",
+    "button",
+    "css_color",
+    "heading",
+    "known",
+    "mark",
+    "may_leave",
+    "whole",
+    "whole_field",
+]
 
 MOST = 100_000  # trees of a population, and generations
 
