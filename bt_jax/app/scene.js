@@ -7,6 +7,15 @@ const TAG = 17; // pixels
 const CLICK = 4; // pixels by which a pointer may move in a click
 const TOUCH = 0.02; // as in bt_jax/mjx_env/surfaces.py
 const WARN = 0xd55e00;
+const LOOKS = {
+  ArrowLeft: [-0.1, 0, 1],
+  ArrowRight: [0.1, 0, 1],
+  ArrowUp: [0, 0.1, 1],
+  ArrowDown: [0, -0.1, 1],
+  "+": [0, 0, 0.9],
+  "=": [0, 0, 0.9],
+  "-": [0, 0, 1.1],
+};
 const STALL = 60; // milliseconds that a change of resolution may take
 const COARSE = 20000; // milliseconds
 const AXIS = new THREE.Vector3(0, 0, 1);
@@ -438,6 +447,21 @@ export default {
 
     onKey(event) {
       if (event.key === "Escape") this.cancelDrag();
+      if (event.target === this.$el.children[0] && event.key in LOOKS) {
+        event.preventDefault();
+        this.lookFrom(...LOOKS[event.key]);
+      }
+    },
+
+    // Turns the view about what it looks at, by so many radians to the right and up, and to so many times the distance.
+    lookFrom(right, up, times) {
+      const { target } = this.controls;
+      const offset = this.camera.position.clone().sub(target);
+      const across = new THREE.Vector3().crossVectors(AXIS, offset).normalize();
+      offset.applyAxisAngle(across, -up).applyAxisAngle(AXIS, right).multiplyScalar(times);
+      this.camera.position.copy(target).add(offset);
+      this.controls.update();
+      this.draw();
     },
 
     cancelDrag() {

@@ -50,7 +50,10 @@ class SceneView(Element, component="scene.js", esm={"nicegui-scene": str(THREE)}
     def __init__(self, studio: Studio, page: Page) -> None:
         super().__init__()
         self.studio, self.page = studio, page
-        self._props["label"] = "The scene; drag to look from elsewhere, double-click for the first view"
+        self._props["label"] = (
+            "The scene; drag or use the arrow keys to look from elsewhere, plus and minus to come nearer, double-click for "
+            "the first view"
+        )
         self.props("data-testid=scene")
         self._arranging: Dragging = "targets"
         self._ready = False

@@ -7,7 +7,7 @@ import pytest
 from keys import press_on
 from menus import choose_option
 from playwright.sync_api import expect
-from scene import at_rest, drag, exists, position
+from scene import COMPONENT, at_rest, drag, exists, position
 
 from bt_jax.tasks import load_task, task_names
 
@@ -66,6 +66,28 @@ def test_the_scene_shows_where_boxes_should_end(page, see):
     assert not exists(page, "BlueBox")
     choose(page, see, "pyramid")
     until(page, lambda: exists(page, "BlueBox"))
+
+
+def test_one_looks_from_elsewhere_by_keyboard(page):
+    at_rest(page)
+    canvas = page.get_by_test_id("scene").locator("canvas")
+
+    def eye():
+        return page.evaluate(
+            f"() => {{ {COMPONENT} return c.camera.position.clone().sub(c.controls.target).toArray(); }}"
+        )
+
+    first = eye()
+    press_on(canvas, "ArrowUp")
+    until(page, lambda: eye()[2] > first[2] + 0.05)
+    assert math.hypot(*eye()) == pytest.approx(math.hypot(*first))
+    press_on(canvas, "-")
+    until(page, lambda: math.hypot(*eye()) > 1.05 * math.hypot(*first))
+    x, y, _ = eye()
+    press_on(canvas, "ArrowRight")
+    until(page, lambda: x * eye()[1] - y * eye()[0] > 0.05)
+    canvas.dblclick(position={"x": 30, "y": 30})
+    until(page, lambda: close(eye(), first, 1e-6))
 
 
 def test_a_target_is_dragged_beside_another(page, see):
