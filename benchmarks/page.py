@@ -154,9 +154,9 @@ def _learn(page: Page, url: str) -> None:
     page.evaluate(WATCH)
     expect(_see(page, "understand-action-2")).to_be_visible(timeout=PATIENCE)
     choices = page.locator("[data-testid^=understand-frame-2-]")
-    for number in range(choices.count()):
-        choices.nth(number).click()
-        expect(choices.nth(number)).to_have_attribute("aria-pressed", "true", timeout=PATIENCE)
+    for name in [choice.get_attribute("data-testid").rpartition("-")[2] for choice in choices.all()]:
+        _see(page, f"understand-frame-2-{name}").click()
+        expect(_see(page, "message")).to_contain_text(f"relative to {name}", timeout=PATIENCE)
 
 
 def _run(page: Page) -> None:

@@ -16,8 +16,6 @@ const LOOKS = {
   "=": [0, 0, 0.9],
   "-": [0, 0, 1.1],
 };
-const STALL = 60; // milliseconds that a change of resolution may take
-const COARSE = 20000; // milliseconds
 const AXIS = new THREE.Vector3(0, 0, 1);
 
 function softwareOnly() {
@@ -91,7 +89,6 @@ export default {
   mounted() {
     const canvas = this.$el.children[0];
     this.tip = this.$el.children[1];
-    this.coarseUntil = 0;
     this.rendered = 0; // pictures so far, for whoever measures
     this.software = softwareOnly();
     try {
@@ -102,6 +99,8 @@ export default {
       this.$el.textContent = "This browser cannot draw in 3D; switch WebGL on, or use another browser.";
       return;
     }
+    // Software is too slow for smooth edges: every picture of them would stall the page.
+    this.renderer.setPixelRatio(this.software ? 1 : Math.min(window.devicePixelRatio, 2));
     this.renderer.setClearColor(0xaeb6c0); // the floor, which need not be drawn then
     canvas.setAttribute("role", "img");
     canvas.setAttribute("aria-label", this.label);
@@ -133,7 +132,6 @@ export default {
   beforeUnmount() {
     window.removeEventListener("keydown", this.onKey);
     clearInterval(this.connecting);
-    clearTimeout(this.resting);
     this.observer?.disconnect();
     this.controls?.dispose();
     if (this.scene) discard(this.scene);
@@ -313,22 +311,9 @@ export default {
       this.pending = false;
       if (!this.renderer) return;
       if (this.motion) this.advance(time);
-      this.sharpen(false);
       this.renderer.render(this.scene, this.camera);
       this.rendered += 1;
       if (this.motion) this.draw();
-      // Software draws smooth edges too slowly for a motion, so it does so only once all is at rest.
-      clearTimeout(this.resting);
-      if (this.software && !this.motion && !this.drag) this.resting = setTimeout(() => this.sharpen(true), 250);
-    },
-
-    // Other resolutions take a busy machine so long that the page would stall: after that, not again for a while.
-    sharpen(fine) {
-      const [ratio, began] = [this.software ? (fine ? 2 : 1) : Math.min(window.devicePixelRatio, 2), performance.now()];
-      if (ratio === this.renderer.getPixelRatio() || (fine && began < this.coarseUntil)) return;
-      this.renderer.setPixelRatio(ratio);
-      if (fine) this.renderer.render(this.scene, this.camera);
-      if (performance.now() - began > STALL) this.coarseUntil = performance.now() + COARSE;
     },
 
     resize() {
