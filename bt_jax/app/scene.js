@@ -95,6 +95,7 @@ export default {
       // Opaque, which three.js does not ask for by itself: nothing is blended with the page behind.
       const context = canvas.getContext("webgl2", { alpha: false, antialias: !this.software, powerPreference: "low-power" });
       this.renderer = new THREE.WebGLRenderer({ canvas, context });
+      this.renderer.debug.checkShaderErrors = false; // each check waits until the shader is compiled
     } catch {
       this.$el.textContent = "This browser cannot draw in 3D; switch WebGL on, or use another browser.";
       return;
