@@ -244,8 +244,9 @@ def test_faults_in_mid_motion_hold_the_arms(robot, at_a_terminal, tmp_path, faul
         signal.signal(signal.SIGINT, before)
     skip_where_starved(person)
     end = list(read_log(log))[-1]
-    if not struck or ("no new image" in end["reason"] and fault is not lose_camera):
+    if not struck and "no new image" in end["reason"]:
         pytest.skip(f"this machine is too busy for real time: {end['reason']}")
+    assert struck, end["reason"]
     assert ("protective stop" in person.said) == (code == Exit.STOPPED)
     assert (found, end["exit_code"]) == (code, code)
     assert word in end["reason"]
