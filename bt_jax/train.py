@@ -24,6 +24,7 @@ from bt_jax.gp.evolution import Generation, State, best_of
 from bt_jax.lessons import Changes, baseline_from
 from bt_jax.plots import learning_curve
 from bt_jax.progress import Reporter, locked
+from bt_jax.published import published_config
 from bt_jax.run_folder import Checkpoint, RunConfig, RunFolder, package_version
 from bt_jax.startup import CompileClock, Device, configure_jax, exit_code
 from bt_jax.tasks import load_task
@@ -47,6 +48,8 @@ class Arguments:
     """task that comes with the package: stack (default), stack3, pyramid, restack or yumi_stack"""
     task: Path | None = None
     """a task of your own, a YAML file"""
+    published: bool = False
+    """evolve with the settings and rules of the published runs; options that are given still count"""
     gp: tyro.conf.OmitArgPrefixes[GPConfig] = dataclasses.field(default_factory=GPConfig)
     settings: tyro.conf.OmitArgPrefixes[Settings] = dataclasses.field(default_factory=Settings)
     baseline: Path | None = None
@@ -79,8 +82,13 @@ def main() -> None:
 
 
 def parse(words: list[str]) -> Arguments:
-    """Arguments of a command line; where a run is resumed, its settings are the defaults."""
+    """Arguments of a command line; the settings of a resumed or published run are the defaults."""
     arguments = tyro.cli(Arguments, prog=PROGRAM, args=words)
+    if arguments.published and arguments.resume is not None:
+        raise UserError("--resume keeps the settings of its run; leave out --published")
+    if arguments.published:
+        name = load_task(arguments.task or arguments.name or "stack").name
+        return tyro.cli(Arguments, prog=PROGRAM, args=words, default=Arguments(gp=published_config(name)))
     if arguments.resume is None:
         return arguments
     saved = RunFolder(arguments.resume).config()

@@ -30,3 +30,7 @@ def always_trace(monkeypatch):
 def pytest_configure(config):
     """Background jobs of a script ignore SIGINT, and so would every process that a test starts and interrupts."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_addoption(parser):
+    parser.addoption("--rewrite-golden", action="store_true", help="write golden files instead of comparing with them")
