@@ -13,20 +13,20 @@ from typing import Any
 
 import numpy as np
 import tyro
-from _report import report
 from rich.progress import track
 
+from benchmarks._report import report
+from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Tree, Vocabulary
 from bt_jax.encoding.walk import leaves
-from bt_jax.errors import UserError
 from bt_jax.lfd import learn
-from bt_jax.lfd.assessment import Example, assess, random_example
-from bt_jax.lfd.synthetic import with_boxes
-from bt_jax.mjx_env.fitness import Ending
-from bt_jax.mjx_env.kinematic import Kinematic
-from bt_jax.mjx_env.playback import play
-from bt_jax.mjx_env.settling import Settler
-from bt_jax.mjx_env.statuses import Semantics
+from bt_jax.lfd.evaluation.assessment import Example, assess, random_example
+from bt_jax.lfd.evaluation.synthetic import with_boxes
+from bt_jax.mjx_env.episodes.fitness import Ending
+from bt_jax.mjx_env.episodes.playback import play
+from bt_jax.mjx_env.physics.kinematic import Kinematic
+from bt_jax.mjx_env.physics.settler import Settler
+from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.world import World
 from bt_jax.tasks import load_task
 
@@ -100,7 +100,7 @@ def reaches_the_truth(tree: Tree, example: Example) -> bool:
     final = {placement.object: placement for placement in example.shown[0]}
     rules = dataclasses.replace(example.task.episode, max_ticks=4 * len(example.shown[0]) + 4)
     task = dataclasses.replace(example.task, targets=tuple(final.values()), episode=rules)
-    semantics = Semantics(task, Vocabulary.of(leaves(tree)))
+    semantics = LeafSemantics(task, Vocabulary.of(leaves(tree)))
     played = play(semantics, Settler(task, Kinematic(task)), tree, layout_of(example))
     return played.ending == Ending.SUCCESS and bool((played.distance < task.episode.tolerance).all())
 
@@ -116,7 +116,7 @@ def layout_of(example: Example) -> World:
         kit=centre[task.kit.name][None],
         poses=poses[None],
         held=np.full(1, -1, np.int8),
-        opened=np.ones(1, bool),
+        gripper_open=np.ones(1, bool),
         reached=np.zeros((1, len(task.subgoals)), bool),
     )
 

@@ -17,18 +17,18 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
-from _report import report, show
 
-from bt_jax.deploy.cell import rules_of
-from bt_jax.deploy.controller import Controller
-from bt_jax.deploy.egm import CYCLE
-from bt_jax.deploy.lateness import Late
-from bt_jax.deploy.motion import Trajectory
-from bt_jax.deploy.perception import Perception
-from bt_jax.deploy.realtime import FIFO_PRIORITY
-from bt_jax.deploy.rendered_camera import RenderedCamera, cell_camera
-from bt_jax.deploy.twin_cell import Scene, build_scene
-from bt_jax.deploy.yumi_link import LinkConfig, YumiLink
+from benchmarks._report import report, show
+from bt_jax.deploy.link.egm import CYCLE
+from bt_jax.deploy.link.loop_timing import Late
+from bt_jax.deploy.link.realtime import FIFO_PRIORITY
+from bt_jax.deploy.link.yumi_link import LinkConfig, YumiLink
+from bt_jax.deploy.link.yumi_rules import yumi_rules
+from bt_jax.deploy.perception.pipeline import Perception
+from bt_jax.deploy.planning.trajectory import Trajectory
+from bt_jax.deploy.twin.cell import Scene, build_scene
+from bt_jax.deploy.twin.controller import Controller
+from bt_jax.deploy.twin.rendered_camera import RenderedCamera, cell_camera
 from bt_jax.tasks import load_task
 
 SWING = 0.2  # rad of a wrist joint, to and fro
@@ -158,7 +158,7 @@ def measure(
     scene, machine = build_scene(task, 0), Machine()
     with Controller(scene.cell, ports=PORTS, realtime=realtime) as controller:
         config = LinkConfig("127.0.0.1", PORTS, controller.rws_port, motion=True)
-        with YumiLink(config, rules_of(task), controller) as link, beside(work(scene, controller)):
+        with YumiLink(config, yumi_rules(task), controller) as link, beside(work(scene, controller)):
             link.start()
             with machine:
                 before, counted, began = controller.stats(), link.counters(), time.monotonic()

@@ -1,7 +1,7 @@
 """Inverse kinematics: how many of 1,000 reachable poses an arm solves and how long that takes; and whether paths that were
 planned are free in MuJoCo too.
 
-    python benchmarks/deploy_ik.py [--poses 1000] [--plans 50]
+    python -m benchmarks.deploy_ik [--poses 1000] [--plans 50]
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import tyro
-from _report import report
 from scipy.spatial.transform import RigidTransform
 
+from benchmarks._report import report
 from bt_jax.deploy import yumi
-from bt_jax.deploy.kinematics import arm_kinematics
-from bt_jax.deploy.paths import Pace
-from bt_jax.deploy.planning import Planner, Unplannable
-from bt_jax.deploy.twin_cell import Scene, box_poses, build_scene
+from bt_jax.deploy.planning.kinematics import arm_kinematics
+from bt_jax.deploy.planning.paths import Pace
+from bt_jax.deploy.planning.planner import Planner, Unplannable
+from bt_jax.deploy.twin.cell import Scene, box_poses, build_scene
 from bt_jax.tasks import load_task
 
 

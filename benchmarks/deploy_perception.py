@@ -17,16 +17,16 @@ os.environ.setdefault("MUJOCO_GL", "egl")
 
 import mujoco
 import numpy as np
-from _report import report
 from rich.progress import track
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from bt_jax.deploy.camera import Frame
-from bt_jax.deploy.markers import Marker, task_markers
-from bt_jax.deploy.perception import Perception
-from bt_jax.deploy.rendered_camera import RenderedCamera, cell_camera
-from bt_jax.deploy.tracking import TrackerSettings
-from bt_jax.deploy.twin_cell import CAMERA, build_scene
+from benchmarks._report import report
+from bt_jax.deploy.perception.camera import Frame
+from bt_jax.deploy.perception.markers import Marker, task_markers
+from bt_jax.deploy.perception.pipeline import Perception
+from bt_jax.deploy.perception.tracker import TrackerSettings
+from bt_jax.deploy.twin.cell import CAMERA, build_scene
+from bt_jax.deploy.twin.rendered_camera import RenderedCamera, cell_camera
 from bt_jax.tasks import Task, load_task
 
 VISIBLE = 20.0  # degrees

@@ -1,6 +1,6 @@
 """How often a tree succeeds on the twin of the robot, left alone and with a person who interferes.
 
-python benchmarks/deploy_twin.py RUN_FOLDER|TREE [--layouts 20] [--realtime]
+python -m benchmarks.deploy_twin RUN_FOLDER|TREE [--layouts 20] [--realtime]
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from typing import Annotated
 
 import numpy as np
 import tyro
-from _report import report
 from rich.console import Console
 
-from bt_jax.deploy.executor import Exit
-from bt_jax.deploy.program import load_program
-from bt_jax.deploy.twin import Run
-from bt_jax.deploy.twin_command import survey
+from benchmarks._report import report
+from bt_jax.deploy.commands.twin import survey
+from bt_jax.deploy.execution.executor import Exit
+from bt_jax.deploy.execution.program import load_program
+from bt_jax.deploy.twin.run import Run
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,18 +8,18 @@ from time import perf_counter
 
 import numpy as np
 import tyro
-from _report import report
-from plain_episode import PlainEpisode
 
-from bt_jax.encoding.trees import Trees, decode
+from benchmarks._report import report
+from benchmarks.plain_episode import PlainEpisode
+from bt_jax.encoding.arrays import Trees, decode
 from bt_jax.gp.config import GPConfig
-from bt_jax.mjx_env.evaluate import TableEvaluator
-from bt_jax.mjx_env.kinematic import Kinematic
-from bt_jax.mjx_env.physics import make_physics
-from bt_jax.mjx_env.rollout import RolloutEvaluator
+from bt_jax.mjx_env.episodes.evaluator import TableEvaluator
+from bt_jax.mjx_env.episodes.rollout import RolloutEvaluator
+from bt_jax.mjx_env.physics.factory import make_physics
+from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.mjx_env.world import take
 from bt_jax.tasks import load_task
-from bt_jax.training import Settings, Training
+from bt_jax.training.training import Settings, Training
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,7 +104,7 @@ def main(arguments: Arguments) -> None:
         first = perf_counter() - began
         mjx_fitness = table("(c) mjx, transition table", mjx)
         rows[-2]["compile [s]"] = first - rows[-2]["seconds"]
-        from bt_jax.mjx_env.mjx_backend import settle_fn
+        from bt_jax.mjx_env.physics.mjx import settle_fn
 
         batch = some[: arguments.rollout]
         rollout = RolloutEvaluator(semantics, settle_fn(task), batch=len(batch))

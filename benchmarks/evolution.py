@@ -13,12 +13,12 @@ from time import perf_counter
 
 import numpy as np
 import tyro
-from _report import report
 
+from benchmarks._report import report
+from bt_jax._util.startup import CompileClock, configure_jax
 from bt_jax.gp.config import GPConfig
-from bt_jax.startup import CompileClock, configure_jax
 from bt_jax.tasks import load_task
-from bt_jax.training import Settings, Training
+from bt_jax.training.training import Settings, Training
 
 PAPER_SECONDS = 15 * 60  # of 50 generations (paper, section IV)
 

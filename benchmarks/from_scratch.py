@@ -8,14 +8,14 @@ from time import perf_counter
 
 import numpy as np
 import tyro
-from _report import report
 
-from bt_jax.encoding.text import one_line
+from benchmarks._report import report
+from bt_jax._util.startup import CompileClock, configure_jax
+from bt_jax.encoding.formats.text import one_line
 from bt_jax.gp.config import GPConfig, Selection
 from bt_jax.gp.evolution import best_of
-from bt_jax.startup import CompileClock, configure_jax
 from bt_jax.tasks import load_task
-from bt_jax.training import Settings, Training
+from bt_jax.training.training import Settings, Training
 
 # Niches are by size, hence few nodes; long chains of mutations cross the valleys between the steps of a solution.
 SEARCH = GPConfig(

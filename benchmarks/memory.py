@@ -11,7 +11,8 @@ from pathlib import Path
 from time import perf_counter
 
 import tyro
-from _report import report
+
+from benchmarks._report import report
 
 SIZES = (
     (16, 1, 64),
@@ -58,10 +59,10 @@ def main(arguments: Arguments) -> None:
 
 def measure(population: int, layouts: int, nodes: int, generations: int) -> dict[str, float]:
     """Evolves and returns seconds a generation, episodes/s and the peak memory of this process."""
+    from bt_jax._util.startup import configure_jax
     from bt_jax.gp.config import GPConfig
-    from bt_jax.startup import configure_jax
     from bt_jax.tasks import load_task
-    from bt_jax.training import Settings, Training
+    from bt_jax.training.training import Settings, Training
 
     configure_jax()
     config = GPConfig(population=population, generations=generations, max_nodes=nodes)

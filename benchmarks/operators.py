@@ -13,11 +13,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import tyro
-from _report import best_seconds, report
-from published_gp import PublishedGP, from_trees
 
+from benchmarks._report import best_seconds, report
 from bt_jax.behaviors import gene_pool
-from bt_jax.encoding.trees import Trees
+from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.config import GPConfig
 from bt_jax.gp.random_trees import random_trees
@@ -25,6 +24,7 @@ from bt_jax.gp.reproduction import reproduce
 from bt_jax.gp.selection import survivors
 from bt_jax.gp.validity import is_valid
 from bt_jax.tasks import load_task
+from tests.helpers.published_gp import PublishedGP, from_trees
 
 
 @dataclasses.dataclass(frozen=True)

@@ -21,10 +21,10 @@ from statistics import median
 from typing import Any
 
 import tyro
-from _report import report
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
-from bt_jax.progress import is_alive, read_progress
+from benchmarks._report import report
+from bt_jax.training.progress import is_alive, read_progress
 
 FLAGS = (
     "--no-sandbox",

@@ -1,6 +1,6 @@
 """Do the two physics backends agree? Random problems through C MuJoCo and MJX, and a class for every difference.
 
-python benchmarks/parity.py --count 1000
+python -m benchmarks.parity --count 1000
 
 `drops`: one box let go over a table, the kit, an edge or another box, free of anything else. `piles`: boxes put where
 genes would put them, also into each other, as evolution does. A verdict is which box rests on what.
@@ -21,10 +21,11 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from bt_jax._util.startup import configure_jax
 from bt_jax.behaviors import Kind, gene_pool
-from bt_jax.mjx_env.physics import Settled, make_physics
-from bt_jax.mjx_env.scene import compile_scene, kit_height, timing
-from bt_jax.startup import configure_jax
+from bt_jax.mjx_env.physics.factory import make_physics
+from bt_jax.mjx_env.physics.protocol import Settled
+from bt_jax.mjx_env.scene.mjcf import compile_scene, kit_height, timing
 from bt_jax.tasks import Task, load_task
 
 NEAR = 0.002  # metres at boxes of 0.1 m, in proportion for others; poses nearer than this agree

@@ -7,10 +7,10 @@ import numpy as np
 from py_trees.common import Status as PyStatus
 
 from bt_jax.behaviors import Behavior, Tree
-from bt_jax.encoding.pytrees import to_py_trees
+from bt_jax.encoding.formats.py_trees import to_py_trees
 from bt_jax.encoding.walk import prefix
-from bt_jax.mjx_env.fitness import Ending, fitness
-from bt_jax.mjx_env.scene import compile_scene, timing
+from bt_jax.mjx_env.episodes.fitness import Ending, fitness
+from bt_jax.mjx_env.scene.mjcf import compile_scene, timing
 from bt_jax.mjx_env.skills import LIFT
 from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Task
@@ -39,7 +39,7 @@ class PlainEpisode:
         self.kit = np.array(layout.kit, float)
         self.data.mocap_pos[0] = self.kit
         self.data.qpos[:] = layout.poses.reshape(-1)
-        self.held, self.opened = None, True
+        self.held, self.gripper_open = None, True
         root = to_py_trees(tree, self.status, expand_genes=True)
         ending, successes = Ending.TIMEOUT, 0
         for _ in range(self.task.episode.max_ticks):
@@ -58,7 +58,7 @@ class PlainEpisode:
             fitness(
                 self.task,
                 distance=np.float32(distance),
-                missed=np.int32(0),
+                subgoals_missed=np.int32(0),
                 nodes=np.int32(len(prefix(tree))),
                 ending=np.int8(ending),
             )
@@ -67,13 +67,13 @@ class PlainEpisode:
     def status(self, leaf: Behavior) -> PyStatus:
         """What a leaf returns now; an action that runs is remembered and carried out after the tick."""
         if leaf.name == "pick":
-            done, possible = self.held == leaf.object, self.opened and self.can_pick(leaf.object)
+            done, possible = self.held == leaf.object, self.gripper_open and self.can_pick(leaf.object)
         elif leaf.name == "place":
             done, possible = self.at(leaf) and self.held is None, self.held == leaf.object
         elif leaf.name == "open_gripper":
-            done, possible = self.opened and self.held is None, True
+            done, possible = self.gripper_open and self.held is None, True
         elif leaf.name == "close_gripper":
-            done, possible = not self.opened, True
+            done, possible = not self.gripper_open, True
         else:
             return PyStatus.SUCCESS if self.holds(leaf) else PyStatus.FAILURE
         if done:
@@ -87,7 +87,7 @@ class PlainEpisode:
         if leaf.name == "at":
             return self.at(leaf)
         if leaf.name == "gripper":
-            return self.opened == (leaf.args[0] == "open")
+            return self.gripper_open == (leaf.args[0] == "open")
         return (self.held or "nothing") == leaf.args[0]
 
     def at(self, leaf: Behavior) -> bool:
@@ -108,15 +108,15 @@ class PlainEpisode:
     def act(self, action: Behavior) -> None:
         """Moves the gripper, then lets the scene come to rest."""
         if action.name == "pick":
-            self.held, self.opened = action.object, False
+            self.held, self.gripper_open = action.object, False
             self.body_qpos(action.object)[2] += LIFT * self.sizes[action.object]
         elif action.name == "place":
             goal = self.in_world(action.frame, action.position)
             goal[2] = max(goal[2], self.highest_under(action.object, goal) + self.sizes[action.object] / 2)
             self.body_qpos(action.object)[:3] = goal
-            self.held, self.opened = None, True
+            self.held, self.gripper_open = None, True
         else:
-            self.held, self.opened = None, action.name == "open_gripper"
+            self.held, self.gripper_open = None, action.name == "open_gripper"
         self.settle()
 
     def settle(self) -> None:

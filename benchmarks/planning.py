@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import tyro
-from _report import report
 
+from benchmarks._report import report
+from bt_jax._util.startup import configure_jax
 from bt_jax.behaviors import Tree
 from bt_jax.gp.config import GPConfig
 from bt_jax.lfd import plan_task
-from bt_jax.startup import configure_jax
 from bt_jax.tasks import Task, load_task, task_names
-from bt_jax.training import Settings, Training
+from bt_jax.training.training import Settings, Training
 
 PAPER = {"restack": {"generations": 200, "population": 32, "p_add": 0.1, "p_delete": 0.3, "p_change": 0.6}}
 

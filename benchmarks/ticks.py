@@ -17,12 +17,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import tyro
-from _report import best_seconds, report
 
+from benchmarks._report import best_seconds, report
 from bt_jax.behaviors import gene_pool
-from bt_jax.encoding.pytrees import to_py_trees
+from bt_jax.encoding.arrays import Trees, decode
+from bt_jax.encoding.formats.py_trees import to_py_trees
 from bt_jax.encoding.tick import JumpTable, Status, jump_table, tick
-from bt_jax.encoding.trees import Trees, decode
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.random_trees import random_trees
 from bt_jax.tasks import load_task

@@ -9,21 +9,21 @@ from time import perf_counter
 import jax
 import numpy as np
 import tyro
-from _report import report
 from rich.console import Console
 
+from benchmarks._report import report
+from bt_jax._util.startup import configure_jax
 from bt_jax.behaviors import gene_pool
-from bt_jax.encoding.text import one_line
-from bt_jax.encoding.trees import decode
+from bt_jax.encoding.arrays import decode
+from bt_jax.encoding.formats.text import one_line
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.random_trees import random_trees
-from bt_jax.mjx_env.layouts import sample_layouts
-from bt_jax.mjx_env.physics import make_physics
-from bt_jax.mjx_env.playback import Playback, play
-from bt_jax.mjx_env.settling import Settler
-from bt_jax.mjx_env.statuses import Semantics
+from bt_jax.mjx_env.episodes.playback import Playback, play
+from bt_jax.mjx_env.physics.factory import make_physics
+from bt_jax.mjx_env.physics.settler import Settler
+from bt_jax.mjx_env.scene.layouts import sample_layouts
+from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.world import take
-from bt_jax.startup import configure_jax
 from bt_jax.tasks import load_task
 
 NEAR = 0.002  # metres
@@ -55,7 +55,7 @@ def main(arguments: Arguments) -> None:
         batch = random_trees(jax.random.key(i), Alphabet.of(vocabulary), count=count, num_nodes=64, nodes=nodes)
         trees += [decode(tree, vocabulary) for tree in map(batch.__getitem__, range(count))]
     trees = trees[: arguments.trees]
-    semantics = Semantics(task, vocabulary)
+    semantics = LeafSemantics(task, vocabulary)
     layouts = sample_layouts(task, 0, arguments.layouts)
     played, seconds = {}, {}
     for backend in ("mujoco", "mjx"):

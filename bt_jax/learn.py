@@ -17,16 +17,16 @@ from rich.markup import escape
 from rich.panel import Panel
 from rich.text import Text
 
+from bt_jax._util.errors import UserError
+from bt_jax._util.files import unused, write_atomic
+from bt_jax._util.startup import configure_jax, exit_code
 from bt_jax.behaviors import Vocabulary
-from bt_jax.encoding.drawing import draw_text
-from bt_jax.encoding.svg import to_svg
-from bt_jax.encoding.text import format_tree
-from bt_jax.encoding.trees import MAX_NODES, encode_all
+from bt_jax.encoding.arrays import MAX_NODES, encode_all
+from bt_jax.encoding.drawing.svg import to_svg
+from bt_jax.encoding.drawing.terminal import draw_text
+from bt_jax.encoding.formats.text import format_tree
+from bt_jax.encoding.formats.xml import to_xml
 from bt_jax.encoding.walk import leaves
-from bt_jax.encoding.xml import to_xml
-from bt_jax.errors import UserError
-from bt_jax.files import unused, write_atomic
-from bt_jax.lessons import choose_frames, lesson_from
 from bt_jax.lfd import Lesson
 from bt_jax.lfd.explanation import (
     action_rows,
@@ -36,12 +36,12 @@ from bt_jax.lfd.explanation import (
     precondition_sentences,
 )
 from bt_jax.lfd.figure import cluster_figure
-from bt_jax.mjx_env.evaluate import Evaluation, TableEvaluator
-from bt_jax.mjx_env.layouts import sample_layouts
-from bt_jax.mjx_env.statuses import Semantics
-from bt_jax.startup import configure_jax, exit_code
+from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
+from bt_jax.mjx_env.scene.layouts import sample_layouts
+from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.tasks import load_task
-from bt_jax.training import UNSEEN, Level, Settings, make_level
+from bt_jax.training.phases import choose_frames, lesson_from
+from bt_jax.training.training import UNSEEN, Level, Settings, make_level
 
 __all__ = ["Arguments", "main", "run"]
 
@@ -137,7 +137,7 @@ def _names(lesson: Lesson, demonstrations: tuple[int, ...]) -> str:
 def try_out(lesson: Lesson, settings: Settings) -> Evaluation:
     """Runs the tree in layouts that nothing else uses, with the demonstrated places as the targets."""
     task = dataclasses.replace(lesson.task, targets=_reached_targets(lesson))
-    semantics = Semantics(task, Vocabulary.of(leaves(lesson.tree)))
+    semantics = LeafSemantics(task, Vocabulary.of(leaves(lesson.tree)))
     layouts = sample_layouts(task, [UNSEEN, 0], settings.test_layouts)
     trees = encode_all([lesson.tree], semantics.vocabulary, MAX_NODES)
     return TableEvaluator(semantics, make_level(task, settings), batch=1)(trees, layouts)

@@ -16,32 +16,32 @@ from rich.markup import escape
 from rich.progress import Progress
 from rich.text import Text
 
+from bt_jax._util.errors import UserError
+from bt_jax._util.files import write_atomic
+from bt_jax._util.startup import Device, configure_jax, exit_code
 from bt_jax.behaviors import Behavior, Tree, Vocabulary, expand
-from bt_jax.encoding.drawing import draw_text, to_dot
-from bt_jax.encoding.svg import to_svg
-from bt_jax.encoding.text import format_tree
+from bt_jax.encoding.arrays import MAX_NODES, encode_all
+from bt_jax.encoding.drawing.svg import to_svg
+from bt_jax.encoding.drawing.terminal import draw_text, to_dot
+from bt_jax.encoding.formats.text import format_tree
+from bt_jax.encoding.formats.xml import to_xml
 from bt_jax.encoding.tick import Status
-from bt_jax.encoding.trees import MAX_NODES, encode_all
 from bt_jax.encoding.walk import leaves, prefix
-from bt_jax.encoding.xml import to_xml
-from bt_jax.errors import UserError
-from bt_jax.files import write_atomic
-from bt_jax.lessons import baseline_from
-from bt_jax.mjx_env.evaluate import Evaluation, TableEvaluator
-from bt_jax.mjx_env.film import check_film, film
-from bt_jax.mjx_env.fitness import Ending
-from bt_jax.mjx_env.layouts import sample_layouts
-from bt_jax.mjx_env.mujoco_backend import MujocoPhysics
-from bt_jax.mjx_env.physics import Physics
-from bt_jax.mjx_env.playback import Playback, Tick, play
-from bt_jax.mjx_env.settling import Settler
-from bt_jax.mjx_env.statuses import Semantics
+from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
+from bt_jax.mjx_env.episodes.fitness import Ending
+from bt_jax.mjx_env.episodes.playback import Playback, Tick, play
+from bt_jax.mjx_env.physics.mujoco import MujocoPhysics
+from bt_jax.mjx_env.physics.protocol import Physics
+from bt_jax.mjx_env.physics.settler import Settler
+from bt_jax.mjx_env.render.film import check_film, film
+from bt_jax.mjx_env.scene.layouts import sample_layouts
+from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.world import World, concatenate
-from bt_jax.run_folder import RunFolder
-from bt_jax.simplification import simplify
-from bt_jax.startup import Device, configure_jax, exit_code
 from bt_jax.tasks import Task, load_task
-from bt_jax.training import UNSEEN, Backend, Level, Settings, make_level
+from bt_jax.training.phases import baseline_from
+from bt_jax.training.run_folder import RunFolder
+from bt_jax.training.simplify import simplify
+from bt_jax.training.training import UNSEEN, Backend, Level, Settings, make_level
 
 __all__ = ["Arguments", "main", "run"]
 
@@ -112,8 +112,8 @@ def robot(arguments: Arguments, console: Console | None = None) -> None:
     """The last rung of evaluation: the tree on the twin of a YuMi, in as many layouts as asked for. Raises UserError where
     what the twin needs is not installed."""
     try:
-        from bt_jax.deploy.program import load_program
-        from bt_jax.deploy.twin_command import TwinArguments, survey, twin_command
+        from bt_jax.deploy.commands.twin import TwinArguments, survey, twin_command
+        from bt_jax.deploy.execution.program import load_program
     except ModuleNotFoundError as error:
         raise UserError(f'{error.name} is not installed; run pip install -e ".[robot]"') from error
     console = Console(highlight=False, soft_wrap=True) if console is None else console
@@ -137,7 +137,7 @@ def run(arguments: Arguments, console: Console | None = None) -> None:
         tree = _simplified(console, task, level, tree, arguments)
     written = expand(tree)
     known = Vocabulary.of([*leaves(tree), *leaves(written)])
-    semantics, physics = Semantics(task, known), _physics(task, level, arguments.backend)
+    semantics, physics = LeafSemantics(task, known), _physics(task, level, arguments.backend)
     console.print(f"[bold]{task.name}[/]: {escape(task.description)}\n{physics.name}: {physics.why}")
     if arguments.export is not None:
         export = EXPORTS[arguments.export.suffix.lower()]
@@ -188,7 +188,7 @@ def _layout(task: Task, seed: int) -> World:
     return sample_layouts(task, [UNSEEN, seed], 1)
 
 
-def _survey(console: Console, semantics: Semantics, physics: Physics, tree: Tree, arguments: Arguments) -> None:
+def _survey(console: Console, semantics: LeafSemantics, physics: Physics, tree: Tree, arguments: Arguments) -> None:
     """Runs the tree in many layouts and prints how it fares."""
     task = semantics.task
     seeds = range(arguments.seed, arguments.seed + arguments.layouts)

@@ -15,20 +15,20 @@ from typing import Annotated
 
 import tyro
 
-from bt_jax.console import Session, TrainingDisplay
-from bt_jax.encoding.text import one_line
-from bt_jax.errors import UserError
-from bt_jax.files import unused
+from bt_jax._util.errors import UserError
+from bt_jax._util.files import unused
+from bt_jax._util.startup import CompileClock, Device, configure_jax, exit_code
+from bt_jax.encoding.formats.text import one_line
 from bt_jax.gp.config import GPConfig
 from bt_jax.gp.evolution import Generation, State, best_of
-from bt_jax.lessons import Changes, baseline_from
-from bt_jax.plots import learning_curve
-from bt_jax.progress import Reporter, locked
-from bt_jax.published import published_config
-from bt_jax.run_folder import Checkpoint, RunConfig, RunFolder, package_version
-from bt_jax.startup import CompileClock, Device, configure_jax, exit_code
 from bt_jax.tasks import load_task
-from bt_jax.training import Settings, Training
+from bt_jax.training.console import Session, TrainingDisplay
+from bt_jax.training.phases import Changes, baseline_from
+from bt_jax.training.plots import learning_curve
+from bt_jax.training.progress import Reporter, locked
+from bt_jax.training.published import published_config
+from bt_jax.training.run_folder import Checkpoint, RunConfig, RunFolder, package_version
+from bt_jax.training.training import Settings, Training
 
 __all__ = ["Arguments", "main", "parse", "run", "warm"]
 

@@ -24,7 +24,7 @@ jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 @pytest.fixture(autouse=True)
 def always_trace(monkeypatch):
     """Executables from the disk would hide what tracing checks: ranks, dtypes and annotations."""
-    monkeypatch.setattr("bt_jax.compilation.keep_compiled", lambda folder: None)
+    monkeypatch.setattr("bt_jax._util.compile_cache.keep_compiled", lambda folder: None)
 
 
 def pytest_configure(config):

@@ -11,15 +11,15 @@ import time
 import jax
 import numpy as np
 import pytest
-from samples import train, train_command
 
 from bt_jax import train as command
-from bt_jax.encoding.text import parse_tree
-from bt_jax.encoding.xml import from_xml
+from bt_jax.encoding.formats.text import parse_tree
+from bt_jax.encoding.formats.xml import from_xml
 from bt_jax.gp.config import GPConfig
-from bt_jax.run_folder import RunConfig, RunFolder
 from bt_jax.tasks import load_task
-from bt_jax.training import Settings
+from bt_jax.training.run_folder import RunConfig, RunFolder
+from bt_jax.training.training import Settings
+from tests.helpers.samples import train, train_command
 
 QUICK = ("stack", "--level", "kinematic", "--population", 8, "--max-nodes", 32, "--test-layouts", 10, "--device", "cpu")
 SAME_BYTES = ("history.csv", "best_tree.txt", "best_tree.xml", "best_tree.svg")

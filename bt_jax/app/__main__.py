@@ -9,9 +9,9 @@ from pathlib import Path
 
 import tyro
 
-from bt_jax.app.reserve import Reserve
-from bt_jax.errors import UserError
-from bt_jax.startup import configure_jax, exit_code
+from bt_jax._util.errors import UserError
+from bt_jax._util.startup import configure_jax, exit_code
+from bt_jax.app.processes.warm_worker import WarmWorker
 
 __all__ = ["Arguments", "main"]
 
@@ -52,7 +52,7 @@ def main() -> None:
 def run(arguments: Arguments) -> None:
     """Serves the page until it is interrupted."""
     arguments.check()
-    reserve = Reserve()  # gets ready while the server does, and ends with this process where that fails
+    reserve = WarmWorker()  # gets ready while the server does, and ends with this process where that fails
     try:
         from bt_jax.app.server import serve
     except ModuleNotFoundError as error:

@@ -11,16 +11,16 @@ from typing import Any, Literal
 
 from nicegui import background_tasks, ui
 
+from bt_jax._util.errors import UserError
 from bt_jax.app.panels import PANELS
-from bt_jax.app.scene_view import SceneView
-from bt_jax.app.studio import Studio, Topic
-from bt_jax.errors import UserError
+from bt_jax.app.state.studio import Studio, Topic
+from bt_jax.app.widgets.scene_view import SceneView
 
 __all__ = ["STEPS", "Page", "Step"]
 
 Step = Literal["task", "evolve", "demonstrate", "understand", "combine", "run", "keep"]
 STEPS: tuple[Step, ...] = ("task", "evolve", "demonstrate", "understand", "combine", "run", "keep")
-STYLE = Path(__file__).with_name("page.css")
+STYLE = Path(__file__).parent / "static" / "page.css"
 BLUE, GREEN, ORANGE, VERMILION = "#0072b2", "#009e73", "#e69f00", "#d55e00"  # Okabe and Ito
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 from nicegui import app, ui
 
 from bt_jax.app.page import Page
-from bt_jax.app.reserve import Reserve
-from bt_jax.app.studio import Studio
-from bt_jax.app.workspace import Workspace
+from bt_jax.app.processes.warm_worker import WarmWorker
+from bt_jax.app.state.studio import Studio
+from bt_jax.app.state.workspace import Workspace
 
 __all__ = ["serve"]
 
@@ -17,7 +17,7 @@ WATCH_SECONDS = 0.1  # between two looks at the evolution
 RECONNECT_SECONDS = 30.0  # for which a window that is not heard of is kept, on a machine that has too much to do
 
 
-def serve(folder: Path, *, host: str, port: int, show: bool, reserve: Reserve) -> None:
+def serve(folder: Path, *, host: str, port: int, show: bool, reserve: WarmWorker) -> None:
     """Serves the page, which works in a folder, until it is interrupted; the first evolution takes the `reserve`."""
     workspace = Workspace(folder)
     studio = Studio(workspace, workspace.task("stack"), reserve)

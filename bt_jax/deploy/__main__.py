@@ -5,15 +5,15 @@ from __future__ import annotations
 import importlib
 import sys
 
-from bt_jax.startup import exit_code
+from bt_jax._util.startup import exit_code
 
 COMMANDS = {  # name -> module, arguments, function, one line
-    "twin": ("twin_command", "TwinArguments", "twin_command", "run a tree on the simulated YuMi"),
-    "check": ("cell", "CheckArguments", "check_command", "look at a real cell before anything moves"),
-    "run": ("cell", "RunArguments", "run_command", "run a tree on a real YuMi; dry unless told otherwise"),
-    "markers": ("marker_sheet", "MarkersArguments", "markers_command", "print the markers of a task"),
+    "twin": ("twin", "TwinArguments", "twin_command", "run a tree on the simulated YuMi"),
+    "check": ("run", "CheckArguments", "check_command", "look at a real cell before anything moves"),
+    "run": ("run", "RunArguments", "run_command", "run a tree on a real YuMi; dry unless told otherwise"),
+    "markers": ("markers", "MarkersArguments", "markers_command", "print the markers of a task"),
     "calibrate": ("calibrate", "CalibrateArguments", "calibrate_command", "measure the camera and where it stands"),
-    "rapid": ("rapid_command", "RapidArguments", "rapid_command", "write the program of the robot's controller"),
+    "rapid": ("rapid", "RapidArguments", "rapid_command", "write the program of the robot's controller"),
     "replay": ("replay", "ReplayArguments", "replay_command", "show a log and decide it anew"),
 }
 
@@ -40,9 +40,9 @@ def _run(name: str, words: list[str]) -> int:
     def work() -> None:
         nonlocal code
         try:
-            found = importlib.import_module(f"bt_jax.deploy.{module}")
+            found = importlib.import_module(f"bt_jax.deploy.commands.{module}")
         except ModuleNotFoundError as error:
-            from bt_jax.errors import UserError
+            from bt_jax._util.errors import UserError
 
             raise UserError(f'{error.name} is not installed; run pip install -e ".[robot]"') from error
         import tyro

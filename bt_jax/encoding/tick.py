@@ -16,8 +16,8 @@ from jax import lax
 from jaxtyping import Bool, Int8, Int32, UInt8
 
 from bt_jax.behaviors import FIRST_LEAF, Kind
+from bt_jax.encoding.arrays import Array, Trees
 from bt_jax.encoding.status import Status
-from bt_jax.encoding.trees import Array, Trees
 
 __all__ = ["JumpTable", "Status", "Ticked", "jump_table", "tick"]
 

@@ -19,12 +19,12 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from bt_jax.errors import UserError
+from bt_jax._util.errors import UserError
+from bt_jax._util.files import unused, write_atomic
+from bt_jax._util.startup import configure_jax, exit_code
 from bt_jax.experiments import report
 from bt_jax.experiments.protocol import EXPERIMENTS, Outcome, Variant, perform
 from bt_jax.experiments.published import published_curves
-from bt_jax.files import unused, write_atomic
-from bt_jax.startup import configure_jax, exit_code
 
 __all__ = ["Arguments", "main", "run"]
 

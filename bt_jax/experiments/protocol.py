@@ -13,14 +13,14 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float32
 
+from bt_jax._util.startup import CompileClock
 from bt_jax.behaviors import Behavior, Tree
-from bt_jax.demonstrate import parse_script, record
 from bt_jax.gp.config import GPConfig
 from bt_jax.gp.evolution import Generation, State
 from bt_jax.lfd import Demonstrations, Frames, Lesson, learn, plan_task
-from bt_jax.startup import CompileClock
-from bt_jax.tasks import Task, load_task
-from bt_jax.training import Settings, Training, make_level
+from bt_jax.tasks import Task, load_task, with_subgoal
+from bt_jax.teaching.script import parse_script, record
+from bt_jax.training.training import Settings, Training, make_level
 
 __all__ = ["EXPERIMENTS", "Experiment", "Outcome", "Variant", "perform"]
 
@@ -183,6 +183,6 @@ def _with_lesson(experiment: Experiment, config: GPConfig, settings: Settings, l
     if experiment.meant == "genes":
         return Training(task, config, settings, baseline=lesson.tree, extra_leaves=lesson.genes)
     name = "demonstrated"
-    task = task.with_subgoal(lesson.subgoal(name), source="the demonstration")
+    task = with_subgoal(task, lesson.subgoal(name), source="the demonstration")
     gene: Behavior = lesson.subtask_gene(name)
     return Training(task, config, settings, baseline=gene, extra_leaves=(gene,))

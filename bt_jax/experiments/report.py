@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from bt_jax.encoding.drawing import draw_text
+from bt_jax.encoding.drawing.terminal import draw_text
 from bt_jax.experiments.protocol import Experiment, Outcome
 from bt_jax.experiments.published import Curve
 from bt_jax.lfd.explanation import action_rows

@@ -12,8 +12,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int32, UInt32
 
+from bt_jax._util.errors import UserError
 from bt_jax.behaviors import FIRST_LEAF, Kind, Vocabulary
-from bt_jax.errors import UserError
 
 __all__ = ["Alphabet", "LeafSet", "scaled"]
 

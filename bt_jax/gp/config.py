@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import enum
 
-from bt_jax.encoding.trees import MAX_NODES
-from bt_jax.errors import UserError
+from bt_jax._util.errors import UserError
+from bt_jax.encoding.arrays import MAX_NODES
 
 __all__ = ["GPConfig", "MutationConfig", "Selection"]
 

@@ -7,11 +7,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int32, UInt32
 
 from bt_jax.behaviors import FIRST_LEAF
-from bt_jax.encoding.trees import Trees
+from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.alphabet import Alphabet, LeafSet, scaled
 from bt_jax.gp.mutation import NODES_DRAWN, draw_nodes
-from bt_jax.gp.randomness import random_words
-from bt_jax.gp.slots import OTHER, look
+from bt_jax.gp.rng import random_words
+from bt_jax.gp.sites import OTHER, describe_sites
 from bt_jax.gp.splice import SIZE_BIT, Cut, pack, splice, unpack
 
 __all__ = ["crossover"]
@@ -51,7 +51,7 @@ def crossover(
         forced = baseline[::-1].reshape(-1)
         proper = proper.at[:, 0].set(jnp.where(baseline.reshape(-1), 0, proper[:, 0]))
         at = jnp.where(forced[:, None], _child_of_root(own, baseline_index)[:, None], at)
-    places = look(own, at, alphabet, gene_under_fallback=gene_under_fallback)
+    places = describe_sites(own, at, alphabet, gene_under_fallback=gene_under_fallback)
     other = jnp.roll(own, count, axis=0)
     gift = jnp.roll(proper, count, axis=0)
     gift_node = jnp.take_along_axis(other, gift, axis=1, mode="promise_in_bounds")

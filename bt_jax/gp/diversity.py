@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float32, Int32
 
-from bt_jax.encoding.trees import Trees
+from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.splice import pack
 
 __all__ = ["edit_distance", "fitness_entropy", "mean_edit_distance"]

@@ -17,9 +17,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float32, Int, Int32, Key, UInt32, UInt64
 
+from bt_jax._util.compile_cache import kept_jit
 from bt_jax.behaviors import FIRST_LEAF
-from bt_jax.compilation import kept_jit
-from bt_jax.encoding.trees import Trees
+from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.config import GPConfig
 from bt_jax.gp.diversity import fitness_entropy, mean_edit_distance

@@ -16,12 +16,12 @@ import numpy as np
 from jaxtyping import Array, Bool, Float32, Int32, UInt32
 
 from bt_jax.behaviors import Kind
-from bt_jax.encoding.trees import Trees
+from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.alphabet import OUTSIDE, Alphabet, LeafSet
 from bt_jax.gp.config import MutationConfig
-from bt_jax.gp.randomness import random_words
-from bt_jax.gp.slots import OTHER, Slot, look
-from bt_jax.gp.splice import SIZE_BIT, Cut, pack, settled, splice, unpack
+from bt_jax.gp.rng import random_words
+from bt_jax.gp.sites import OTHER, Site, describe_sites
+from bt_jax.gp.splice import SIZE_BIT, Cut, materialize, pack, splice, unpack
 
 __all__ = ["chain_lengths", "draw_nodes", "mutate", "mutate_chain", "mutate_packed"]
 
@@ -92,9 +92,9 @@ def mutate_packed(
     """`mutate` for packed trees; steps of one key differ."""
     words = random_words(key, (WORDS, nodes.shape[0]), step)
     at = draw_nodes(words[4:], nodes[:, 0] >> SIZE_BIT)
-    slots = settled(look(nodes, at, alphabet, gene_under_fallback=config.gene_under_fallback))
+    slots = materialize(describe_sites(nodes, at, alphabet, gene_under_fallback=config.gene_under_fallback))
     weights = _weights(nodes, slots, alphabet, config, max_nodes or nodes.shape[1])
-    edits, totals = settled(_choose(weights, words[0][:, None]))
+    edits, totals = materialize(_choose(weights, words[0][:, None]))
     drawn, total = _choose([totals[:, i] for i in range(NODES_DRAWN)], words[1])
     slot, edit = jax.tree.map(
         lambda field: jnp.take_along_axis(field, drawn[:, None], axis=1, mode="clip")[:, 0], (slots, edits)
@@ -113,7 +113,7 @@ def _choose(
 
 
 def _weights(
-    nodes: Int32[Array, "P N"], slot: Slot, alphabet: Alphabet, config: MutationConfig, max_nodes: int
+    nodes: Int32[Array, "P N"], slot: Site, alphabet: Alphabet, config: MutationConfig, max_nodes: int
 ) -> list[Float32[Array, "P S"]]:
     """Weight of each `Edit` at each slot: its published probability times the share of its draws that are accepted."""
     any_gene = config.gene_under_fallback
@@ -167,7 +167,7 @@ def _weights(
     ]
 
 
-def _beside(slot: Slot, alphabet: Alphabet, config: MutationConfig) -> LeafSet:
+def _beside(slot: Site, alphabet: Alphabet, config: MutationConfig) -> LeafSet:
     """Leaves that may stand before an action or gene when a control node takes its place and both become children."""
     sequence = (slot.control != Kind.FALLBACK) | config.gene_under_fallback
     fits = sequence | ~alphabet.is_gene(slot.token)
@@ -186,7 +186,7 @@ def _flippable(nodes: Int32[Array, "P N"], alphabet: Alphabet, gene_under_fallba
 
 def _apply(
     nodes: Int32[Array, "P N"],
-    slot: Slot,
+    slot: Site,
     edit: Int32[Array, " P"],
     words: UInt32[Array, "2 P"],
     alphabet: Alphabet,

@@ -6,11 +6,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int32, UInt32
 
-from bt_jax.encoding.trees import Trees
+from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.config import MutationConfig
 from bt_jax.gp.mutation import mutate_packed
-from bt_jax.gp.randomness import mix
+from bt_jax.gp.rng import mix
 from bt_jax.gp.splice import pack, unpack
 
 __all__ = ["duplicates", "hash_trees", "make_novel"]

@@ -9,11 +9,11 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from bt_jax.behaviors import Kind
-from bt_jax.encoding.trees import Trees
+from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.config import MutationConfig
 from bt_jax.gp.mutation import mutate_packed
-from bt_jax.gp.randomness import random_words
+from bt_jax.gp.rng import random_words
 from bt_jax.gp.splice import SIZE_BIT, unpack
 
 __all__ = ["random_trees"]

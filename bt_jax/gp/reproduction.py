@@ -8,13 +8,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float32, Int32
 
-from bt_jax.encoding.trees import Trees
+from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.config import GPConfig
 from bt_jax.gp.crossover import crossover
 from bt_jax.gp.mutation import chain_lengths
 from bt_jax.gp.novelty import make_novel
-from bt_jax.gp.randomness import shuffled
+from bt_jax.gp.rng import shuffled
 from bt_jax.gp.selection import niche_strength, select
 
 __all__ = ["reproduce"]

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float32, Int32
 
 from bt_jax.gp.config import GPConfig, Selection
 from bt_jax.gp.diversity import fitness_entropy
-from bt_jax.gp.randomness import shuffled
+from bt_jax.gp.rng import shuffled
 
 __all__ = [
     "adjustable_rank",

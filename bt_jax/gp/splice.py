@@ -9,12 +9,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int32
 
-from bt_jax.encoding.trees import Trees
+from bt_jax.encoding.arrays import Trees
 
-__all__ = ["Cut", "pack", "settled", "splice", "unpack"]
+__all__ = ["Cut", "materialize", "pack", "splice", "unpack"]
 
 T = TypeVar("T")
-NEVER = -(1 << 30)  # no value that `settled` meets
+NEVER = -(1 << 30)  # no value that `materialize` meets
 SIZE_BIT = 16  # a node as one integer: the token below this bit, the size above
 
 
@@ -26,7 +26,7 @@ def unpack(nodes: Int32[Array, "P N"]) -> Trees:
     return Trees((nodes & 0xFFFF).astype(jnp.int16), (nodes >> SIZE_BIT).astype(jnp.uint8))
 
 
-def settled(values: T) -> T:
+def materialize(values: T) -> T:
     """The same arrays of integers, computed before what follows.
 
     XLA fuses what is computed once a tree into the loops over its nodes, and so computes it N times; on a CPU it drops
@@ -63,7 +63,7 @@ def splice(
     """Packed trees after both cuts; `second` lies behind what `first` removes. The sizes of the anchor node and of its
     ancestors grow by `growth`; the result must fit."""
     num_nodes = nodes.shape[1]
-    donor, first, second, anchor, growth = settled((donor, first, second, anchor, growth))
+    donor, first, second, anchor, growth = materialize((donor, first, second, anchor, growth))
     here = jnp.arange(num_nodes, dtype=jnp.int32)[None]
     sizes = nodes >> SIZE_BIT
     anchor, growth = anchor[:, None], growth[:, None]
@@ -81,7 +81,7 @@ def splice(
     source = jnp.where(here < first_end, here + (num_nodes + first.start - first.at)[:, None], source)
     source = jnp.where(here < first.at[:, None], here, source)
 
-    both, source = settled(
+    both, source = materialize(
         (jnp.concatenate([nodes, donor], axis=1), jnp.clip(source, 0, num_nodes + donor.shape[1] - 1))
     )
     result = jnp.take_along_axis(both, source, axis=1, mode="promise_in_bounds")

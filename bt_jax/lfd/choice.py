@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from bt_jax.errors import UserError
+from bt_jax._util.errors import UserError
 from bt_jax.lfd.clustering import SAME_PLACE, Inference
 from bt_jax.lfd.demonstration import Demonstrations, Moment
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 
+from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior
-from bt_jax.errors import UserError
 from bt_jax.lfd.clustering import Inference
 from bt_jax.lfd.conflicts import conflict, implies, undoes
 from bt_jax.lfd.goals import Step

@@ -19,8 +19,8 @@ from typing import Any
 
 import yaml
 
-from bt_jax.errors import UserError
-from bt_jax.files import is_name, write_atomic
+from bt_jax._util.errors import UserError
+from bt_jax._util.files import is_name, write_atomic
 from bt_jax.lfd.demonstration import Action, Demonstration, Demonstrations, Frames, Moment, Pose, Scene
 
 __all__ = ["DemonstrationFolder"]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 
+from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, Control, Kind, Tree
 from bt_jax.encoding.walk import children, leaves
-from bt_jax.errors import UserError
 from bt_jax.lfd.choice import with_chosen
 from bt_jax.lfd.clustering import NEEDED, Inference, infer
 from bt_jax.lfd.constraints import Order, check_acyclic, orders, preconditions

@@ -8,8 +8,8 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
+from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, Control, Kind, Tree
-from bt_jax.errors import UserError
 from bt_jax.lfd.conflicts import undoes
 from bt_jax.tasks import Task
 

@@ -12,8 +12,8 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
-from bt_jax.mjx_env.statuses import Semantics, see_subgoals
-from bt_jax.mjx_env.surfaces import Surfaces, box_surfaces, fixed_surfaces, support_height
+from bt_jax.mjx_env.scene.surfaces import Surfaces, box_surfaces, fixed_surfaces, support_height
+from bt_jax.mjx_env.semantics import LeafSemantics, see_subgoals
 from bt_jax.mjx_env.world import Array, World, frames, namespace, rotate, snap
 from bt_jax.tasks import Task
 
@@ -33,7 +33,7 @@ class Released:
     box: Int32[Array, "S"]  # the box that was taken or let go, -1 where none
 
 
-def act(semantics: Semantics, world: World, command: Int32[Array, "S"]) -> Released:
+def act(semantics: LeafSemantics, world: World, command: Int32[Array, "S"]) -> Released:
     """Carries out one command in each state, up to the moment when the gripper lets go or has lifted."""
     task, count = semantics.task, len(semantics.task.boxes)
     xp = namespace(world.poses)
@@ -57,7 +57,7 @@ def act(semantics: Semantics, world: World, command: Int32[Array, "S"]) -> Relea
         kit=world.kit,
         poses=poses,
         held=held_after.astype(np.int8),
-        opened=(world.opened | opens) & ~closes,
+        gripper_open=(world.gripper_open | opens) & ~closes,
         reached=world.reached,
     )
     return Released(after, poses, held_after[:, None] != boxes, handled.astype(np.int32))
@@ -71,7 +71,7 @@ def settled_world(task: Task, released: Released, poses: Float32[Array, "S B 7"]
     return dataclasses.replace(world, reached=world.reached | see_subgoals(task, world))
 
 
-def _release_pose(semantics: Semantics, world: World, place: Int32[Array, "S"]) -> Float32[Array, "S B 7"]:
+def _release_pose(semantics: LeafSemantics, world: World, place: Int32[Array, "S"]) -> Float32[Array, "S B 7"]:
     """Where the gripper lets go of the held box: the goal, or over what is in the way of lowering it there. The box keeps
     its orientation. Same for all boxes of a state; only the held one's is meant."""
     task = semantics.task

@@ -45,7 +45,7 @@ class World:
     kit: Float32[Array, "*S 3"]  # origin of the kit's frame, whose axes are the world's
     poses: Float32[Array, "*S B 7"]  # of the boxes' centres: position, quaternion
     held: Int8[Array, "*S"]  # index of the box in the gripper, or -1
-    opened: Bool[Array, "*S"]  # the gripper
+    gripper_open: Bool[Array, "*S"]  # the gripper
     reached: Bool[Array, "*S G"]  # subgoals that have been seen
 
 
@@ -57,7 +57,9 @@ def namespace(array: Array) -> ModuleType:
 def take(world: World, index) -> World:
     """The states at `index` along the first dimension."""
     # Written out: walking a pytree takes longer than the rest for the few states of one tick.
-    return World(world.kit[index], world.poses[index], world.held[index], world.opened[index], world.reached[index])
+    return World(
+        world.kit[index], world.poses[index], world.held[index], world.gripper_open[index], world.reached[index]
+    )
 
 
 def concatenate(worlds: list[World]) -> World:
@@ -123,7 +125,7 @@ def world_keys(world: World) -> Int32[np.ndarray, "S n"]:
             np.rint(world.kit / POSITION_GRID).astype(np.int32),
             np.rint(world.poses / grid).astype(np.int32).reshape(count, -1),
             world.held[:, None].astype(np.int32),
-            world.opened[:, None].astype(np.int32),
+            world.gripper_open[:, None].astype(np.int32),
             world.reached.astype(np.int32),
         ],
         axis=1,

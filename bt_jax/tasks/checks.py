@@ -6,12 +6,10 @@ import dataclasses
 import functools
 import math
 import re
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
-from bt_jax.errors import UserError
-
-if TYPE_CHECKING:
-    from bt_jax.tasks.task import Kit, Task, Vec3
+from bt_jax._util.errors import UserError
+from bt_jax.tasks.task import Kit, Task, Vec3
 
 __all__ = ["check"]
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from bt_jax.errors import UserError
+from bt_jax._util.errors import UserError
 from bt_jax.tasks.checks import check
 from bt_jax.tasks.task import Box, Episode, GeneSettings, Kit, Layout, Subgoal, Table, Target, Task, Weights
 

@@ -6,11 +6,9 @@ All lengths are metres, all positions are in the named frame, all frames have th
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from typing import Any
 
-from bt_jax.errors import UserError
-from bt_jax.tasks.checks import check
+from bt_jax._util.errors import UserError
 
 __all__ = [
     "Box",
@@ -188,23 +186,6 @@ class Task:
         """Where the tables begin and end along an axis."""
         edges = [(table.position[axis], table.size[axis] / 2) for table in self.tables]
         return min(middle - half for middle, half in edges), max(middle + half for middle, half in edges)
-
-    def with_targets(self, targets: Sequence[Target], *, source: str) -> Task:
-        """This task with more targets, each in place of one that the same object has; `source` is named in errors."""
-        kept = {target.object: target for target in (*self.targets, *targets)}
-        task = dataclasses.replace(self, targets=tuple(kept.values()))
-        check(task, source)
-        return task
-
-    def with_subgoal(self, subgoal: Subgoal, *, source: str) -> Task:
-        """This task with one more subgoal, unless it has that already; `source` is named in errors."""
-        if subgoal in self.subgoals:
-            return self
-        if subgoal.name in [other.name for other in self.subgoals]:
-            raise UserError(f"{source}: task {self.name} has another subgoal '{subgoal.name}'; rename the new one")
-        task = dataclasses.replace(self, subgoals=(*self.subgoals, subgoal))
-        check(task, source)
-        return task
 
     def to_dict(self) -> dict[str, Any]:
         """A plain mapping that `task_from_dict` reads back to an equal task."""

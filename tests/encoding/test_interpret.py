@@ -6,14 +6,14 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from py_trees.common import Status as PyStatus
-from strategies import ATOMS, GENES, trees
 
 from bt_jax.behaviors import Behavior, Control, Kind, Vocabulary
+from bt_jax.encoding.arrays import encode_all
+from bt_jax.encoding.formats.py_trees import to_py_trees
 from bt_jax.encoding.interpret import tick_tree
-from bt_jax.encoding.pytrees import to_py_trees
 from bt_jax.encoding.tick import Status, jump_table, tick
-from bt_jax.encoding.trees import encode_all
 from bt_jax.encoding.walk import prefix
+from tests.helpers.strategies import ATOMS, GENES, trees
 
 LEAVES = (*ATOMS, *GENES)
 VOCABULARY = Vocabulary.of(LEAVES)

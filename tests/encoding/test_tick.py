@@ -3,14 +3,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from py_trees.common import Status as Theirs
-from samples import random_trees
-from strategies import ATOMS, GENES
 
 from bt_jax.behaviors import Behavior, Control, Vocabulary
-from bt_jax.encoding.pytrees import to_py_trees
+from bt_jax.encoding.arrays import MAX_NODES, encode, encode_all
+from bt_jax.encoding.formats.py_trees import to_py_trees
 from bt_jax.encoding.tick import Status, jump_table, tick
-from bt_jax.encoding.trees import MAX_NODES, encode, encode_all
 from bt_jax.encoding.walk import prefix
+from tests.helpers.samples import random_trees
+from tests.helpers.strategies import ATOMS, GENES
 
 LEAVES = (*ATOMS, *GENES)
 VOCABULARY = Vocabulary.of(LEAVES)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bt_jax.errors import UserError
+from bt_jax._util.errors import UserError
 from bt_jax.gp.config import GPConfig
 
 

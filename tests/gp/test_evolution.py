@@ -4,15 +4,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from samples import assert_same
 
-from bt_jax.encoding.trees import Trees
-from bt_jax.errors import UserError
+from bt_jax._util.errors import UserError
+from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.config import GPConfig
 from bt_jax.gp.evolution import Evolution, best_of
 from bt_jax.gp.validity import is_valid
-from bt_jax.mjx_env.fitness import WORST_FITNESS
+from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS
+from tests.helpers.samples import assert_same
 
 ALPHABET = Alphabet(num_conditions=3, num_actions=2, num_genes=10)
 CONFIG = GPConfig(population=8, generations=6, max_nodes=16)

@@ -5,10 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from populations import PAPER, population, rows
 
 from bt_jax.behaviors import FIRST_LEAF
-from bt_jax.encoding.trees import Trees
+from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.config import GPConfig
 from bt_jax.gp.diversity import edit_distance, fitness_entropy, mean_edit_distance
@@ -16,6 +15,7 @@ from bt_jax.gp.novelty import duplicates, hash_trees
 from bt_jax.gp.random_trees import random_trees
 from bt_jax.gp.reproduction import reproduce
 from bt_jax.gp.validity import is_valid
+from tests.helpers.populations import PAPER, population, rows
 
 
 def test_equal_hashes_are_equal_trees():

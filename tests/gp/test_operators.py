@@ -1,24 +1,20 @@
 """Mutation and crossover only make valid trees, of every kind that they should."""
 
-import sys
 from functools import partial
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from populations import CASES, PAPER, SLOW, growing, mutate_once, population, rows
 
-from bt_jax.encoding.trees import Trees
+from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.config import GPConfig, MutationConfig
 from bt_jax.gp.crossover import crossover
 from bt_jax.gp.mutation import mutate_chain
 from bt_jax.gp.validity import is_valid
-
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
-from published_gp import PublishedGP, from_trees, to_trees
+from tests.helpers.populations import CASES, PAPER, SLOW, growing, mutate_once, population, rows
+from tests.helpers.published_gp import PublishedGP, from_trees, to_trees
 
 EDITS = {
     "published": MutationConfig(),

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from populations import CASES, NODES, PAPER, SLOW, population
-from strategies import ATOMS, trees
 
 from bt_jax.behaviors import Control, Kind, Vocabulary
-from bt_jax.encoding.trees import Trees, decode, encode, encode_all, violations
+from bt_jax.encoding.arrays import Trees, decode, encode, encode_all, violations
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.random_trees import random_trees
 from bt_jax.gp.validity import is_valid
+from tests.helpers.populations import CASES, NODES, PAPER, SLOW, population
+from tests.helpers.strategies import ATOMS, trees
 
 LEAVES = (*ATOMS[:5], *ATOMS[-4:])
 VOCABULARY = Vocabulary.of(LEAVES)

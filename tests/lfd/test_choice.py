@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made import STACK3, STACKING, demonstrations, run
 
-from bt_jax.errors import UserError
+from bt_jax._util.errors import UserError
 from bt_jax.lfd import Moment, learn
 from bt_jax.tasks import Target
+from tests.helpers.demonstrations import STACK3, STACKING, demonstrations, run
 
 ON_GREEN = Target("BlueBox", (0.0, 0.0, 0.1), "GreenBox")
 

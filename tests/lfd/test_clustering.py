@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made import RESTACK, STACK3, STACKING, UNSTACKING, demonstrations
 
 from bt_jax.lfd.clustering import NEEDED, SPREAD_FLOOR, infer
 from bt_jax.lfd.demonstration import Demonstrations
 from bt_jax.tasks import Target
+from tests.helpers.demonstrations import RESTACK, STACK3, STACKING, UNSTACKING, demonstrations
 
 BOXES = STACK3.box_names
 sets = st.fixed_dictionaries(

@@ -1,9 +1,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import ATOMS
 
 from bt_jax.behaviors import Behavior, Kind, parse_behavior
 from bt_jax.lfd.conflicts import conflict, implies, undoes
+from tests.helpers.strategies import ATOMS
 
 PLACES = [
     Behavior(name, (thing, (0.0, 0.0, 0.1), frame))

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, parse_behavior
-from bt_jax.errors import UserError
 from bt_jax.lfd.clustering import Inference
 from bt_jax.lfd.conflicts import conflict
 from bt_jax.lfd.constraints import check_acyclic, orders, preconditions

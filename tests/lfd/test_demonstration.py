@@ -9,14 +9,14 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made import STACK3, STACKING, demonstrations, one_demonstration
 from scipy.spatial.transform import Rotation
 
-from bt_jax.errors import UserError
-from bt_jax.files import write_atomic
+from bt_jax._util.errors import UserError
+from bt_jax._util.files import write_atomic
 from bt_jax.lfd import Action, Demonstration, DemonstrationFolder, Frames, Moment, Pose, learn
 from bt_jax.lfd.demonstration import Scene
 from bt_jax.tasks import load_task
+from tests.helpers.demonstrations import STACK3, STACKING, demonstrations, one_demonstration
 
 FRAMES = Frames.of(STACK3)
 numbers = st.floats(-5, 5).map(lambda x: round(x, 5) + 0.0)

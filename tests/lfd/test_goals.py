@@ -1,12 +1,12 @@
 from hypothesis import given
 from hypothesis import strategies as st
-from made import STACK3, STACKING, at, demonstrations
 
 from bt_jax.behaviors import Behavior, parse_behavior
 from bt_jax.lfd.clustering import infer
 from bt_jax.lfd.conflicts import conflict, undoes
 from bt_jax.lfd.demonstration import Demonstrations
 from bt_jax.lfd.goals import goal_of, sequences, subtasks
+from tests.helpers.demonstrations import STACK3, STACKING, at, demonstrations
 
 BOXES = ("YellowBox", "GreenBox", "BlueBox")
 NOTHING = Behavior("holding", ("nothing",))

@@ -5,15 +5,24 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made import RESTACK, STACK3, STACKING, UNSTACKING, at, demonstrations, one_demonstration, run
 
+from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior
-from bt_jax.encoding.trees import violations
+from bt_jax.encoding.arrays import violations
 from bt_jax.encoding.walk import leaves
-from bt_jax.errors import UserError
 from bt_jax.lfd import Action, DemonstrationFolder, Demonstrations, Pose, learn
-from bt_jax.mjx_env.fitness import Ending
-from bt_jax.tasks import Target, load_task
+from bt_jax.mjx_env.episodes.fitness import Ending
+from bt_jax.tasks import Target, load_task, with_subgoal
+from tests.helpers.demonstrations import (
+    RESTACK,
+    STACK3,
+    STACKING,
+    UNSTACKING,
+    at,
+    demonstrations,
+    one_demonstration,
+    run,
+)
 
 PUBLISHED = Path(__file__).parents[3] / "shared/reference/demonstrations/stack"
 
@@ -54,7 +63,7 @@ def test_few_demonstrations_of_unstacking_are_about_fixed_places(count):
     assert [place.frame for place in lesson.placements] == ["base_link", "base_link"]
     assert lesson.subgoal("freed").conditions == ("clear(YellowBox)", "clear(BlueBox)", "holding(nothing)")
     gene = lesson.subtask_gene("freed")
-    task = RESTACK.with_subgoal(lesson.subgoal("freed"), source="demonstrations")
+    task = with_subgoal(RESTACK, lesson.subgoal("freed"), source="demonstrations")
     played = run(gene, task)
     assert played.ending == Ending.SUCCESS
     assert played.final.reached.all()

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from made import RESTACK, STACK3, STACKING, UNSTACKING, at, run
 
+from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, Control, Kind, expand, parse_behavior
-from bt_jax.encoding.text import parse_tree
-from bt_jax.encoding.trees import violations
-from bt_jax.errors import UserError
+from bt_jax.encoding.arrays import violations
+from bt_jax.encoding.formats.text import parse_tree
+from bt_jax.lfd.evaluation.synthetic import random_truth, with_boxes
 from bt_jax.lfd.planner import MAX_DEPTH, fold_moves, plan, plan_task
-from bt_jax.lfd.synthetic import random_truth, with_boxes
-from bt_jax.mjx_env.fitness import Ending
+from bt_jax.mjx_env.episodes.fitness import Ending
 from bt_jax.tasks import load_task
+from tests.helpers.demonstrations import RESTACK, STACK3, STACKING, UNSTACKING, at, run
 
 GOAL = [at(one.object, one.position, one.frame) for one in STACKING]
 ASIDE = [at(one.object, one.position, one.frame) for one in UNSTACKING]

@@ -2,13 +2,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from made import RESTACK, STACK3, STACKING, UNSTACKING, at, demonstrations
 from scipy.spatial.transform import Rotation
 
 from bt_jax.lfd import Action, Demonstration, Demonstrations, Pose, learn
 from bt_jax.lfd.subgoals import derive_subgoal
-from bt_jax.mjx_env.layouts import sample_layouts
-from bt_jax.mjx_env.statuses import see_subgoals
+from bt_jax.mjx_env.scene.layouts import sample_layouts
+from bt_jax.mjx_env.semantics import see_subgoals
+from tests.helpers.demonstrations import RESTACK, STACK3, STACKING, UNSTACKING, at, demonstrations
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])

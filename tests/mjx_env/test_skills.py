@@ -2,13 +2,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from samples import assert_same, kinematic_walk, random_commands, semantics_of, sized
 
 from bt_jax.behaviors import Behavior
-from bt_jax.mjx_env.layouts import sample_layouts
+from bt_jax.mjx_env.scene.layouts import sample_layouts
+from bt_jax.mjx_env.semantics import see_subgoals
 from bt_jax.mjx_env.skills import LIFT, act, settled_world
-from bt_jax.mjx_env.statuses import see_subgoals
 from bt_jax.mjx_env.world import snap, take
+from tests.helpers.samples import assert_same, kinematic_walk, random_commands, semantics_of, sized
 
 
 def command(semantics, *call):
@@ -27,14 +27,14 @@ def each(semantics, world, index):
 
 def test_pick_lifts_one_box_and_nothing_else(stack):
     semantics, worlds = stack
-    world = take(worlds, (worlds.held < 0) & worlds.opened)
+    world = take(worlds, (worlds.held < 0) & worlds.gripper_open)
     for box, name in enumerate(semantics.task.box_names):
         released = each(semantics, world, command(semantics, "pick", (name,)))
         lift = np.zeros_like(world.poses)
         lift[:, box, 2] = sized(semantics.task)[box] * LIFT
         np.testing.assert_allclose(released.poses, world.poses + lift, atol=1e-6)
         assert (released.world.held == box).all()
-        assert not released.world.opened.any()
+        assert not released.world.gripper_open.any()
         np.testing.assert_array_equal(released.present, np.tile(np.arange(3) != box, (len(world.held), 1)))
         assert (released.box == box).all()
 
@@ -54,7 +54,7 @@ def test_place_goes_to_the_goal_or_onto_what_is_in_the_way(stack):
     np.testing.assert_allclose(released.poses[free, 0, 2], goal[free, 2], atol=1e-6)
     assert (released.poses[:, 0, 2] >= goal[:, 2] - 1e-6).all()
     assert (released.world.held == -1).all()
-    assert released.world.opened.all()
+    assert released.world.gripper_open.all()
     assert released.present.all()
 
 
@@ -75,11 +75,11 @@ def test_a_box_in_the_way_carries_the_placed_one():
 def test_the_gripper_opens_and_closes(stack):
     semantics, worlds = stack
     opened = each(semantics, worlds, command(semantics, "open_gripper"))
-    assert opened.world.opened.all()
+    assert opened.world.gripper_open.all()
     assert (opened.world.held == -1).all()
     np.testing.assert_array_equal(opened.box, worlds.held)
     closed = each(semantics, worlds, command(semantics, "close_gripper"))
-    assert not closed.world.opened.any()
+    assert not closed.world.gripper_open.any()
     np.testing.assert_array_equal(closed.world.held, worlds.held)
     assert (closed.box == -1).all()
     for released in (opened, closed):

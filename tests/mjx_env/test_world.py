@@ -4,9 +4,9 @@ import mujoco
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from samples import assert_same, kinematic_walk
 
 from bt_jax.mjx_env.world import POSITION_GRID, World, concatenate, frames, rotate, snap, take, to_world, world_keys
+from tests.helpers.samples import assert_same, kinematic_walk
 
 numbers = st.floats(-2, 2, width=32)
 seeds = st.integers(0, 2**32 - 1)

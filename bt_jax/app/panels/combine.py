@@ -7,18 +7,18 @@ from typing import TYPE_CHECKING, Literal
 
 from nicegui import ui
 
+from bt_jax._util.errors import UserError
 from bt_jax.app.panels.parts import MOST, button, heading, whole, whole_field
-from bt_jax.app.studio import Studio
-from bt_jax.app.tree_view import TreeView
+from bt_jax.app.plain_words import Words
+from bt_jax.app.state.studio import Studio
+from bt_jax.app.widgets.tree_view import TreeView
 from bt_jax.behaviors import Tree, parse_behavior
-from bt_jax.encoding.words import Words
-from bt_jax.errors import UserError
 from bt_jax.gp.config import GPConfig
-from bt_jax.lessons import Changes
 from bt_jax.lfd import Lesson
-from bt_jax.run_folder import RunConfig, RunFolder
 from bt_jax.tasks import Task
-from bt_jax.training import Settings
+from bt_jax.training.phases import Changes
+from bt_jax.training.run_folder import RunConfig, RunFolder
+from bt_jax.training.training import Settings
 
 if TYPE_CHECKING:
     from bt_jax.app.page import Page, Step

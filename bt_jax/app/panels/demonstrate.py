@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 from nicegui import ui
 
+from bt_jax._util.errors import UserError
 from bt_jax.app.panels.gripper import Gripper
 from bt_jax.app.panels.parts import ask, ask_for, button, heading, mark
-from bt_jax.app.studio import Studio
-from bt_jax.errors import UserError
+from bt_jax.app.state.studio import Studio
 
 if TYPE_CHECKING:
     from bt_jax.app.page import Page, Step

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 from nicegui import ui
 
-from bt_jax.app.curve import Curve, curve_options
-from bt_jax.app.evolution import Evolution
 from bt_jax.app.panels.parts import MOST, button, heading, whole, whole_field
-from bt_jax.app.record import tested
-from bt_jax.app.studio import Studio
-from bt_jax.app.tree_view import TreeView
+from bt_jax.app.state.evolution import Evolution
+from bt_jax.app.state.record import tested
+from bt_jax.app.state.studio import Studio
+from bt_jax.app.widgets.curve import Curve, curve_options
+from bt_jax.app.widgets.tree_view import TreeView
 from bt_jax.gp.config import GPConfig
-from bt_jax.progress import Progress
+from bt_jax.training.progress import Progress
 
 if TYPE_CHECKING:
     from bt_jax.app.page import Page

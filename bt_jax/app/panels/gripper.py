@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING
 from nicegui import ui
 from nicegui.events import GenericEventArguments
 
+from bt_jax._util.errors import UserError
 from bt_jax.app.panels.parts import ask, button, css_color, heading, known
-from bt_jax.app.studio import Studio
-from bt_jax.app.teaching import Direction
-from bt_jax.errors import UserError
-from bt_jax.teleoperation import Landing
+from bt_jax.app.state.studio import Studio
+from bt_jax.app.state.teaching import Direction
+from bt_jax.teaching.teleoperation import Landing
 
 if TYPE_CHECKING:
     from bt_jax.app.page import Page
 
 __all__ = ["Gripper"]
 
-SCRIPTS = [Path(__file__).parents[1] / name for name in ("keys.js", "focus.js")]
+SCRIPTS = [Path(__file__).parents[1] / "static" / name for name in ("keys.js", "focus.js")]
 MOVES: dict[str, Direction] = {
     "ArrowLeft": "left",
     "ArrowRight": "right",

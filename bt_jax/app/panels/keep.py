@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 
 from nicegui import ui
 
-from bt_jax.app.curve import Curve, curve_options
-from bt_jax.app.filming import film_run
+from bt_jax._util.errors import UserError
 from bt_jax.app.panels.parts import ask, button, may_leave
-from bt_jax.app.record import Record, read_record, tested
-from bt_jax.app.studio import Studio
-from bt_jax.app.tree_view import TreeView
-from bt_jax.encoding.svg import to_svg
-from bt_jax.encoding.text import format_tree
-from bt_jax.encoding.xml import to_xml
-from bt_jax.errors import UserError
+from bt_jax.app.processes.filming import film_run
+from bt_jax.app.state.record import Record, read_record, tested
+from bt_jax.app.state.studio import Studio
+from bt_jax.app.widgets.curve import Curve, curve_options
+from bt_jax.app.widgets.tree_view import TreeView
+from bt_jax.encoding.drawing.svg import to_svg
+from bt_jax.encoding.formats.text import format_tree
+from bt_jax.encoding.formats.xml import to_xml
 
 if TYPE_CHECKING:
     from bt_jax.app.page import Page

@@ -9,8 +9,8 @@ from typing import Any, TypeVar
 from nicegui import ui
 from nicegui.element import Element
 
-from bt_jax.app.studio import Studio
-from bt_jax.errors import UserError
+from bt_jax._util.errors import UserError
+from bt_jax.app.state.studio import Studio
 from bt_jax.tasks import Box, Task
 
 __all__ = [

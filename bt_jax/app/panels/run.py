@@ -9,19 +9,19 @@ import numpy as np
 from nicegui import ui
 from nicegui.events import GenericEventArguments
 
+from bt_jax._util.errors import UserError
 from bt_jax.app.panels.parts import button, may_leave
-from bt_jax.app.place_fields import PlaceFields
-from bt_jax.app.player import Moment, Player
-from bt_jax.app.playing import SPEEDS
-from bt_jax.app.spots import Spot, origins, spot_at
-from bt_jax.app.studio import Studio
-from bt_jax.app.tree_view import TreeView
-from bt_jax.encoding.words import Words
-from bt_jax.errors import UserError
-from bt_jax.mjx_env.fitness import Ending
-from bt_jax.mjx_env.layouts import sample_layouts
+from bt_jax.app.plain_words import Words
+from bt_jax.app.state.player import Moment, Player
+from bt_jax.app.state.playing import SPEEDS
+from bt_jax.app.state.spots import Spot, origins, spot_at
+from bt_jax.app.state.studio import Studio
+from bt_jax.app.widgets.place_fields import PlaceFields
+from bt_jax.app.widgets.tree_view import TreeView
+from bt_jax.mjx_env.episodes.fitness import Ending
+from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.tasks import Task
-from bt_jax.training import UNSEEN
+from bt_jax.training.training import UNSEEN
 
 if TYPE_CHECKING:
     from bt_jax.app.page import Page

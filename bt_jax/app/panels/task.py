@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from nicegui import ui
 
-from bt_jax.app.arrangement import fixed_layout, free_layout, kit_table, move_kit, put, retarget, untarget
+from bt_jax._util.errors import UserError
 from bt_jax.app.panels.parts import ask, button, css_color, may_leave
-from bt_jax.app.place_fields import PlaceFields
-from bt_jax.app.spots import Spot, origins, spot_at, spot_of_target
-from bt_jax.app.studio import Studio
-from bt_jax.encoding.words import Words
-from bt_jax.errors import UserError
-from bt_jax.mjx_env.layouts import sample_layouts
+from bt_jax.app.plain_words import Words
+from bt_jax.app.state.arrangement import fixed_layout, free_layout, kit_table, move_kit, put, retarget, untarget
+from bt_jax.app.state.spots import Spot, origins, spot_at, spot_of_target
+from bt_jax.app.state.studio import Studio
+from bt_jax.app.widgets.place_fields import PlaceFields
+from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Box, Task, load_task, task_names
 

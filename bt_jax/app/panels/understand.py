@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 
 from nicegui import ui
 
-from bt_jax.app.clusters import cluster_svg, scores
+from bt_jax._util.errors import UserError
 from bt_jax.app.panels.keep import FORMATS
 from bt_jax.app.panels.parts import button, heading, known
-from bt_jax.app.studio import Studio
-from bt_jax.app.tree_view import TreeView
-from bt_jax.app.trial import LAYOUTS
+from bt_jax.app.plain_words import Words
+from bt_jax.app.processes.trial import LAYOUTS
+from bt_jax.app.state.studio import Studio
+from bt_jax.app.widgets.clusters import cluster_svg, scores
+from bt_jax.app.widgets.tree_view import TreeView
 from bt_jax.behaviors import Behavior, Kind
-from bt_jax.encoding.words import Words
-from bt_jax.errors import UserError
 from bt_jax.lfd import Lesson
 from bt_jax.lfd.clustering import NEEDED, SPREAD_FLOOR, Candidate, Inference
 from bt_jax.lfd.explanation import order_sentences, precondition_sentences

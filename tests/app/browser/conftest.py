@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Locator, Page, expect, sync_playwright
 
-from bt_jax.progress import is_alive, read_progress
+from bt_jax.training.progress import is_alive, read_progress
 
 ROOT = Path(__file__).parents[3]
 FLAGS = (

@@ -8,12 +8,12 @@ import signal
 import time
 
 import pytest
-from keys import press_on
 from playwright.sync_api import expect
 
-from bt_jax.encoding.xml import from_xml
-from bt_jax.progress import is_alive, read_progress
-from bt_jax.run_folder import RunFolder
+from bt_jax.encoding.formats.xml import from_xml
+from bt_jax.training.progress import is_alive, read_progress
+from bt_jax.training.run_folder import RunFolder
+from tests.helpers.browser.keys import press_on
 
 pytestmark = pytest.mark.slow
 

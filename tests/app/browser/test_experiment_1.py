@@ -3,21 +3,21 @@
 import re
 
 import pytest
-from gripper import carry
-from keys import press_on
 from playwright.sync_api import expect
 
 from bt_jax.behaviors import Vocabulary
+from bt_jax.encoding.formats.xml import from_xml
 from bt_jax.encoding.walk import leaves
-from bt_jax.encoding.xml import from_xml
 from bt_jax.lfd import DemonstrationFolder
-from bt_jax.mjx_env.layouts import sample_layouts
-from bt_jax.mjx_env.mujoco_backend import MujocoPhysics
-from bt_jax.mjx_env.playback import play
-from bt_jax.mjx_env.settling import Settler
-from bt_jax.mjx_env.statuses import Semantics
-from bt_jax.run_folder import RunFolder
-from bt_jax.training import UNSEEN
+from bt_jax.mjx_env.episodes.playback import play
+from bt_jax.mjx_env.physics.mujoco import MujocoPhysics
+from bt_jax.mjx_env.physics.settler import Settler
+from bt_jax.mjx_env.scene.layouts import sample_layouts
+from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.training.run_folder import RunFolder
+from bt_jax.training.training import UNSEEN
+from tests.helpers.browser.gripper import carry
+from tests.helpers.browser.keys import press_on
 
 pytestmark = pytest.mark.slow
 
@@ -93,7 +93,7 @@ def test_experiment_1_through_the_page(page, see, server, shoot):
     assert tree == folder.tree()
     task = folder.config().task
     assert {target.object for target in task.targets} == {"YellowBox", "GreenBox", "BlueBox"}
-    semantics = Semantics(task, Vocabulary.of(leaves(tree)))
+    semantics = LeafSemantics(task, Vocabulary.of(leaves(tree)))
     settler = Settler(task, MujocoPhysics(task, why="as the page does"))
     for seed in range(3):
         assert play(semantics, settler, tree, sample_layouts(task, [UNSEEN, seed], 1)).solved

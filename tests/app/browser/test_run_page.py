@@ -4,16 +4,16 @@ import math
 import re
 
 import pytest
-from keys import press_on
-from menus import choose_option
 from playwright.sync_api import expect
-from scene import COMPONENT, at_rest, drag, position
 
-from bt_jax.encoding.text import parse_tree
+from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.gp.config import GPConfig
-from bt_jax.run_folder import RunConfig, RunFolder
 from bt_jax.tasks import load_task
-from bt_jax.training import Settings
+from bt_jax.training.run_folder import RunConfig, RunFolder
+from bt_jax.training.training import Settings
+from tests.helpers.browser.keys import press_on
+from tests.helpers.browser.menus import choose_option
+from tests.helpers.browser.scene import COMPONENT, at_rest, drag, position
 
 pytestmark = pytest.mark.slow
 STACK = load_task("stack")

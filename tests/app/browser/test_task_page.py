@@ -4,12 +4,12 @@ import math
 import re
 
 import pytest
-from keys import press_on
-from menus import choose_option
 from playwright.sync_api import expect
-from scene import COMPONENT, at_rest, drag, exists, position
 
 from bt_jax.tasks import load_task, task_names
+from tests.helpers.browser.keys import press_on
+from tests.helpers.browser.menus import choose_option
+from tests.helpers.browser.scene import COMPONENT, at_rest, drag, exists, position
 
 pytestmark = pytest.mark.slow
 STACK = load_task("stack")

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 import yaml
-from gripper import carry, position, press, said, set_step
-from keys import press_on
 from playwright.sync_api import expect
-from scene import click
 
-from bt_jax.encoding.xml import from_xml
+from bt_jax.encoding.formats.xml import from_xml
 from bt_jax.lfd import DemonstrationFolder, learn
 from bt_jax.tasks import load_task
+from tests.helpers.browser.gripper import carry, position, press, said, set_step
+from tests.helpers.browser.keys import press_on
+from tests.helpers.browser.scene import click
 
 pytestmark = pytest.mark.slow
 

@@ -1,0 +1,1 @@
+"""What README and documents claim, measured: python -m benchmarks.NAME."""

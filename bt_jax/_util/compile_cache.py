@@ -1,0 +1,123 @@
+"""Compiled functions that are kept on disk.
+
+JAX's persistent cache saves a new process the compiling, not the tracing and lowering that come before, which for the
+genetic operators take longer than a whole small evolution. `kept_jit` keeps the executable itself, under a key made of
+everything it depends on: the function, its static arguments, shapes and types, the source of this package, the versions
+of JAX, the device. The two do not mix: an executable that JAX has loaded from its cache cannot be written again, so leave
+JAX's off where this is on.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import inspect
+import os
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import jax
+import jax.monitoring
+from jax.experimental.serialize_executable import deserialize_and_load, serialize
+
+from bt_jax._util.files import write_atomic
+
+__all__ = ["keep_compiled", "kept_jit"]
+
+
+NOT_COMPILED = ("app", "deploy")  # parts of the package that nothing compiled depends on
+LOAD_EVENT = "/bt_jax/load_executable_duration"
+
+
+class _Store:
+    """Where executables are kept; nowhere until `keep_compiled` is called."""
+
+    folder: Path | None = None
+
+
+def keep_compiled(folder: Path) -> None:
+    """From now on, functions made by `kept_jit` are loaded from and kept in `folder`."""
+    _Store.folder = folder
+
+
+def kept_jit(
+    function: Callable | None = None, *, static_argnames: tuple[str, ...] = (), donate_argnums: tuple[int, ...] = ()
+) -> Callable:
+    """`jax.jit` whose executables outlive the process once `keep_compiled` was called.
+
+    Works on functions without keyword-only parameters whose dynamic arguments are pytrees of arrays. Inside another traced
+    function it is `jax.jit`.
+    """
+    if function is None:
+        return functools.partial(kept_jit, static_argnames=static_argnames, donate_argnums=donate_argnums)
+    jitted = jax.jit(function, static_argnames=static_argnames, donate_argnums=donate_argnums)
+    signature = inspect.signature(function)
+    static_at = [i for i, name in enumerate(signature.parameters) if name in static_argnames]
+    dynamic_at = [i for i, name in enumerate(signature.parameters) if name not in static_argnames]
+    loaded: dict[Any, Callable] = {}
+
+    @functools.wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        if _Store.folder is None:
+            return jitted(*args, **kwargs)
+        if kwargs or len(args) < len(signature.parameters):
+            bound = signature.bind(*args, **kwargs)
+            bound.apply_defaults()
+            args = tuple(bound.arguments.values())
+        dynamic = [args[i] for i in dynamic_at]
+        leaves, structure = jax.tree.flatten(dynamic)
+        key = (tuple([args[i] for i in static_at]), structure, tuple([(leaf.shape, leaf.dtype) for leaf in leaves]))
+        if any([isinstance(leaf, jax.core.Tracer) for leaf in leaves]):
+            return jitted(*args)
+        executable = loaded.get(key)
+        if executable is None:
+            name = f"{function.__module__}.{function.__qualname__}"
+            executable = loaded[key] = _load(name, key, lambda: jitted.lower(*args).compile())
+        return executable(*dynamic)
+
+    return call
+
+
+def _load(name: str, key: Any, compile_: Callable[[], Any]) -> Callable:
+    """The executable from the store, or a new one that is put there."""
+    digest = hashlib.sha256("\n".join([name, repr(key), _environment()]).encode()).hexdigest()
+    path = _Store.folder / f"{name}-{digest[:32]}.bin"
+    if path.is_file():
+        try:
+            began = perf_counter()
+            executable = deserialize_and_load(*pickle.loads(path.read_bytes()))
+            jax.monitoring.record_event_duration_secs(LOAD_EVENT, perf_counter() - began)
+            return executable
+        except Exception:
+            path.unlink(missing_ok=True)
+    executable = compile_()
+    try:
+        write_atomic(path, pickle.dumps(serialize(executable)))
+    except (
+        Exception
+    ):  # keeping it only saves time: a full disk or a backend that cannot write executables cost no results
+        _Store.folder = None
+    return executable
+
+
+@functools.cache
+def _environment() -> str:
+    """Everything besides its arguments that compiled code depends on."""
+    source = hashlib.sha256()
+    package = Path(__file__).parents[1]
+    for file in sorted(package.rglob("*.py")):
+        if file.relative_to(package).parts[0] not in NOT_COMPILED:
+            source.update(file.read_bytes())
+    devices = [(device.platform, device.device_kind) for device in jax.devices()]
+    flags = os.environ.get("XLA_FLAGS", ""), jax.config.jax_enable_x64, jax.config.jax_default_matmul_precision
+    return repr((source.hexdigest(), jax.__version__, jax.lib.__version__, devices, flags, _processor()))
+
+
+def _processor() -> str:
+    cpuinfo = Path("/proc/cpuinfo")
+    if not cpuinfo.exists():
+        return ""
+    return next((line for line in cpuinfo.read_text().splitlines() if line.startswith("flags")), "")

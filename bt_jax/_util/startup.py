@@ -1,0 +1,70 @@
+"""What every command does before it works: choose JAX's device, keep compiled code, report errors in one sentence."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal
+
+from bt_jax._util.errors import UserError
+
+__all__ = ["Device", "configure_jax", "exit_code"]
+
+Device = Literal["auto", "cpu", "gpu"]
+
+
+def configure_jax(device: Device = "auto") -> None:
+    """Selects the device and keeps compiled functions (see `compilation`) in `$BT_JAX_CACHE` or `~/.cache/bt_jax`.
+
+    Raises UserError where a GPU is asked for and there is none.
+    """
+    import jax
+
+    from bt_jax._util.compile_cache import keep_compiled
+
+    if device != "auto":
+        jax.config.update("jax_platforms", "cpu" if device == "cpu" else None)
+    cache = Path(os.environ.get("BT_JAX_CACHE", Path.home() / ".cache" / "bt_jax"))
+    keep_compiled(cache)
+    jax.config.update("jax_enable_compilation_cache", False)  # see `compilation`
+    if device == "gpu" and jax.default_backend() == "cpu":
+        raise UserError('no GPU was found; use --device cpu, or on an NVIDIA machine pip install "bt_jax[cuda]"')
+
+
+def exit_code(command: Callable[[], None]) -> int:
+    """Runs a command; a UserError becomes one sentence on stderr and exit code 2, Ctrl-C code 130."""
+    try:
+        command()
+    except UserError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    return 0
+
+
+class CompileClock:
+    """Adds up the time that JAX spends on tracing, lowering and compiling (or loading what was compiled before)."""
+
+    EVENTS = (
+        "jaxpr_trace_duration",
+        "jaxpr_to_mlir_module_duration",
+        "backend_compile_duration",
+        "load_executable_duration",
+    )
+
+    def __init__(self) -> None:
+        import jax.monitoring
+
+        self.seconds = 0.0
+        jax.monitoring.register_event_duration_secs_listener(self._add)
+
+    def _add(self, event: str, duration: float, **_: object) -> None:
+        if event.endswith(self.EVENTS):
+            self.seconds += duration

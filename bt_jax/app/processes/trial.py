@@ -1,0 +1,52 @@
+"""How often a learnt tree works: `bt_jax.learn` as a process of its own, which also keeps all that was learnt."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import tempfile
+from datetime import datetime
+from pathlib import Path
+
+import yaml
+
+from bt_jax._util.files import unused, write_atomic
+from bt_jax.app.processes.subprocess import run_command
+from bt_jax.tasks import Task
+
+__all__ = ["LAYOUTS", "Trial", "try_out"]
+
+LAYOUTS = 20
+
+
+@dataclasses.dataclass(frozen=True)
+class Trial:
+    """In `solved` of `tried` random layouts a tree has reached what was demonstrated; `folder` is where it is kept."""
+
+    solved: int
+    tried: int
+    folder: str
+
+    @property
+    def sentence(self) -> str:
+        """What came of it, and what can be done about it."""
+        said = f"It reaches what was demonstrated in {self.solved} of {self.tried} random layouts."
+        if self.solved < self.tried:
+            said += (
+                " Demonstrations that begin where a tree has ended show only the last step: let evolution find the rest, "
+                "in step 5."
+            )
+        return said
+
+
+async def try_out(demonstrations: Path, task: Task, runs: Path, *, layouts: int = LAYOUTS) -> Trial:
+    """Learns from a folder of demonstrations and runs the tree in random layouts of a task; the results go to a new folder
+    in `runs`. Raises UserError where that fails."""
+    out = unused(runs / f"learn-{demonstrations.name.replace(' ', '-')}-{datetime.now():%Y%m%d-%H%M%S}")
+    with tempfile.TemporaryDirectory(prefix="bt_jax-") as scratch:
+        source = Path(scratch) / f"{task.name}.yaml"
+        write_atomic(source, yaml.safe_dump(task.to_dict(), sort_keys=False))
+        words = [str(demonstrations), "--task", str(source), "--out", str(out), "--layouts", str(layouts)]
+        await run_command("bt_jax.learn", words, otherwise="the trial was stopped; try again")
+    found = json.loads((out / "lesson.json").read_text(encoding="utf-8"))
+    return Trial(found["solved"], found["tried"], out.name)

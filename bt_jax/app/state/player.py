@@ -1,0 +1,125 @@
+"""A tree that runs in the scene while a person watches, steps back and forth, and moves boxes about."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from bt_jax.app.state.arrangement import put
+from bt_jax.behaviors import Tree, Vocabulary, expand
+from bt_jax.encoding.drawing.svg import node_ids
+from bt_jax.encoding.status import Status
+from bt_jax.encoding.walk import leaves
+from bt_jax.mjx_env.episodes.fitness import Ending, target_distances
+from bt_jax.mjx_env.episodes.playback import Episode, Tick
+from bt_jax.mjx_env.physics.protocol import Physics
+from bt_jax.mjx_env.physics.settler import Settler
+from bt_jax.mjx_env.render.choreography import Shot, Stage
+from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.mjx_env.world import World
+from bt_jax.tasks import Task
+
+__all__ = ["FPS", "Moment", "Player"]
+
+FPS = 20.0  # of the motion that leads to a moment; the browser draws what is in between
+IDLE_SECONDS = 0.8  # of a tick in which nothing moves
+AT_HOME = 1e-3  # metres
+
+
+@dataclasses.dataclass(frozen=True)
+class Moment:
+    """The scene between two ticks, and how it came to that: by a `tick`, or because a person had `moved` a box after that
+    tick. The last of the `shots` is how the scene looks now, those before it are the motion of the tick."""
+
+    episode: Episode
+    tick: Tick | None
+    moved: str | None
+    shots: tuple[Shot, ...]
+
+    @property
+    def seconds(self) -> float:
+        """How long the motion that led here takes at its natural pace."""
+        return max((len(self.shots) - 1) / FPS, IDLE_SECONDS)
+
+
+class Player:
+    """An episode that is watched: `moments` up to now, of which number `at` is shown.
+
+    Genes are run as the subtrees that they stand for, so that what is inside can be watched, too.
+    """
+
+    def __init__(self, task: Task, physics: Physics, tree: Tree, start: World) -> None:
+        """`start` is a batch of one state (NumPy). Raises UserError where the tree is none of this task."""
+        self.task, self.tree, self.physics = task, tree, physics
+        self._semantics = LeafSemantics(task, Vocabulary.of(leaves(expand(tree))))
+        self._settler = Settler(task, physics)
+        self._ids = node_ids(tree)
+        stage = Stage(self._semantics, start, fps=FPS)
+        self.moments = [Moment(self._episode(start), None, None, (stage.shots[-1],))]
+        self.at = 0
+
+    @property
+    def now(self) -> Moment:
+        """The moment that is shown."""
+        return self.moments[self.at]
+
+    @property
+    def world(self) -> World:
+        """The scene in that moment, a batch of one state."""
+        return self.now.episode.world
+
+    @property
+    def ending(self) -> Ending:
+        """How the episode has ended in that moment, OPEN where it goes on."""
+        return self.now.episode.ending
+
+    @property
+    def statuses(self) -> dict[str, Status | None]:
+        """What the nodes returned in the tick that led here, by the ids that `encoding.svg` gives them."""
+        if self.now.tick is None:
+            return dict.fromkeys(self._ids)
+        return dict(zip(self._ids, self.now.tick.statuses, strict=True))
+
+    @property
+    def distances(self) -> dict[str, float]:
+        """How far the object of each target is from where it should be, metres."""
+        away = target_distances(self.task, self.world)[0]
+        return {target.object: float(x) for target, x in zip(self.task.targets, away, strict=True)}
+
+    def tick(self) -> Moment:
+        """Goes one tick on; where that was seen before, to what was seen. At the end, nothing happens."""
+        if self.at + 1 < len(self.moments):
+            self.at += 1
+        elif self.ending == Ending.OPEN:
+            tick, episode = self.now.episode.tick()
+            self.moments.append(Moment(episode, tick, None, self._motion(tick, episode)))
+            self.at += 1
+        return self.now
+
+    def seek(self, at: int) -> Moment:
+        """Shows the moment of this number, or the closest that there is."""
+        self.at = min(max(at, 0), len(self.moments) - 1)
+        return self.now
+
+    def put(self, name: str, position: Float[np.ndarray, "3"]) -> Moment:
+        """A person moves a box (metres, world) in the moment that is shown; what came after is forgotten, and the tree has
+        all its ticks anew. Raises UserError, and changes nothing, as `arrangement.put` does."""
+        world = put(self.task, self.physics, self.world, name, position)
+        del self.moments[self.at + 1 :]
+        shot = dataclasses.replace(self.now.shots[-1], poses=world.poses[0].astype(float))
+        self.moments.append(Moment(self._episode(world), self.now.tick, name, (shot,)))
+        self.at += 1
+        return self.now
+
+    def _episode(self, world: World) -> Episode:
+        return Episode(self._semantics, self._settler, expand(self.tree), world)
+
+    def _motion(self, tick: Tick, after: Episode) -> tuple[Shot, ...]:
+        """How the gripper and the boxes move; the tick that would follow tells where a box will be put."""
+        stage = Stage(self._semantics, tick.before, fps=FPS, gripper=self.now.shots[-1].gripper)
+        stage.run(tick, [after.tick()[0]] if after.ending == Ending.OPEN else [])
+        if tick.command is None and np.linalg.norm(stage.tip - stage.home) > AT_HOME:
+            stage.leave()
+        return tuple(stage.shots)

@@ -1,0 +1,129 @@
+"""The folder that the page works in: its runs, demonstrations and tasks.
+
+Names come from the browser. Each is checked here, so that none leads out of the folder.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import shutil
+from pathlib import Path
+
+import yaml
+
+from bt_jax._util.errors import UserError
+from bt_jax._util.files import is_name, write_atomic
+from bt_jax.behaviors import Tree
+from bt_jax.encoding.formats.files import read_tree
+from bt_jax.lfd import DemonstrationFolder
+from bt_jax.tasks import Task, load_task, task_names
+from bt_jax.training.progress import is_alive
+from bt_jax.training.run_folder import RunFolder
+
+__all__ = ["Workspace"]
+
+LEARNT = "learnt_tree.txt"
+
+
+@dataclasses.dataclass(frozen=True)
+class Workspace:
+    """`root/runs`, `root/demonstrations` and `root/tasks`."""
+
+    root: Path
+
+    @property
+    def runs(self) -> Path:
+        return self.root / "runs"
+
+    @property
+    def demonstrations(self) -> Path:
+        return self.root / "demonstrations"
+
+    @property
+    def tasks(self) -> Path:
+        return self.root / "tasks"
+
+    def run_names(self) -> list[str]:
+        """Run folders, the newest first."""
+        found = [path for path in _folders(self.runs) if (path / "config.json").is_file()]
+        return [path.name for path in sorted(found, key=_changed, reverse=True)]
+
+    def run(self, name: str) -> RunFolder:
+        """An existing run folder. Raises UserError where it has gone, or the name leads out of the workspace."""
+        path = self.inside(self.runs, name)
+        if not (path / "config.json").is_file():
+            raise UserError(f"the run {name} is no longer there; choose another, or evolve again")
+        return RunFolder(path)
+
+    def learnt_names(self) -> list[str]:
+        """Folders that `bt_jax.learn` has left among the runs, the newest first."""
+        found = [path for path in _folders(self.runs) if (path / LEARNT).is_file()]
+        return [path.name for path in sorted(found, key=lambda path: (path / LEARNT).stat().st_mtime, reverse=True)]
+
+    def learnt_tree(self, name: str) -> Tree:
+        """The tree in such a folder. Raises UserError where it has gone or cannot be read."""
+        return read_tree(self.inside(self.runs, name) / LEARNT)
+
+    def delete_run(self, name: str) -> None:
+        """Removes a run folder. Raises UserError as `run` does, and where a process is training there."""
+        path = self.run(name).path
+        if is_alive(path):
+            raise UserError(f"{name} is evolving; stop it before you delete it")
+        going = path.with_name(f".{name}.deleted")
+        try:
+            path.rename(going)
+            shutil.rmtree(going)
+        except OSError as error:
+            raise UserError(f"{name} cannot be deleted ({error.strerror}); look at the rights of {path}") from None
+
+    def demonstration_sets(self) -> list[str]:
+        """Names of the sets of demonstrations."""
+        return sorted(path.name for path in _folders(self.demonstrations) if (path / "info.yaml").is_file())
+
+    def demonstration_set(self, name: str) -> DemonstrationFolder:
+        """A set of demonstrations, there already or not. Raises UserError where the name leads out of the workspace."""
+        return DemonstrationFolder(self.inside(self.demonstrations, name))
+
+    def task_names(self) -> list[str]:
+        """Tasks of the package, then those saved here."""
+        own = sorted(path.stem for path in self.tasks.glob("*.yaml")) if self.tasks.is_dir() else []
+        return [*task_names(), *(name for name in own if name not in task_names())]
+
+    def task(self, name: str) -> Task:
+        """A task by its name. Raises UserError where the file is broken, gone or outside."""
+        if name in task_names():
+            return load_task(name)
+        return load_task(self.inside(self.tasks, f"{name}.yaml"))
+
+    def save_task(self, name: str, task: Task) -> Path:
+        """Writes a task file. Raises UserError where the name is that of a task of the package, or no name."""
+        if not re.fullmatch(r"[\w-]+", name):
+            raise UserError(f"'{name}' cannot name a task; use letters, digits, underscores and dashes")
+        if name in task_names():
+            raise UserError(f"the task {name} comes with the package and stays as it is; choose another name")
+        path = self.inside(self.tasks, f"{name}.yaml")
+        data = dataclasses.replace(task, name=name).to_dict()
+        write_atomic(path, yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=120))
+        return path
+
+    def inside(self, folder: Path, name: str) -> Path:
+        """The path of a name in a folder of the workspace. Raises UserError where it would lead out of it."""
+        path = folder / name
+        if not is_name(name) or path.resolve().parent != folder.resolve():
+            raise UserError(f"'{name}' leads out of {self.root}; choose a name from the list")
+        return path
+
+
+def _folders(folder: Path) -> list[Path]:
+    """Folders in a folder that are not links to elsewhere."""
+    if not folder.is_dir():
+        return []
+    return [path for path in folder.iterdir() if path.is_dir() and not path.is_symlink() and is_name(path.name)]
+
+
+def _changed(run: Path) -> float:
+    try:
+        return (run / "config.json").stat().st_mtime
+    except OSError:
+        return 0.0

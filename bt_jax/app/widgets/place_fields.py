@@ -1,0 +1,95 @@
+"""A place in number fields: what it is measured from, and how far to the right, back and up, in centimetres."""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import functools
+from collections.abc import Awaitable, Callable, Collection, Sequence
+from typing import TYPE_CHECKING
+
+from nicegui import ui
+
+from bt_jax._util.errors import UserError
+from bt_jax.app.state.spots import Spot
+
+if TYPE_CHECKING:
+    from bt_jax.app.page import Page
+
+__all__ = ["PlaceFields"]
+
+AXES = (("right", "right, cm"), ("away", "back, cm"), ("up", "up, cm"))
+APPLY = ("blur", "keydown.enter", "keyup.up", "keyup.down")
+
+
+class PlaceFields:
+    """Calls `moved(spot)` when a person has left a field, pressed Enter or stepped with the arrow keys; a UserError from it
+    is said, and the fields show again what is."""
+
+    def __init__(
+        self,
+        page: Page,
+        name: str,
+        references: Sequence[str],
+        spot: Spot,
+        moved: Callable[[Spot], Awaitable[None]],
+        *,
+        step: str = "task",
+    ) -> None:
+        self._name, self._moved, self._spot = name, moved, spot
+        self._turn = asyncio.Lock()  # a number adds to what the ones before it have led to
+        self._reference = (
+            ui.select(list(references), value=spot.reference, label="measured from")
+            .on("update:model-value", page.guard(self._change))
+            .props(f"dense outlined options-dense data-testid={step}-reference-{name}")
+            .classes("place-reference")
+        )
+        self._fields: dict[str, ui.number] = {}
+        for axis, label in AXES:
+            field = ui.number(label, step=1, format="%.1f").props(
+                f'dense outlined data-testid={step}-{axis}-{name} aria-label="{name}, {label}"'
+            )
+            for event in APPLY:
+                field.on(event, page.guard(functools.partial(self._apply, axis)))
+            self._fields[axis] = field.classes("place-number")
+        self._restore()
+
+    def show(self, spot: Spot) -> None:
+        """The fields show another place; what somebody is writing stays where that is the same."""
+        before, self._spot = self._spot, spot
+        if spot.reference != before.reference:
+            self._restore()
+        else:
+            self._restore([axis for axis in self._fields if _centimetres(spot, axis) != _centimetres(before, axis)])
+
+    def _restore(self, axes: Collection[str] = tuple(axis for axis, _ in AXES)) -> None:
+        self._reference.set_value(self._spot.reference)
+        for axis in axes:
+            self._fields[axis].set_value(_centimetres(self._spot, axis))
+
+    async def _apply(self, axis: str) -> None:
+        value = self._fields[axis].value
+        written = None if value is None else round(value, 1)
+        async with self._turn:
+            if written == _centimetres(self._spot, axis):
+                return
+            try:
+                if written is None:
+                    raise UserError(f"a number is missing for {self._name}; write how many centimetres")
+                await self._moved(dataclasses.replace(self._spot, **{axis: written / 100}))
+            finally:
+                if self._fields[axis].value in (value, written):
+                    self._restore([axis])
+
+    async def _change(self) -> None:
+        """The same numbers from elsewhere would mean another place: it begins in the middle, or on top."""
+        reference = self._reference.value
+        async with self._turn:
+            try:
+                await self._moved(Spot(reference, 0.0, 0.0, 0.0))
+            finally:
+                self._restore([])
+
+
+def _centimetres(spot: Spot, axis: str) -> float:
+    return round(100 * getattr(spot, axis), 1) + 0.0

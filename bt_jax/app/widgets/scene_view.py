@@ -1,0 +1,269 @@
+"""The scene in 3D, at the left of every window: it shows what the studio shows, and lets a person take hold of it."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import mujoco
+import nicegui
+import numpy as np
+from jaxtyping import Float
+from nicegui.element import Element
+from nicegui.events import GenericEventArguments
+
+from bt_jax.app.plain_words import Words
+from bt_jax.app.state.arrangement import goals
+from bt_jax.app.state.playing import Cue
+from bt_jax.app.state.studio import Studio
+from bt_jax.behaviors import Behavior, Vocabulary
+from bt_jax.mjx_env.render.choreography import Shot, Stage
+from bt_jax.mjx_env.scene.mjcf import compile_scene
+from bt_jax.mjx_env.scene.surfaces import fixed_surfaces
+from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.mjx_env.world import World
+from bt_jax.tasks import Task
+
+if TYPE_CHECKING:
+    from bt_jax.app.page import Page
+
+__all__ = ["Dragging", "SceneView"]
+
+THREE = Path(nicegui.__file__).parent / "elements" / "scene" / "dist"
+PITCH, TURN = math.radians(42), math.radians(-8)  # of the view at the beginning, below the horizon and about z
+Dragging = Literal["", "boxes", "targets"]
+Pose = Sequence[float] | Float[np.ndarray, "7"]
+
+
+class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": str(THREE)}):
+    """Tables, kit, boxes and gripper, and translucent copies of boxes where they should be.
+
+    What is shown depends on the step of the window: where things start, what the player does, or `studio.shown`. Nothing
+    is decided here: a box that was dropped or clicked is reported to whoever asked for it with `on_drop` and `on_pick`.
+    """
+
+    def __init__(self, studio: Studio, page: Page) -> None:
+        super().__init__()
+        self.studio, self.page = studio, page
+        self._props["label"] = (
+            "The scene; drag or use the arrow keys to look from elsewhere, plus and minus to come nearer, double-click for "
+            "the first view"
+        )
+        self.props("data-testid=scene")
+        self._arranging: Dragging = "targets"
+        self._ready = False
+        self._cue: Cue | None = None
+        self._ghosts: dict[str, list[dict[str, Any]]] = {}
+        self._on_drop: list[Callable[[Dragging, str, np.ndarray], Any]] = []
+        self._on_pick: list[Callable[[str], Any]] = []
+        self.on("ready", self._begin)
+        self.on("drop", page.guard(self._drop))
+        self.on("pick", page.guard(self._pick))
+        page.on("task", self._rebuild)
+        page.on("scene", self._show, now=False)
+        page.on("player", self._follow, now=False)
+        page.on_step(lambda step: self._enter())
+
+    def on_drop(self, callback: Callable[[Dragging, str, np.ndarray], Any]) -> None:
+        """Calls back with what was dragged (boxes or targets), its name, and where its centre was dropped [m, world]."""
+        self._on_drop.append(callback)
+
+    def on_pick(self, callback: Callable[[str], Any]) -> None:
+        """Calls back with the name of a box that was clicked."""
+        self._on_pick.append(callback)
+
+    def arrange(self, dragging: Dragging) -> None:
+        """What a person may drag in the step `task`: boxes or targets."""
+        self._arranging = dragging
+        self._enter()
+
+    def ghost(self, poses: Mapping[str, Pose], *, group: str, texts: Mapping[str, str] | None = None) -> None:
+        """Translucent copies of boxes at these poses [m, world; wxyz], in place of those that `group` had before."""
+        texts = {} if texts is None else texts
+        ghosts = [{"name": name, "pose": _plain(pose), "text": texts.get(name, name)} for name, pose in poses.items()]
+        if ghosts != self._ghosts.get(group, []):
+            self._ghosts[group] = ghosts
+            self._call("setGhosts", group, ghosts)
+
+    @property
+    def _world(self) -> World:
+        """What there is to see in the step of the window."""
+        studio = self.studio
+        if self.page.step in ("task", "evolve"):
+            return studio.start
+        if self.page.step == "run":
+            return studio.start if studio.player is None else studio.player.world
+        return studio.shown
+
+    def _rebuild(self) -> None:
+        model = _model(self.studio.task)
+        if model != self._props.get("model"):
+            self._ready, self._ghosts = False, {}
+            self._props["model"] = model
+            self.update()
+        self._show_targets()
+
+    def _begin(self) -> None:
+        """The browser has built the scene of the task: what it does not know yet is sent."""
+        self._ready = True
+        self._call("setDragging", self._dragging)
+        self._show(glide=False)
+        for group, ghosts in self._ghosts.items():
+            self._call("setGhosts", group, ghosts)
+
+    def _enter(self) -> None:
+        self._call("setDragging", self._dragging)
+        self._show()
+
+    @property
+    def _dragging(self) -> Dragging:
+        return {"task": self._arranging, "run": "boxes"}.get(self.page.step, "")
+
+    def _show(self, *, glide: bool = True) -> None:
+        world, player = self._world, self.studio.player
+        running = self.page.step == "run" and player is not None
+        shot = player.now.shots[-1] if running else _at_rest(self.studio.task, world)
+        self._cue = self.studio.playing.cue if running else None
+        kit = [*_plain(world.kit[0]), 1, 0, 0, 0]
+        self._call("show", {**_state(shot), "kit": kit}, glide)
+        self._show_targets()
+
+    def _show_targets(self) -> None:
+        task, poses, texts = self.studio.task, {}, {}
+        if self.page.step in ("task", "evolve", "combine", "run"):
+            words = Words(task)
+            poses = {name: (*goal, 1, 0, 0, 0) for name, goal in goals(task, self._world).items()}
+            texts = {
+                t.object: f"{t.object} should be {words.place(t.object, t.position, t.frame)}" for t in task.targets
+            }
+        self.ghost(poses, group="targets", texts=texts)
+
+    def _follow(self) -> None:
+        """Does what the player is doing."""
+        cue = self.studio.playing.cue
+        if self.page.step != "run" or cue is self._cue:
+            return
+        if cue is None or cue.kind == "show" or self.studio.player is None:
+            self._show()
+            return
+        self._cue = cue
+        if cue.kind == "play":
+            self._call("play", [_state(shot) for shot in cue.shots], 1000 * cue.seconds)
+            self._show_targets()
+        else:
+            self._call("freeze", cue.kind == "freeze")
+
+    def _call(self, method: str, *arguments: Any) -> None:
+        if self._ready:
+            self.run_method(method, *arguments)
+
+    async def _drop(self, event: GenericEventArguments) -> None:
+        """A box stays where it was dropped only if one of those who are asked has put it there."""
+        dragged, name = event.args["kind"], event.args["name"]
+        position = np.array(event.args["position"], float)
+        try:
+            for callback in self._on_drop:
+                await _finished(callback(dragged, name, position))
+        finally:
+            self._call("drop")
+            self._call("setGhosts", "targets", self._ghosts.get("targets", []))
+
+    async def _pick(self, event: GenericEventArguments) -> None:
+        for callback in self._on_pick:
+            await _finished(callback(event.args))
+
+
+async def _finished(result: Any) -> None:
+    if inspect.isawaitable(result):
+        await result
+
+
+@functools.lru_cache(maxsize=8)
+def _model(task: Task) -> dict[str, Any]:
+    """What the browser builds the scene from: the shapes of the compiled scene, what boxes can stand on, and the view."""
+    model, _ = compile_scene(task, gripper=True)
+    surfaces = fixed_surfaces(task, np.zeros((1, 3), np.float32))
+    tops = [
+        {"x": x, "y": y, "half": half, "top": top}
+        for (x, y), half, top in zip(
+            surfaces.centre[0].tolist(), surfaces.half[0].tolist(), surfaces.top[0].tolist(), strict=True
+        )
+    ]
+    count = len(task.tables)
+    low, high = _extent(task)
+    return {
+        "geoms": [_geom(model, i) for i in range(model.ngeom)],
+        "boxes": [{"name": box.name, "size": box.size, "color": box.color} for box in task.boxes],
+        "kit": task.kit.name,
+        "tables": tops[1 : 1 + count],
+        "kit_parts": tops[1 + count :],
+        "top": max(table.top for table in task.tables),
+        "room": [(low - 0.1 * (high - low)).tolist(), (high + 0.1 * (high - low)).tolist()],
+        "light": (np.array([0, 0, 3.0]) - 1.2 * np.array(task.right) - 0.9 * np.array(task.away)).tolist(),
+        "camera": _camera(task),
+    }
+
+
+def _geom(model: mujoco.MjModel, index: int) -> dict[str, Any]:
+    geom = model.geom(index)
+    kinds = {mujoco.mjtGeom.mjGEOM_PLANE: "plane", mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder"}
+    return {
+        "body": model.body(int(geom.bodyid[0])).name,
+        "type": kinds.get(int(geom.type[0]), "box"),
+        "size": geom.size.tolist(),
+        "pose": _plain([*geom.pos, *geom.quat]),
+        "color": model.mat_rgba[int(geom.matid[0]), :3].tolist(),
+    }
+
+
+def _extent(task: Task) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest corner of what there is to see [m]: the upper part of the tables, and a stack on them."""
+    middles, halves = (np.array([getattr(t, key) for t in task.tables]) for key in ("position", "size"))
+    low, high = (middles - halves / 2).min(axis=0), (middles + halves / 2).max(axis=0)
+    unit = max(box.size for box in task.boxes)
+    low[2] = max(low[2], high[2] - 2.5 * unit)
+    high[2] += 4 * unit
+    return low, high
+
+
+def _camera(task: Task) -> dict[str, Any]:
+    """The view of a person who faces the robot, from above and a little from the side; `across` and `upright` are the
+    tangents of half the angles that take in everything."""
+    low, high = _extent(task)
+    right, away, up = np.array(task.right), np.array(task.away), np.array([0.0, 0.0, 1.0])
+    level = math.cos(TURN) * away - math.sin(TURN) * right
+    view = math.cos(PITCH) * level - math.sin(PITCH) * up
+    target, distance = (low + high) / 2, 2.2 * float(np.linalg.norm(high - low))
+    eye = target - distance * view
+    side = np.cross(view, up) / np.linalg.norm(np.cross(view, up))
+    corners = np.array(list(itertools.product(*zip(low, high, strict=True)))) - eye
+    depth = corners @ view
+    return {
+        "eye": eye.tolist(),
+        "target": target.tolist(),
+        "across": float(np.abs(corners @ side / depth).max()),
+        "upright": float(np.abs(corners @ np.cross(side, view) / depth).max()),
+    }
+
+
+def _at_rest(task: Task, world: World) -> Shot:
+    """The scene between two motions."""
+    semantics = LeafSemantics(task, Vocabulary.of([Behavior("open_gripper")]))
+    return Stage(semantics, world, fps=1.0).shots[-1]
+
+
+def _state(shot: Shot) -> dict[str, Any]:
+    gripper = shot.gripper
+    return {
+        "boxes": [_plain(pose) for pose in shot.poses],
+        "gripper": _plain([*gripper.position, gripper.opening, gripper.yaw]),
+    }
+
+
+def _plain(values: Pose) -> list[float]:
+    return [round(float(value), 5) for value in values]

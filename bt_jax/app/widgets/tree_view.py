@@ -1,0 +1,132 @@
+"""A tree on the page: in plain words or in symbols, foldable, its nodes coloured by what they returned."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from nicegui import ui
+from nicegui.element import Element
+
+from bt_jax.app.plain_words import Words
+from bt_jax.behaviors import Behavior, Tree
+from bt_jax.encoding.drawing.svg import status_class, to_svg
+from bt_jax.encoding.status import Status
+from bt_jax.encoding.walk import children, prefix
+from bt_jax.tasks import Task
+
+if TYPE_CHECKING:
+    from bt_jax.app.page import Page
+
+__all__ = ["TreeView"]
+
+LARGE = 12  # nodes; trees that show more begin folded
+DEPTH = 3  # below which large trees are folded
+LEGEND = (("success", "done"), ("running", "at work"), ("failure", "failed"), ("idle", "not asked"))
+
+
+class _Drawing(Element, component="../static/tree_view.js"):
+    def __init__(self) -> None:
+        super().__init__()
+        self._props["svg"] = ""
+        self._props["classes"] = {}
+
+    def draw(self, svg: str) -> None:
+        self._props["svg"] = svg
+        self.update()
+
+    def colour(self, classes: dict[str, str]) -> None:
+        if classes != self._props["classes"]:
+            self._props["classes"] = classes
+            self.update()
+
+
+class TreeView:
+    """Builds the view where it is made; fills it with `show` and `colour`.
+
+    `legend` explains the colours. A person may fold and unfold subtrees, and choose words or symbols.
+    """
+
+    def __init__(self, page: Page, *, testid: str, legend: bool = False) -> None:
+        self._tree: Tree | None = None
+        self._task: Task | None = None
+        self._words = True
+        self._folded: set[str] = set()
+        with ui.element("div").classes("tree-view").props(f"data-testid={testid}"):
+            with ui.row().classes("tree-bar"):
+                if legend:
+                    for status, meaning in LEGEND:
+                        with ui.element("span").classes(f"tree-legend {status}"):
+                            ui.label(meaning)
+                ui.space()
+                self._unfold = self._button("unfold_more", "Unfold everything", f"{testid}-unfold", self._unfold_all)
+                self._fold = self._button("unfold_less", "Fold to the outline", f"{testid}-fold", self._fold_again)
+                self._symbols = self._button("code", "Words or symbols", f"{testid}-symbols", self._switch)
+            self._drawing = _Drawing()
+        self._drawing.on("toggle", lambda event: self._toggle(event.args))
+
+    def show(self, tree: Tree | None, task: Task) -> None:
+        """Shows a tree of a task; the same again changes nothing. With None, the view is empty."""
+        if tree == self._tree and task == self._task:
+            return
+        if tree != self._tree:
+            self._folded = set() if tree is None else _outline(tree)
+            self._drawing.colour({})
+        self._tree, self._task = tree, task
+        self._draw()
+
+    def colour(self, statuses: Mapping[str, Status | None]) -> None:
+        """Colours the nodes; ids as from `encoding.svg.node_ids`."""
+        self._drawing.colour({name: status_class(status) for name, status in statuses.items()})
+
+    def _draw(self) -> None:
+        if self._tree is None or self._task is None:
+            self._drawing.draw("")
+            return
+        words = Words(self._task) if self._words else None
+        self._drawing.draw(to_svg(self._tree, words=words, folded=self._folded))
+
+    def _toggle(self, name: str) -> None:
+        self._folded ^= {name}
+        self._draw()
+
+    def _unfold_all(self) -> None:
+        self._folded = set()
+        self._draw()
+
+    def _fold_again(self) -> None:
+        if self._tree is not None:
+            self._folded = _outline(self._tree)
+            self._draw()
+
+    def _switch(self) -> None:
+        self._words = not self._words
+        self._draw()
+
+    @staticmethod
+    def _button(icon: str, hint: str, testid: str, handler) -> ui.button:
+        button = ui.button(icon=icon, on_click=handler).props(
+            f'flat dense size=sm data-testid={testid} aria-label="{hint}"'
+        )
+        with button:
+            ui.tooltip(hint)
+        return button
+
+
+def _outline(tree: Tree) -> set[str]:
+    """What is folded at first: genes, what is inside them, and in a large tree all that is deep down."""
+    folded = {f"node-{i}" for i, node in enumerate(prefix(tree)) if isinstance(node, Behavior) and node.subtree}
+    if len(prefix(tree)) <= LARGE:
+        return folded
+    count = 0
+
+    def visit(node: Tree, depth: int) -> None:
+        nonlocal count
+        index, count = count, count + 1
+        if depth >= DEPTH and children(node):
+            folded.add(f"node-{index}")
+        for child in children(node):
+            visit(child, depth + 1)
+
+    visit(tree, 1)
+    return folded

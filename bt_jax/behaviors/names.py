@@ -1,0 +1,48 @@
+"""Whether what a leaf names exists in a task, and what the task's subgoals mean."""
+
+from __future__ import annotations
+
+from bt_jax._util.errors import UserError
+from bt_jax.behaviors.notation import parse_behavior
+from bt_jax.behaviors.symbols import NOTHING, Behavior, Kind, Tree
+from bt_jax.tasks import Task
+
+__all__ = ["check_names", "subgoal_conditions"]
+
+
+def subgoal_conditions(task: Task) -> dict[str, tuple[Behavior, ...]]:
+    """What each subgoal of a task means, by its name. Raises UserError where it is not made of conditions of the scene."""
+    meanings = {}
+    for subgoal in task.subgoals:
+        texts = (text.replace("{box}", name) for text in subgoal.conditions for name in task.box_names)
+        meanings[subgoal.name] = tuple(map(parse_behavior, dict.fromkeys(texts)))
+        for condition in meanings[subgoal.name]:
+            if condition.kind != Kind.CONDITION or condition.name == "reached":
+                raise UserError(
+                    f"{condition} in the subgoal {subgoal.name} is not a condition of the scene; use at, holding, gripper, "
+                    "reachable or clear"
+                )
+            check_names(condition, task)
+    return meanings
+
+
+def check_names(leaf: Behavior, task: Task) -> None:
+    """Raises UserError where a leaf names an object, frame or subgoal that the task does not have."""
+    if leaf.name == "subtask":
+        _check_tree(leaf.args[1], task)
+    objects = (*task.box_names, NOTHING) if leaf.name == "holding" else task.box_names
+    if leaf.object is not None and leaf.object not in objects:
+        raise UserError(f"{leaf}: task {task.name} has no object '{leaf.object}'; use one of {', '.join(objects)}")
+    if leaf.frame is not None and (leaf.frame not in task.frames or leaf.frame == leaf.object):
+        frames = [frame for frame in task.frames if frame != leaf.object]
+        raise UserError(f"{leaf}: task {task.name} has no such frame '{leaf.frame}'; use one of {', '.join(frames)}")
+    if leaf.name == "reached" and leaf.args[0] not in [subgoal.name for subgoal in task.subgoals]:
+        raise UserError(f"{leaf}: task {task.name} declares no such subgoal; add it under subgoals")
+
+
+def _check_tree(tree: Tree, task: Task) -> None:
+    if isinstance(tree, Behavior):
+        check_names(tree, task)
+        return
+    for child in tree.children:
+        _check_tree(child, task)

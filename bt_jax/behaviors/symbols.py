@@ -1,0 +1,213 @@
+"""The symbols that trees are made of: control nodes, conditions, actions and genes.
+
+A behavior is a name with arguments, written as `pick(YellowBox)` or `at(GreenBox, (0, 0, 0.1), YellowBox)`. Positions are
+metres in the named frame and mean the centre of the object.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+
+import numpy as np
+
+from bt_jax._util.errors import UserError
+
+__all__ = [
+    "CLOSED",
+    "NOTHING",
+    "OPEN",
+    "SIGNATURES",
+    "Argument",
+    "Behavior",
+    "Control",
+    "Kind",
+    "Signature",
+    "Tree",
+    "expand",
+]
+
+
+class Kind(enum.IntEnum):
+    """What a token is. The order is that of the tokens in a vocabulary."""
+
+    PAD = 0
+    SEQUENCE = 1
+    FALLBACK = 2
+    CONDITION = 3
+    ACTION = 4
+    GENE = 5
+
+
+@dataclasses.dataclass(frozen=True)
+class Signature:
+    kind: Kind
+    arguments: tuple[str, ...]
+    cost: float = 0.0
+
+
+SIGNATURES: dict[str, Signature] = {
+    "at": Signature(Kind.CONDITION, ("object", "position", "frame")),
+    "holding": Signature(Kind.CONDITION, ("object",)),
+    "gripper": Signature(Kind.CONDITION, ("opening",)),
+    "reachable": Signature(Kind.CONDITION, ("object",)),
+    "clear": Signature(Kind.CONDITION, ("object",)),
+    "reached": Signature(Kind.CONDITION, ("subgoal",)),
+    "open_gripper": Signature(Kind.ACTION, (), cost=2.0),
+    "close_gripper": Signature(Kind.ACTION, (), cost=2.0),
+    "pick": Signature(Kind.ACTION, ("object",), cost=20.0),
+    "place": Signature(Kind.ACTION, ("object", "position", "frame"), cost=20.0),
+    "move": Signature(Kind.GENE, ("object", "position", "frame"), cost=40.0),
+    "subtask": Signature(Kind.GENE, ("name", "tree")),
+}
+
+NOTHING = "nothing"
+OPEN, CLOSED = "open", "closed"
+
+
+@dataclasses.dataclass(frozen=True)
+class Behavior:
+    """A leaf: a condition, an action, or a gene. Compare and hash by value.
+
+    The gene `subtask(name, tree)` makes one leaf of any tree, for instance of a demonstrated one.
+    """
+
+    name: str
+    args: tuple[Argument, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.name not in SIGNATURES:
+            raise UserError(f"unknown behavior '{self.name}'; use one of {', '.join(SIGNATURES)}")
+        wanted = SIGNATURES[self.name].arguments
+        if len(self.args) != len(wanted):
+            raise UserError(f"{self.name} takes ({', '.join(wanted)}), found {len(self.args)} arguments; mend the call")
+        for argument, value in zip(wanted, self.args, strict=True):
+            if not isinstance(value, ARGUMENT_TYPES.get(argument, str)):
+                raise UserError(f"{self.name}: {argument} cannot be {value!r}; write it as in {EXAMPLES[argument]}")
+        for argument, value in zip(wanted, self.args, strict=True):
+            if argument == "position" and not _is_position(value):
+                raise UserError(
+                    f"{self.name}: {value} is not a position; write three numbers in metres, as (0, 0, 0.1)"
+                )
+        if self.name == "gripper" and self.args[0] not in (OPEN, CLOSED):
+            raise UserError(f"gripper({self.args[0]}) is unknown; write gripper(open) or gripper(closed)")
+
+    @property
+    def kind(self) -> Kind:
+        return SIGNATURES[self.name].kind
+
+    @property
+    def cost(self) -> float:
+        """What running the action once costs, in arbitrary units; planners prefer cheap ones."""
+        return SIGNATURES[self.name].cost
+
+    def _argument(self, name: str) -> Argument | None:
+        wanted = SIGNATURES[self.name].arguments
+        return self.args[wanted.index(name)] if name in wanted else None
+
+    @property
+    def object(self) -> str | None:
+        return self._argument("object")
+
+    @property
+    def position(self) -> tuple[float, float, float] | None:
+        return self._argument("position")
+
+    @property
+    def frame(self) -> str | None:
+        return self._argument("frame")
+
+    def __str__(self) -> str:
+        if not self.args:
+            return self.name
+        return f"{self.name}({', '.join(_argument_text(value) for value in self.args)})"
+
+    @property
+    def label(self) -> str:
+        """What stands in drawings: the text, but only the name of a subtask."""
+        return self.args[0] if self.name == "subtask" else str(self)
+
+    @property
+    def preconditions(self) -> tuple[Behavior, ...]:
+        """Conditions that must hold for the action to start, in the order in which to establish them."""
+        if self.name == "pick":
+            return (Behavior("gripper", (OPEN,)), Behavior("reachable", self.args), Behavior("clear", self.args))
+        if self.name == "place":
+            return (Behavior("holding", (self.object,)),)
+        return ()
+
+    @property
+    def postconditions(self) -> tuple[Behavior, ...]:
+        """Conditions that hold once the action has succeeded."""
+        nothing = Behavior("holding", (NOTHING,))
+        match self.name:
+            case "open_gripper":
+                return (Behavior("gripper", (OPEN,)), nothing)
+            case "close_gripper":
+                return (Behavior("gripper", (CLOSED,)),)
+            case "pick":
+                return (Behavior("holding", (self.object,)),)
+            case "place":
+                return (Behavior("at", self.args), nothing)
+            case _:
+                return ()
+
+    @property
+    def subtree(self) -> Tree | None:
+        """What a gene stands for, without genes in it (of `move`: paper, figure 1); None for other behaviors."""
+        if self.kind != Kind.GENE:
+            return None
+        if self.name == "subtask":
+            return expand(self.args[1])
+        pick = Behavior("pick", (self.object,))
+        opened = Control.fallback(Behavior("gripper", (OPEN,)), Behavior("open_gripper"))
+        held = Control.fallback(Behavior("holding", (self.object,)), Control.sequence(opened, pick))
+        return Control.fallback(Behavior("at", self.args), Control.sequence(held, Behavior("place", self.args)))
+
+
+@dataclasses.dataclass(frozen=True)
+class Control:
+    """A control node with its children; memoryless: ticked from the first child every time."""
+
+    kind: Kind
+    children: tuple[Tree, ...]
+
+    @staticmethod
+    def sequence(*children: Tree) -> Control:
+        return Control(Kind.SEQUENCE, children)
+
+    @staticmethod
+    def fallback(*children: Tree) -> Control:
+        return Control(Kind.FALLBACK, children)
+
+    def __str__(self) -> str:
+        return f"{self.kind.name.title()}({', '.join(map(str, self.children))})"
+
+
+Tree = Behavior | Control
+Argument = str | tuple[float, float, float] | Tree
+ARGUMENT_TYPES = {"position": tuple, "tree": Tree}  # of those that are no names
+EXAMPLES = {
+    **dict.fromkeys(("object", "position", "frame"), "at(Box, (0, 0, 0.1), Frame)"),
+    **dict.fromkeys(("name", "tree"), "subtask(unstack, Sequence(...))"),
+    "opening": "gripper(open)",
+    "subgoal": "reached(unstacked)",
+}
+
+
+def _is_position(values: tuple) -> bool:
+    numbers = all(isinstance(value, int | float | np.number) for value in values)
+    return len(values) == 3 and numbers and bool(np.all(np.isfinite(values)))
+
+
+def expand(tree: Tree) -> Tree:
+    """The same tree with each gene replaced by the subtree that it stands for."""
+    if isinstance(tree, Behavior):
+        return tree.subtree or tree
+    return Control(tree.kind, tuple(map(expand, tree.children)))
+
+
+def _argument_text(value: Argument) -> str:
+    if isinstance(value, tuple):
+        return f"({', '.join(np.format_float_positional(x, trim='-') for x in value)})"
+    return str(value)

@@ -1,0 +1,176 @@
+"""`python -m bt_jax.deploy calibrate`: lens and place of the cell's camera, with residuals."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+import yaml
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+from tyro.conf import Positional
+
+from bt_jax._util.errors import UserError
+from bt_jax.deploy.perception.calibration import (
+    board_corners,
+    calibrate_lens,
+    charuco_board,
+    load_intrinsics,
+    locate_camera,
+    marker_centres,
+    save_camera,
+)
+from bt_jax.deploy.perception.camera import CameraError, open_camera
+
+__all__ = ["CalibrateArguments", "calibrate_command"]
+
+PICTURES = (".png", ".jpg", ".jpeg", ".bmp")
+IMAGES = 30  # of the markers, averaged
+ATTEMPTS = 3000  # images of a live camera to look for the board in
+
+
+@dataclasses.dataclass(frozen=True)
+class CalibrateArguments:
+    """First `intrinsics`, with the printed board; then `base`, with markers at known places."""
+
+    step: Positional[Literal["intrinsics", "base"]]
+    """what to calibrate"""
+    camera: str = "0"
+    """number or address of a camera, or a folder with pictures that it took"""
+    file: Path = Path("camera.yaml")
+    """where the calibration is kept"""
+    points: Path | None = None
+    """for base: a YAML file with a line `ID: [x, y, z]` for each marker, its centre in the robot's base frame in metres"""
+    square: float = 0.035
+    """for intrinsics: edge of the board's squares, measured on the print, in metres"""
+    views: int = 20
+    """for intrinsics with a live camera: from how many sides to look at the board"""
+    width: int = 640
+    height: int = 480
+
+
+def calibrate_command(arguments: CalibrateArguments) -> int:
+    """Does one step and prints the residuals; the exit code is 0. Raises UserError."""
+    console = Console(highlight=False)
+    return _lens(arguments, console) if arguments.step == "intrinsics" else _place(arguments, console)
+
+
+def _lens(arguments: CalibrateArguments, console: Console) -> int:
+    if not 0 < arguments.square < 1:
+        raise UserError(f"--square {arguments.square} is no size in metres; measure a square of the print")
+    board = charuco_board(arguments.square)
+    views, size = [], None
+    live = not Path(arguments.camera).is_dir()
+    with Progress(console=console, transient=True) as progress:
+        bar = progress.add_task("views of the board", total=arguments.views if live else None)
+        for image in _images(arguments):
+            if size is not None and image.shape[:2] != size:
+                raise UserError(f"{arguments.camera} holds pictures of several sizes; keep those of one camera")
+            size = image.shape[:2]
+            view = board_corners(image, board)
+            if view is not None and not (live and any(_alike(view, other, size) for other in views)):
+                views.append(view)
+                progress.update(bar, completed=len(views))
+            if live and len(views) == arguments.views:
+                break
+    if size is None:
+        raise UserError(f"{arguments.camera} holds no pictures; give a folder with png or jpg files, or a camera")
+    lens, errors = calibrate_lens(views, size[1], size[0])
+    save_camera(arguments.file, lens)
+    console.print(
+        f"focal length {lens.matrix[0, 0]:.1f} {lens.matrix[1, 1]:.1f} px, centre {lens.matrix[0, 2]:.1f} "
+        f"{lens.matrix[1, 2]:.1f} px\nresidual {lens.error:.3f} px over {len(views)} views, worst view "
+        f"{errors.max():.3f} px\nwritten to {arguments.file}; next: calibrate base"
+    )
+    return 0
+
+
+def _place(arguments: CalibrateArguments, console: Console) -> int:
+    lens = load_intrinsics(arguments.file)
+    if arguments.points is None:
+        raise UserError(
+            "the places of the markers are missing; give --points FILE with a line 'ID: [x, y, z]' for each"
+        )
+    known = _known_points(arguments.points)
+    seen: dict[int, list[np.ndarray]] = {}
+    for _, image in zip(range(IMAGES), _images(arguments), strict=False):
+        if image.shape[:2] != (lens.height, lens.width):
+            raise UserError(
+                f"images are {image.shape[1]} x {image.shape[0]}, the lens was calibrated at {lens.width} x {lens.height}; "
+                "use the same size"
+            )
+        for number, centre in marker_centres(image).items():
+            seen.setdefault(number, []).append(centre)
+    numbers = sorted(set(known) & set(seen))
+    pixels = np.array([np.median(seen[number], axis=0) for number in numbers]).reshape(-1, 2)
+    place, distances = locate_camera(np.array([known[n] for n in numbers]).reshape(-1, 3), pixels, lens)
+    save_camera(arguments.file, lens, place)
+    table = Table("marker", "distance from its ray, mm")
+    for number, distance in zip(numbers, distances, strict=True):
+        table.add_row(str(number), f"{1000 * distance:.2f}")
+    console.print(table)
+    missing = sorted(set(known) - set(seen))
+    if missing:
+        console.print(f"not seen: {', '.join(map(str, missing))}")
+    x, y, z = place.pose.translation
+    console.print(
+        f"camera at ({x:.4f}, {y:.4f}, {z:.4f}) m in the base frame, residual {1000 * place.residual:.2f} mm\n"
+        f"written to {arguments.file}"
+    )
+    return 0
+
+
+def _images(arguments: CalibrateArguments) -> Iterator[np.ndarray]:
+    folder = Path(arguments.camera)
+    if folder.is_dir():
+        for path in sorted(folder.iterdir()):
+            image = cv2.imread(str(path)) if path.suffix.lower() in PICTURES else None
+            if image is not None:
+                yield cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+        return
+    camera = open_camera(arguments.camera, None, width=arguments.width, height=arguments.height)
+    last = float("-inf")
+    try:
+        for _ in range(ATTEMPTS):
+            frame = camera.read()
+            if frame.time > last:
+                last = frame.time
+                yield frame.image
+            else:
+                time.sleep(0.005)
+    except CameraError as error:
+        raise UserError(f"camera {arguments.camera}: {error}; check its cable") from error
+    finally:
+        camera.close()
+
+
+def _alike(view: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray], size: tuple[int, int]) -> bool:
+    """Do two views show the board from nearly the same side? They differ once a common corner moved by 5 % of the width."""
+    there = {tuple(point): pixel for point, pixel in zip(*other, strict=True)}
+    moved = [np.linalg.norm(pixel - there[tuple(p)]) for p, pixel in zip(*view, strict=True) if tuple(p) in there]
+    return bool(moved) and float(max(moved)) < 0.05 * size[1]
+
+
+def _known_points(path: Path) -> dict[int, list[float]]:
+    try:
+        data: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UserError(f"{path} cannot be read ({error.strerror}); check its name") from error
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        raise UserError(f"{path} is not valid YAML; write one line 'ID: [x, y, z]' for each marker") from error
+    valid = isinstance(data, dict) and all(
+        isinstance(number, int)
+        and isinstance(position, list)
+        and len(position) == 3
+        and all(isinstance(x, int | float) and np.isfinite(x) for x in position)
+        for number, position in data.items()
+    )
+    if not valid:
+        raise UserError(f"{path} does not list markers; write one line 'ID: [x, y, z]' for each, in metres")
+    return data

@@ -1,0 +1,151 @@
+"""python -m bt_jax.deploy replay LOG: what happened, tick by tick, and whether the tree would decide the same again."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.text import Text
+
+from bt_jax._util.errors import UserError
+from bt_jax.behaviors import expand, parse_behavior
+from bt_jax.deploy.execution.executor import decide
+from bt_jax.deploy.execution.log import read_log
+from bt_jax.deploy.execution.observation import Observation
+from bt_jax.deploy.execution.program import Program
+from bt_jax.deploy.execution.statuses import Context
+from bt_jax.encoding.drawing.terminal import draw_text
+from bt_jax.encoding.formats.text import parse_tree
+from bt_jax.encoding.status import Status
+from bt_jax.tasks import task_from_dict
+
+__all__ = ["ReplayArguments", "Replayed", "replay", "replay_command"]
+
+STYLES = {Status.SUCCESS: "green", Status.FAILURE: "red", Status.RUNNING: "bold yellow", None: "dim"}
+
+
+@dataclasses.dataclass(frozen=True)
+class ReplayArguments:
+    """Show what a log tells: every change of the tree, attempts, and why the run ended."""
+
+    log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
+    """file that twin or run has written"""
+    every: bool = False
+    """show every tick, not only those in which a status changed"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Replayed:
+    """One tick of a log, decided anew from what was known then."""
+
+    seen: Observation
+    logged: tuple[Status | None, ...]
+    statuses: tuple[Status | None, ...]
+
+    @property
+    def same(self) -> bool:
+        """Does the tree decide as it did?"""
+        return self.logged == self.statuses
+
+
+def program_of(start: Mapping[str, Any], source: Path) -> Program:
+    """The program that a log was written for. Raises UserError where its digest does not fit its tree."""
+    try:
+        program = Program(task_from_dict(start["task"], source=str(source)), parse_tree(start["tree"]))
+        same = program.digest == start["digest"]
+    except KeyError as error:
+        raise UserError(f"{source} lacks {error}; give the log that a run has written") from error
+    if not same:
+        raise UserError(f"{source} was changed, its tree is not that of its digest; use the log as it was written")
+    return program
+
+
+def replay(path: Path) -> Iterator[Replayed]:
+    """Ticks the tree of a log again, with what was known at each tick that ticked it."""
+    program, tree = None, None
+    for entry in read_log(path):
+        if entry["kind"] == "start":
+            program = program_of(entry, path)
+            tree = expand(program.tree)
+        elif entry["kind"] == "tick" and entry["statuses"] is not None:
+            assert program is not None
+            seen, context = Observation.from_dict(entry["seen"]), _context(entry["context"])
+            ticked, _ = decide(program, tree, seen, context)
+            yield Replayed(seen, _statuses(entry["statuses"]), ticked.statuses)
+
+
+def replay_command(arguments: ReplayArguments, console: Console | None = None) -> int:
+    """Prints a log; 0 where it replays as it was, 1 where the tree decides differently now."""
+    console = Console(highlight=False, soft_wrap=True) if console is None else console
+    entries = list(read_log(arguments.log))
+    start = entries[0]
+    tree = expand(program_of(start, arguments.log).tree)
+    console.print(f"tree       {start['digest'][:12]}\nversions   {_listed(start['versions'])}", markup=False)
+    previous, began = None, start["time"]
+    for entry in entries[1:]:
+        if entry["kind"] == "tick":
+            shown = (entry["statuses"], entry["phase"])
+            if entry["statuses"] is not None and (arguments.every or shown != previous):
+                time = entry["seen"]["time"] - began
+                holding = entry["seen"]["holding"] or "nothing"
+                console.print(f"\n{time:8.2f} s  {entry['phase']}, holding {holding}", markup=False)
+                console.print(_drawing(tree, _statuses(entry["statuses"])))
+            previous = shown
+        elif entry["kind"] == "action":
+            reason = f": {entry['reason']}" if entry["reason"] else ""
+            console.print(f"{entry['time'] - began:8.2f} s  {entry['action']} {entry['event']}{reason}", markup=False)
+        elif entry["kind"] == "exception":
+            console.print(entry["text"], markup=False, style="red")
+    ticks = list(replay(arguments.log))
+    differing = sum(not tick.same for tick in ticks)
+    console.print(f"\n{_summary(entries)}", markup=False)
+    console.print(f"replayed   {len(ticks)} ticks, {len(ticks) - differing} decided as they were")
+    return 1 if differing else 0
+
+
+def _summary(entries: list[dict[str, Any]]) -> str:
+    """How it ended, and how well the arms followed."""
+    lines = []
+    lags = [
+        np.abs(np.array(entry["setpoint"], float) - np.array(entry["measured"], float)).ravel()
+        for entry in entries
+        if entry["kind"] == "motion"
+    ]
+    known = [lag for lag in np.concatenate([[], *lags]) if np.isfinite(lag)]
+    if known:
+        lines.append(f"motion     largest distance of a joint from its setpoint {np.degrees(max(known)):.2f} deg")
+    end = entries[-1]
+    if end["kind"] != "end":
+        return "\n".join([*lines, "end        the log breaks off: the program was killed"])
+    counted = ", ".join(f"{value} {name}" for name, value in end["counters"].items())
+    lines.append(f"link       {counted}")
+    lines.append(f"ticks      {end['ticks']}, {end['overruns']} too slow")
+    lines.append(f"end        {end['reason']} after {end['seconds']:.1f} s (exit code {end['exit_code']})")
+    return "\n".join(lines)
+
+
+def _statuses(text: str) -> tuple[Status | None, ...]:
+    return tuple(None if character == "." else Status(int(character)) for character in text)
+
+
+def _context(data: Mapping[str, Any]) -> Context:
+    return Context(
+        attempt=None if data["attempt"] is None else parse_behavior(data["attempt"]),
+        exhausted=frozenset(map(parse_behavior, data["exhausted"])),
+        reached=frozenset(data["reached"]),
+        unreachable=frozenset(data["unreachable"]),
+    )
+
+
+def _drawing(tree: Any, statuses: tuple[Status | None, ...]) -> Text:
+    lines = draw_text(tree, statuses).splitlines()
+    return Text("\n").join(Text(line, STYLES[status]) for line, status in zip(lines, statuses, strict=True))
+
+
+def _listed(values: Mapping[str, str]) -> str:
+    return ", ".join(f"{name} {value}" for name, value in values.items())

@@ -1,0 +1,253 @@
+"""python -m bt_jax.deploy twin: run a tree on the twin, show it live, film it; or run it in many layouts."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import json
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated
+
+import mujoco
+import numpy as np
+import tyro
+from rich.console import Console, Group
+from rich.live import Live
+from rich.markup import escape
+from rich.progress import track
+from rich.text import Text
+
+from bt_jax._util.errors import UserError
+from bt_jax._util.files import write_atomic
+from bt_jax.behaviors import expand
+from bt_jax.deploy.execution.executor import Exit, Limits
+from bt_jax.deploy.execution.program import Program, load_program
+from bt_jax.deploy.twin.cell import FILM, build_scene
+from bt_jax.deploy.twin.run import LIMIT, Moment, Run, run_twin
+from bt_jax.encoding.drawing.terminal import draw_text
+from bt_jax.encoding.status import Status
+from bt_jax.mjx_env.render.offscreen import View, write_film
+
+__all__ = ["TwinArguments", "survey", "twin_command"]
+
+STYLES = {Status.SUCCESS: "green", Status.FAILURE: "red", Status.RUNNING: "bold yellow", None: "dim"}
+SIZE = (800, 450)  # of a film
+FPS, FASTER = 30, 3  # a film shows what was seen at each tick, 10 a second, three times as fast
+STILLS = 6
+FILMS = (".mp4", ".gif", ".png")
+
+
+@dataclasses.dataclass(frozen=True)
+class TwinArguments:
+    """Execute a tree on the twin of a YuMi: rendered camera, markers, planning, EGM at 250 Hz, grasps by friction."""
+
+    source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_FOLDER|TREE")]
+    """folder that bt_jax.train has written, or a tree as .txt or .xml"""
+    task: str | None = None
+    """name of a task or YAML file (default: that of the run folder, or yumi_stack)"""
+    disturb: bool = False
+    """let a person move boxes, take them away and bring them back"""
+    touches: int = 1
+    """how often the person does so in a run, with --disturb"""
+    seed: int = 0
+    """number of the layout"""
+    layouts: int = 1
+    """with more than one, run in the layouts seed, seed + 1, ... and report how often the tree succeeds"""
+    realtime: bool = False
+    """keep the robot's own pace, 250 Hz by the clock; else simulated time, as fast as it goes"""
+    seconds: float = LIMIT
+    """time after which a run ends"""
+    render: Path | None = None
+    """film the run: .mp4, .gif, or .png for six stills"""
+    log: Path | None = None
+    """where to write the log (default: runs/twin-DATE.jsonl; with --layouts, a folder)"""
+
+    def check(self) -> None:
+        """Raises UserError for arguments that cannot work."""
+        if self.layouts < 1 or self.touches < 1 or self.seed < 0:
+            raise UserError("--layouts and --touches start at 1 and --seed at 0; mend them")
+        if not 0 < self.seconds <= 3600:
+            raise UserError(f"--seconds is {self.seconds}; choose more than 0, and an hour at most")
+        if self.render is not None:
+            if self.layouts > 1:
+                raise UserError("a film shows one layout; leave out --layouts, or choose one with --seed")
+            if self.render.suffix.lower() not in FILMS:
+                raise UserError(f"{self.render} is not a film; let its name end in {', '.join(FILMS)}")
+            if not self.render.parent.is_dir():
+                raise UserError(f"there is no folder {self.render.parent}; make it, or name another")
+
+
+def twin_command(arguments: TwinArguments, console: Console | None = None) -> int:
+    """Runs and prints; gives the exit code of `executor.Exit`."""
+    console = Console(highlight=False, soft_wrap=True) if console is None else console
+    arguments.check()
+    program = load_program(arguments.source, arguments.task)
+    name = (
+        arguments.log
+        or Path("runs") / f"twin-{time.strftime('%Y%m%d-%H%M%S')}{'' if arguments.layouts > 1 else '.jsonl'}"
+    )
+    if arguments.layouts > 1:
+        seeds = range(arguments.seed, arguments.seed + arguments.layouts)
+        touches = arguments.touches if arguments.disturb else 0
+        runs = survey(
+            program,
+            seeds,
+            disturbances=touches,
+            realtime=arguments.realtime,
+            seconds=arguments.seconds,
+            folder=name,
+            console=console,
+        )
+        return Exit.DONE if all(run.exit_code == Exit.DONE for run in runs) else Exit.FAILED
+    return _single(program, arguments, name, console)
+
+
+def survey(
+    program: Program,
+    seeds: Iterable[int],
+    *,
+    disturbances: int = 0,
+    realtime: bool = False,
+    seconds: float = LIMIT,
+    folder: Path | None = None,
+    console: Console,
+) -> list[Run]:
+    """Runs a tree in many layouts, a line for each, and says how often it succeeds; with a `folder`, logs and a summary."""
+    runs = []
+    for seed in seeds:
+        log = None if folder is None else folder / f"layout-{seed}.jsonl"
+        run = run_twin(program, seed, disturbances=disturbances, realtime=realtime, log=log, limits=Limits(run=seconds))
+        runs.append(run)
+        console.print(_line(run))
+        if run.exit_code == Exit.INTERRUPTED:
+            raise KeyboardInterrupt
+        if folder is not None:
+            write_atomic(folder / "summary.json", json.dumps([_summary(each) for each in runs], indent=2) + "\n")
+    count = sum(run.exit_code == Exit.DONE for run in runs)
+    console.print(f"success    [bold]{count} of {len(runs)}[/] layouts")
+    console.print(f"robot      {np.mean([run.outcome.seconds for run in runs]):.1f} s a run in the mean")
+    if folder is not None:
+        console.print(f"logs       {escape(str(folder))}")
+    return runs
+
+
+def _single(program: Program, arguments: TwinArguments, log: Path, console: Console) -> int:
+    states: list[np.ndarray] = []
+    display = _Display(program, console)
+    with display:
+
+        def tick(moment: Moment) -> None:
+            states.append(moment.qpos)
+            display.update(moment)
+
+        run = run_twin(
+            program,
+            arguments.seed,
+            realtime=arguments.realtime,
+            disturbances=arguments.touches if arguments.disturb else 0,
+            log=log,
+            limits=Limits(run=arguments.seconds),
+            on_tick=tick,
+        )
+    console.print(_verdict(program, run))
+    console.print(f"log        {escape(str(log))}")
+    if arguments.render is not None:
+        _film(program, arguments.seed, states, arguments.render, console)
+        console.print(f"film       {escape(str(arguments.render))}, {FASTER} times as fast")
+    return run.exit_code
+
+
+class _Display:
+    """The tree with the status of every node, live on a terminal; elsewhere a line for every change."""
+
+    def __init__(self, program: Program, console: Console) -> None:
+        self.tree, self.console = expand(program.tree), console
+        self._live = Live(console=console, auto_refresh=False, transient=True)
+        self._last: tuple[str, str] | None = None
+        self._lines = Text()
+        self._began: float | None = None
+
+    def __enter__(self) -> _Display:
+        if self.console.is_terminal:
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._live.stop()
+
+    def update(self, moment: Moment) -> None:
+        """Shows a tick."""
+        shown = moment.shown
+        self._began = shown.seen.time if self._began is None else self._began
+        now = shown.seen.time - self._began
+        out = self._live.console if self.console.is_terminal else self.console
+        if moment.touch is not None:
+            out.print(Text(f"{now:7.1f} s  {moment.touch}", "magenta"))
+        state = (shown.phase, str(shown.action or ""))
+        if state != self._last:
+            self._last = state
+            out.print(Text(f"{now:7.1f} s  {state[0]} {state[1]}"))
+        if not self.console.is_terminal:
+            return
+        if shown.statuses is not None:
+            lines = draw_text(self.tree, shown.statuses).splitlines()
+            self._lines = Text("\n").join(
+                Text(line, STYLES[status]) for line, status in zip(lines, shown.statuses, strict=True)
+            )
+        seen = f"sees {', '.join(sorted(shown.seen.poses)) or 'nothing'}; holds {shown.seen.holding or 'nothing'}"
+        self._live.update(Group(self._lines, Text(seen, "dim")), refresh=True)
+
+
+def _verdict(program: Program, run: Run) -> Text:
+    outcome, task = run.outcome, program.task
+    parts: list[str | tuple[str, str]] = [f"end        {outcome.reason} after {outcome.seconds:.1f} s\n"]
+    for target, distance in zip(task.targets, run.distances, strict=True):
+        mark = ("✓", "green") if distance < task.episode.tolerance else ("✗", "red")
+        parts += ["target     ", mark, f" {target.object} {1000 * distance:.1f} mm from its place in {target.frame}\n"]
+    parts.append(
+        f"cycles     {run.stats.cycles}, {run.stats.missed} missed; link {run.counters.late} late, "
+        f"{run.counters.lost} lost, {run.counters.clipped} clipped, {run.counters.rejected} rejected\n"
+        f"ticks      {outcome.ticks}, {outcome.overruns} too slow; {run.seconds:.1f} s by the clock\nsolved     "
+    )
+    parts.append(("yes", "bold green") if run.exit_code == Exit.DONE else ("no", "bold red"))
+    return Text.assemble(*parts)
+
+
+def _line(run: Run) -> Text:
+    good = run.exit_code == Exit.DONE
+    touched = f"  {'; '.join(map(str, run.touches))}" if run.touches else ""
+    worst = 1000 * max(run.distances)
+    return Text.assemble(
+        f"layout {run.seed:4d}  ",
+        ("✓" if good else "✗", "green" if good else "red"),
+        f" {run.outcome.seconds:6.1f} s  worst {worst:5.1f} mm  {run.outcome.reason}{touched}",
+    )
+
+
+def _summary(run: Run) -> dict:
+    return {
+        **dataclasses.asdict(run),
+        "outcome": {**dataclasses.asdict(run.outcome), "status": run.outcome.status.name},
+    }
+
+
+def _film(program: Program, seed: int, states: list[np.ndarray], path: Path, console: Console) -> None:
+    scene = build_scene(program.task, seed)
+    model = copy.copy(scene.model)
+    model.vis.global_.offwidth, model.vis.global_.offheight = SIZE
+    model.vis.quality.offsamples = 4
+    data, view = mujoco.MjData(model), View(model, FILM, width=SIZE[0], height=SIZE[1])
+    frames = []
+    if path.suffix.lower() == ".png":
+        states = [states[round(i)] for i in np.linspace(0, len(states) - 1, STILLS)]
+    try:
+        for qpos in track(states, "filming", console=console, transient=True, disable=not console.is_terminal):
+            data.qpos[:] = qpos
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_camlight(model, data)
+            frames.append(view(data))
+    finally:
+        view.close()
+    write_film(path, frames, FPS)

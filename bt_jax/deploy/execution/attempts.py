@@ -1,0 +1,131 @@
+"""What the skills are doing now, for how long, and how often each action has failed.
+
+A skill is one attempt at an action: it begins, moves, and succeeds or fails, while the tree is ticked on. Between attempts
+the arms may look: they get out of the camera's way.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+from bt_jax.behaviors import Behavior
+from bt_jax.deploy.execution.log import Log
+from bt_jax.deploy.execution.observation import Observation
+from bt_jax.deploy.execution.outcome import Limits
+from bt_jax.deploy.execution.statuses import Context, Statuses
+from bt_jax.deploy.link.protocol import RobotLink
+from bt_jax.encoding.status import Status
+from bt_jax.tasks import Task
+
+__all__ = ["SETTLED", "ActionRunner", "Skills"]
+
+SETTLED = 0.35  # seconds that arms take to come to rest
+
+
+@runtime_checkable
+class Skills(Protocol):
+    """How actions are carried out; one at a time, never waiting."""
+
+    committed: bool  # in a phase that must not be broken off
+    reason: str  # why the last attempt failed
+
+    def start(self, action: Behavior, seen: Observation) -> None:
+        """Begins an attempt; a plan that cannot be made is a FAILURE of the next `poll`."""
+
+    def look(self) -> None:
+        """Begins to take the arms out of the camera's way."""
+
+    def poll(self, seen: Observation) -> Status:
+        """Drives what was begun on; RUNNING until it has succeeded or failed."""
+
+    def cancel(self) -> None:
+        """Brings the arms smoothly to rest; what was begun is over."""
+
+    def reachable(self, name: str, seen: Observation) -> bool:
+        """Could an arm grasp this box where it is?"""
+
+
+class ActionRunner:
+    """Begins, drives on and ends what the skills do; one thing at a time. In a dry run, plans are made as far as
+    to an attempt's first motion, which may be that of the other arm, home."""
+
+    def __init__(self, skills: Skills, link: RobotLink, log: Log, limits: Limits, *, dry: bool) -> None:
+        self.skills, self.link, self.log, self.limits, self.dry = skills, link, log, limits, dry
+        self.action: Behavior | None = None  # that is attempted
+        self.looking = False
+        self.looked: float | None = None  # when the arms were out of the way last
+        self.rest_at = 0.0  # nothing is begun before
+        self.failures: dict[Behavior, int] = {}
+        self._began = 0.0
+        self._planned: set[Behavior] = set()
+
+    def poll(self, seen: Observation, now: float) -> None:
+        """Drives the skill on and takes note of its end."""
+        if self.action is None and not self.looking:
+            return
+        status = self.skills.poll(seen)
+        limit = self.limits.action
+        if status == Status.RUNNING and now - self._began <= limit:
+            return
+        if status == Status.RUNNING:
+            self.cancel(now, f"took longer than {limit:g} s")
+        elif self.action is not None:
+            reason = self.skills.reason if status == Status.FAILURE else ""
+            self._end(status.name, reason)
+            self.rest_at = now + self.limits.settle
+        else:
+            if status == Status.FAILURE:
+                self.log.write("action", time=now, action="look", event="FAILURE", reason=self.skills.reason)
+            self.looking, self.looked = False, now
+
+    def start(self, action: Behavior, seen: Observation, now: float) -> str:
+        """Begins an attempt; gives what is being done in a word."""
+        if self.dry:
+            if action not in self._planned:
+                self._planned.add(action)
+                self.skills.start(action, seen)
+                status = self.skills.poll(seen)
+                reason = "as far as to its first motion" if status == Status.RUNNING else self.skills.reason
+                self.log.write("action", time=now, action=str(action), event="planned", reason=reason)
+                if status != Status.FAILURE:
+                    self.skills.cancel()
+            return f"would start {action}"
+        self.action, self._began = action, now
+        self.log.write("action", time=now, action=str(action), event="start", reason="")
+        self.skills.start(action, seen)
+        return "starting"
+
+    def look(self, now: float) -> None:
+        """Begins to take the arms out of the camera's way."""
+        if self.dry:
+            return
+        self.looking, self._began = True, now
+        self.skills.look()
+
+    def cancel(self, now: float, reason: str) -> None:
+        """Breaks off whatever is being done."""
+        self.skills.cancel()
+        if self.action is not None:
+            late = now - self._began > self.limits.action
+            self._end("TIMEOUT" if late else "CANCELLED", reason)
+        self.looking = False
+        self.rest_at = now + SETTLED
+
+    def exhausted(self, most: int) -> frozenset[Behavior]:
+        """The actions that were tried too often."""
+        return frozenset(action for action, count in self.failures.items() if count >= most)
+
+    def forgive(self, task: Task, seen: Observation) -> None:
+        """An action whose effect is there may be tried as often again."""
+        statuses = Statuses(task, seen, Context())
+        for action in list(self.failures):
+            if all(statuses.holds(post) for post in action.postconditions):
+                del self.failures[action]
+
+    def _end(self, event: str, reason: str) -> None:
+        """The attempt is over; it counts as failed until the tree finds its action done."""
+        assert self.action is not None
+        if event != "CANCELLED":
+            self.failures[self.action] = self.failures.get(self.action, 0) + 1
+        self.log.write("action", time=self.link.now(), action=str(self.action), event=event, reason=reason)
+        self.action = None

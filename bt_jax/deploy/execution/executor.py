@@ -1,0 +1,251 @@
+"""Ticks a tree on the robot, starts and ends the skills that it asks for, and knows when to stop.
+
+As soon as the tree wants something else, an attempt is broken off smoothly, except in its committed phases (fingers closing,
+a box being set down). What cannot be decided, because something is not seen, neither begins nor breaks off an action: the
+arms get out of the camera's way first.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from scipy.spatial.transform import RigidTransform
+
+from bt_jax._util.errors import UserError
+from bt_jax.behaviors import Behavior, Tree, expand
+from bt_jax.deploy.execution.attempts import SETTLED, ActionRunner, Skills
+from bt_jax.deploy.execution.log import Log
+from bt_jax.deploy.execution.observation import Observation
+from bt_jax.deploy.execution.outcome import Exit, Halt, Limits, Outcome, Shown
+from bt_jax.deploy.execution.program import Program
+from bt_jax.deploy.execution.reach_memory import ReachMemory
+from bt_jax.deploy.execution.run_log import RunLog
+from bt_jax.deploy.execution.statuses import Context, Statuses, seen_subgoals
+from bt_jax.deploy.link.protocol import ControllerGone, RobotLink
+from bt_jax.deploy.link.safety import Rejected
+from bt_jax.encoding.interpret import TreeTick, tick_tree
+from bt_jax.encoding.status import Status
+from bt_jax.encoding.walk import prefix
+
+__all__ = ["Executor", "Exit", "Limits", "Observation", "Outcome", "Shown", "Skills", "decide"]
+
+
+def decide(program: Program, tree: Tree, seen: Observation, context: Context) -> tuple[TreeTick, list[Behavior]]:
+    """One tick of an expanded tree, and the conditions that were asked in it and cannot be decided."""
+    statuses = Statuses(program.task, seen, context)
+    return tick_tree(tree, statuses), statuses.undecided
+
+
+class Executor:
+    """Runs a program on a robot. `observe` gives what is known now; `on_tick` is told of every tick; `verify` says what is
+    not as the tree believes when it has succeeded, "" if nothing, where somebody knows better."""
+
+    def __init__(
+        self,
+        program: Program,
+        *,
+        skills: Skills,
+        link: RobotLink,
+        observe: Callable[[], Observation],
+        log: Log,
+        limits: Limits | None = None,
+        settings: dict[str, Any] | None = None,
+        dry: bool = False,
+        on_tick: Callable[[Shown], None] | None = None,
+        verify: Callable[[], str] | None = None,
+    ) -> None:
+        self.program, self.tree = program, expand(program.tree)
+        self.nodes = prefix(self.tree)
+        self.skills, self.link, self.observe, self.log = skills, link, observe, log
+        self.limits, self.settings, self.dry = limits or Limits(), settings or {}, dry
+        self.on_tick = on_tick or (lambda shown: None)
+        self.verify = verify or (lambda: "")
+        self.ticks = self.overruns = 0
+        boxes = sorted({node.object for node in self.nodes if isinstance(node, Behavior) and node.name == "pick"})
+        self.attempts = ActionRunner(skills, link, log, self.limits, dry=dry)
+        self._reach = ReachMemory(skills, boxes)
+        self._entries = RunLog(log, link)
+        self._last: dict[str, RigidTransform] = {}
+        self._reached: frozenset[str] = frozenset()
+        self._unknown: frozenset[Behavior] = frozenset()
+        self._since: tuple[Status, float] = (Status.RUNNING, 0.0)  # what the tree returns, and since when
+        self._interrupted = False
+        self._trace = ""  # of the error that ended the run
+
+    def run(self) -> Outcome:
+        """Until the tree has succeeded, or failed for good, or something stops it. The arms hold afterwards."""
+        start = self.link.now()
+        self._since, self.attempts.rest_at = (Status.RUNNING, start), start
+        self._entries.start(self.program, start, self.limits, self.settings, self.dry)
+        with self._interruptible():
+            end = self._until_halt(start)
+            if end.holds:
+                self._hold(end.reason)
+            return self._finish(end, start)
+
+    def _until_halt(self, start: float) -> Halt:
+        """Tick after tick; gives why there are no more."""
+        try:
+            while True:
+                self._step(start)
+        except Halt as halt:
+            return halt
+        except KeyboardInterrupt:
+            return Halt("interrupted", Exit.INTERRUPTED)
+        except ControllerGone as gone:
+            return Halt(f"controller: {gone}", Exit.STOPPED)
+        except Exception as error:
+            self._trace = traceback.format_exc()
+            return Halt(f"{type(error).__name__}: {error}", Exit.STOPPED)
+
+    def _step(self, start: float) -> None:
+        """One tick and what follows from it. Raises Halt where the run is over."""
+        began = time.monotonic()
+        now = self.link.now()
+        self._check(now, start)
+        seen = self.observe()
+        if seen.time - seen.image > self.limits.image:
+            why = f": {seen.lost}" if seen.lost else ""
+            raise Halt(f"camera: no new image for {seen.time - seen.image:.1f} s{why}", Exit.STOPPED)
+        self._reached |= seen_subgoals(self.program.task, seen)
+        self.attempts.poll(seen, now)
+        ticked = None
+        context = self._context(seen)
+        if self.attempts.action is not None and self.skills.committed:
+            phase = "committed"
+        elif now < self.attempts.rest_at:
+            phase = "settling"
+        else:
+            ticked, undecided = decide(self.program, self.tree, seen, context)
+            phase = self._act(ticked, frozenset(undecided), seen, now)
+        self.overruns += self.link.now() - now > self.limits.tick  # never where time is simulated: it waits for us
+        self._record(seen, context, ticked, phase, time.monotonic() - began)
+        self.link.wait(now + self.limits.tick)
+
+    def _check(self, now: float, start: float) -> None:
+        if self._interrupted:
+            raise Halt("interrupted", Exit.INTERRUPTED)
+        reason = self.link.stopped()
+        if reason is not None:
+            raise Halt(reason, Exit.STOPPED)
+        if now - start > self.limits.run:
+            raise self._failed(f"the time is up ({self.limits.run:g} s)", now)
+
+    def _context(self, seen: Observation) -> Context:
+        self._last.update(seen.poses)
+        return Context(
+            attempt=self.attempts.action,
+            exhausted=self.attempts.exhausted(self.program.task.episode.action_ticks),
+            reached=self._reached,
+            unreachable=self._reach.unreachable(seen, ask=self.attempts.action is None),
+            last=self._last,
+        )
+
+    def _act(self, ticked: TreeTick, undecided: frozenset[Behavior], seen: Observation, now: float) -> str:
+        """Begins, goes on with or breaks off; gives what is being done in a word."""
+        self.attempts.forgive(self.program.task, seen)
+        if undecided != self._unknown:
+            if not undecided < self._unknown:
+                self.attempts.looked = None
+            self._unknown = undecided
+        blind = bool(undecided) and (self.attempts.looked is None or now - self.attempts.looked < self.limits.look)
+        wanted = None if ticked.running is None else self.nodes[ticked.running]
+        if self.attempts.action is not None:
+            if wanted == self.attempts.action:
+                return "acting"
+            if blind:
+                return "acting unseen"
+            self.attempts.cancel(now, f"the tree wants {wanted or ticked.status.name}")
+            return "halting"
+        if blind:
+            self._since = (Status.RUNNING, now)
+            if not self.attempts.looking and self.attempts.looked is None and not self.dry:
+                self.attempts.look(now)
+            return "looking"
+        if wanted is not None:
+            self._since = (Status.RUNNING, now)
+            if self.attempts.looking:
+                self.attempts.cancel(now, "seen")
+                return "halting"
+            return self.attempts.start(wanted, seen, now)
+        self._judge(ticked.status, undecided, now)
+        return "waiting"
+
+    def _judge(self, status: Status, undecided: frozenset[Behavior], now: float) -> None:
+        """The tree wants nothing: is the run over? Success must be seen with the arms out of the way."""
+        if self._since[0] != status:
+            self._since = (status, now)
+            if status == Status.SUCCESS and not self.attempts.looking:
+                self.attempts.look(now)
+        lasted = now - self._since[1]
+        if status == Status.SUCCESS and not self.attempts.looking and lasted >= self.limits.success:
+            wrong = self.verify()
+            raise Halt(
+                f"the tree has succeeded{wrong and f', but {wrong}'}", Exit.FAILED if wrong else Exit.DONE, status
+            )
+        if status == Status.FAILURE and lasted >= self.limits.patience:
+            unseen = sorted({name for c in undecided for name in (c.object, c.frame) if name is not None})
+            why = [f"{action} failed {count} times" for action, count in self.attempts.failures.items()]
+            why += [f"{name} is out of reach" for name in self._reach.known_unreachable()]
+            why += [f"one of {', '.join(unseen)} is not seen"] if unseen else []
+            raise self._failed(f"the tree has failed{': ' if why else ''}{'; '.join(why)}", now, status)
+
+    def _failed(self, reason: str, now: float, status: Status = Status.RUNNING) -> Halt:
+        """The end of a run that has failed, with the arms brought to rest."""
+        if self.attempts.action is not None or self.attempts.looking:
+            self.attempts.cancel(now, reason)
+        self.link.wait(max(now, self.attempts.rest_at))
+        return Halt(reason, Exit.FAILED, status)
+
+    def _record(self, seen: Observation, context: Context, ticked: TreeTick | None, phase: str, took: float) -> None:
+        self.ticks += 1
+        self._entries.tick(seen, context, ticked, phase, took)
+        statuses = None if ticked is None else ticked.statuses
+        action = None if ticked is None or ticked.running is None else self.nodes[ticked.running]
+        self.on_tick(Shown(seen, statuses, action if ticked is not None else self.attempts.action, phase))
+
+    def _hold(self, reason: str) -> None:
+        """The one way to halt: slow down on the path, then hold for good."""
+        with contextlib.suppress(UserError, Rejected, ControllerGone):
+            if self.link.stopped() is None:
+                for arm in self.link.arms:
+                    self.link.halt(arm)
+                self.link.wait(self.link.now() + SETTLED)
+        with contextlib.suppress(UserError, Rejected, ControllerGone):
+            self.link.stop(reason)
+
+    def _finish(self, end: Halt, start: float) -> Outcome:
+        """Writes down how it ended; the arms hold already, so that a log that cannot be written changes nothing."""
+        seconds = self.link.now() - start
+        outcome = Outcome(end.status, end.reason, end.code, seconds, self.ticks, self.overruns)
+        with contextlib.suppress(OSError, ValueError):
+            if self._trace:
+                self.log.write("exception", text=self._trace)
+            self._entries.last_motion(end)
+            self._entries.end(outcome, start + seconds)
+        return outcome
+
+    @contextlib.contextmanager
+    def _interruptible(self) -> Iterator[None]:
+        """Ctrl-C and a request to terminate end the run at its next tick, in order, however often they come; the arms
+        slow down at once."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+
+        def interrupt(*_: object) -> None:
+            self._interrupted = True
+            self.link.interrupt()
+
+        before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)

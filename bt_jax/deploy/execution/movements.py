@@ -1,0 +1,211 @@
+"""What the robot's actions are made of: ways that are planned, followed and watched, and fingers that close or open.
+
+Each is a routine: a generator that yields while it moves, returns when it was carried out and raises where it cannot be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable, Mapping
+from concurrent.futures.process import BrokenProcessPool
+from types import MappingProxyType
+from typing import TypeVar
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from bt_jax._util.errors import UserError
+from bt_jax.deploy import yumi
+from bt_jax.deploy.execution.observation import Observation
+from bt_jax.deploy.execution.observer import FIT
+from bt_jax.deploy.link.protocol import RobotLink
+from bt_jax.deploy.planning.clearance import Carried
+from bt_jax.deploy.planning.paths import Pace, timed
+from bt_jax.deploy.planning.planner import Planner
+from bt_jax.deploy.planning.process import PlanningProcess
+from bt_jax.deploy.planning.trajectory import Trajectory
+from bt_jax.tasks import Task
+
+__all__ = ["REPLANS", "Failed", "Moved", "Movements", "Poses", "Routine"]
+
+PATIENCE = 4.0  # seconds for fingers to come to rest
+REPLANS = 3
+STILL = 0.0005  # metres that resting fingers move in the time they are given to react
+REACTION = 0.25  # seconds until a command to the fingers shows in their readings, over Robot Web Services
+ARRIVED = 0.01  # rad from the end of a path
+AT_HOME = 0.05  # rad
+SHIFTED = 0.006  # metres by which what is aimed at must have moved for a plan to be made anew
+ASIDE = 0.015  # the same for what is to be kept clear of
+SLOW = 0.3  # of the pace, straight down
+
+Routine = Generator[None, None, None]
+Moved = Generator[None, None, bool]
+Result = TypeVar("Result")
+Poses = Mapping[str, RigidTransform]
+NOWHERE: Poses = MappingProxyType({})
+
+
+class Failed(Exception):
+    """The attempt is over; the message says why."""
+
+
+class Movements:
+    """The arms of one cell, and what they move among: `seen` now, `known` as it was seen last, and `carried` by an arm. With
+    `background`, plans are made there while ticks go on; else a tick waits for its plan."""
+
+    def __init__(self, task: Task, link: RobotLink, pace: Pace, background: PlanningProcess | None) -> None:
+        self.link, self.planner = link, Planner(task)
+        self.sizes = {box.name: box.size for box in task.boxes}
+        self.seen: Observation | None = None
+        self.known: dict[str, RigidTransform] = {}
+        self.carried: dict[str, Carried] = {}
+        self._pace, self._background = pace, background
+
+    @property
+    def grasped(self) -> dict[str, str]:
+        """Arm -> box that it was told to grasp and not to release."""
+        return {arm: carried.box for arm, carried in self.carried.items()}
+
+    def take(self, seen: Observation) -> None:
+        """What is seen now."""
+        self.seen = seen
+        self.known.update(seen.poses)
+
+    def halt(self) -> None:
+        """Brings the arms to rest on their paths."""
+        for arm in self.link.arms:
+            if self.link.stopped() is None and self.link.arm(arm).moving:
+                self.link.halt(arm)
+
+    def planned(self, plan: Callable[..., Result], *arguments: object) -> Generator[None, None, Result]:
+        """What a method of the planner gives. Raises what it raises."""
+        if self._background is None:
+            return plan(*arguments)
+        try:
+            future = self._background.submit(plan.__name__, *arguments)
+            try:
+                while not future.done():
+                    yield
+                return future.result()
+            finally:
+                future.cancel()
+        except BrokenProcessPool as error:
+            raise UserError("the process that plans has ended; start the run again") from error
+
+    def go_home(self, arms: Iterable[str]) -> Routine:
+        for arm in arms:
+            plans = 0
+            while np.abs((joints := self.joints())[arm] - yumi.HOME[arm]).max() > AT_HOME:
+                if plans == REPLANS:
+                    raise Failed(f"things do not stay where they are on the {arm} arm's way home")
+                held, around = next(iter(self.carried.values()), None), self.obstacles()
+                path = yield from self.planned(self.planner.home, arm, around, joints, held)
+                yield from self.follow(arm, path, watch=around)
+                plans += 1
+
+    def others_home(self, arm: str) -> Routine:
+        yield from self.go_home([other for other in self.link.arms if other != arm])
+
+    def follow(
+        self, arm: str, path: np.ndarray, *, watch: Poses = NOWHERE, aim: str = "", held: str | None = None
+    ) -> Moved:
+        """Moves freely along a path. True, at rest on it, where something watched, above all what it aims at, is seen to
+        have left its pose. Raises where what is held is lost, or the arm is halted by something else."""
+        trajectory = yield from self.planned(self.planner.timed, arm, path, self._pace, self.joints())
+        return (yield from self._move(arm, trajectory, watch, aim, held))
+
+    def straight(
+        self, arm: str, line: np.ndarray, *, watch: Poses = NOWHERE, aim: str = "", held: str | None = None
+    ) -> Moved:
+        """The same slowly, along a straight line of the tool."""
+        return (yield from self._move(arm, timed(line, self._pace.slowed(SLOW), arm), watch, aim, held))
+
+    def back(self, arm: str, line: np.ndarray) -> Routine:
+        """To the top of a straight line [m, 7] down, from wherever on it the arm was halted."""
+        here = self.link.arm(arm).commanded
+        above = [row for row in line[::-1] if _height(arm, row) > _height(arm, here)]
+        if above:
+            yield from self.straight(arm, np.array([here, *above]))
+
+    def _move(self, arm: str, trajectory: Trajectory, watch: Poses, aim: str, held: str | None) -> Moved:
+        if self._shifted(watch, aim):
+            return True
+        motion = self.link.follow(arm, trajectory)
+        yield
+        while (state := self.link.arm(arm)).moving or state.motion != motion:
+            if held is not None and self._dropped(arm, held):
+                raise Failed(f"{held} was lost on the way")
+            if self._shifted(watch, aim):
+                self.link.halt(arm)
+                while self.link.arm(arm).moving:
+                    yield
+                return True
+            yield
+        if np.abs(state.commanded - trajectory.joints[-1]).max() > ARRIVED:
+            raise Failed(f"the {arm} arm was halted on its way")
+        return False
+
+    def fingers(self, arm: str, *, at_least: float | None = None) -> Routine:
+        """Until the fingers are as far apart, or rest: told by readings that are apart in time and later than the command.
+        Raises where that takes too long."""
+        began = self.link.now()
+        earlier: list[tuple[float, float]] = []
+        while True:
+            yield
+            now, opening = self.link.now(), self.link.arm(arm).opening
+            if at_least is not None and opening >= at_least:
+                return
+            earlier.append((now, opening))
+            before = [gap for then, gap in earlier if began + REACTION <= then <= now - REACTION]
+            if at_least is None and before and abs(opening - before[-1]) < STILL:
+                return
+            if now - began > PATIENCE:
+                raise Failed(f"the {arm} fingers do not move as they should")
+
+    def found(self, name: str) -> Routine:
+        """Until something is seen, with both arms out of the camera's way where it is not. Raises where it does not show."""
+        if name in self.seen.poses:
+            return
+        yield from self.go_home(yumi.ARMS)
+        end = self.link.now() + PATIENCE
+        while name not in self.seen.poses:
+            if self.link.now() > end:
+                raise Failed(f"{name} is not seen")
+            yield
+
+    def holds(self, arm: str, size: float) -> bool:
+        """Are an arm's closing fingers as far apart as a box of this size would hold them?"""
+        state = self.link.arm(arm)
+        return state.grip_target < size and abs(state.opening - size) <= FIT
+
+    def forget_lost(self) -> None:
+        """Of what was grasped, keeps what is held, or still between fingers by their readings."""
+        self.carried = {
+            arm: carried
+            for arm, carried in self.carried.items()
+            if carried.box == self.seen.holding or self.holds(arm, self.sizes[carried.box])
+        }
+
+    def joints(self) -> dict[str, np.ndarray]:
+        return {arm: self.link.arm(arm).commanded for arm in self.link.arms}
+
+    def obstacles(self) -> dict[str, RigidTransform]:
+        """What is known of the cell, without what is in a hand."""
+        held = set(self.grasped.values())
+        return {name: pose for name, pose in self.known.items() if name not in held}
+
+    def _dropped(self, arm: str, box: str) -> bool:
+        return self.link.arm(arm).opening < self.sizes[box] - FIT or self.seen.holding != box
+
+    def _shifted(self, watch: Poses, aim: str) -> bool:
+        """Is something seen that has left its pose?"""
+        seen = self.seen.poses
+        return any(
+            float(np.linalg.norm(seen[name].translation - pose.translation)) > (SHIFTED if name == aim else ASIDE)
+            for name, pose in watch.items()
+            if name in seen
+        )
+
+
+def _height(arm: str, joints: np.ndarray) -> float:
+    """Of the tool, m."""
+    return float(yumi.forward(arm, joints).translation[2])

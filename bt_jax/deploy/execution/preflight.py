@@ -1,0 +1,270 @@
+"""What is looked at before a robot may move. Each item passes with what was found, or fails with the remedy."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from scipy.spatial.transform import RigidTransform
+
+from bt_jax._util.errors import UserError
+from bt_jax.behaviors import Behavior, Kind, expand
+from bt_jax.deploy.execution.log import read_log
+from bt_jax.deploy.execution.observation import Observation
+from bt_jax.deploy.execution.observer import Perceiving
+from bt_jax.deploy.execution.program import Program
+from bt_jax.deploy.execution.statuses import Context, Statuses
+from bt_jax.deploy.link.egm import CYCLE
+from bt_jax.deploy.link.yumi_link import YumiLink
+from bt_jax.encoding.status import Status
+from bt_jax.encoding.walk import prefix
+
+__all__ = ["Cell", "Item", "passed", "preflight", "show"]
+
+LISTEN = 2.0  # seconds for which feedback and camera are watched
+LOST = 0.02  # share of messages that may be lost meanwhile
+FLANGE = (
+    0.005  # metres between the controller's pose of the flange and ours: a calibrated arm differs from the nominal one
+)
+TURN = np.radians(1.0)
+HAND_EYE = 0.005  # metres of residual of the camera-to-base calibration
+REPROJECTION = 1.0  # pixels of the camera's own calibration
+IMAGE = 0.5  # seconds that the newest image may be old
+
+
+@dataclasses.dataclass(frozen=True)
+class Item:
+    """One look. `passed` is None where another item must pass first."""
+
+    name: str
+    passed: bool | None
+    detail: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Cell:
+    """What is to be looked at; absent parts make their items fail."""
+
+    program: Program
+    link: YumiLink
+    flange: Callable[[str, np.ndarray], RigidTransform]  # our forward kinematics: arm, joints [7] -> tool0 in the base
+    perception: Perceiving | None
+    intrinsics_error: float | None  # pixels
+    camera_residual: float | None  # metres
+    reachable: Callable[[str, Observation], bool]
+    twin_log: Path | None
+
+
+def preflight(cell: Cell) -> Iterator[Item]:
+    """Looks at everything, one after the other. Nothing moves."""
+    looks: list[tuple[str, str | None, Callable[[Cell], str]]] = [
+        ("tree: every leaf is known", None, _leaves),
+        ("twin: this tree ran there", None, _twin),
+        ("computer: real-time priority", None, _priority),
+        ("controller: state", None, _state),
+        ("link: feedback of both arms", "controller: state", _feedback),
+        ("arms: joints within limits", "link: feedback of both arms", _limits),
+        ("arms: feedback equals kinematics", "link: feedback of both arms", _kinematics),
+        ("grippers: position", "controller: state", _grippers),
+        ("camera: intrinsics", None, _intrinsics),
+        ("camera: pose in the base frame", None, _hand_eye),
+        ("camera: images", None, _images),
+        ("markers: everything is seen", "camera: images", _markers),
+        ("arms: every box is within reach", "markers: everything is seen", _reach),
+    ]
+    failed: set[str] = set()
+    for name, needs, look in looks:
+        if needs in failed:
+            failed.add(name)
+            yield Item(name, None, f"needs '{needs}'")
+            continue
+        try:
+            yield Item(name, True, look(cell))
+        except Exception as problem:  # a look must never end the others
+            failed.add(name)
+            text = str(problem) if isinstance(problem, UserError) else f"{type(problem).__name__}: {problem}"
+            yield Item(name, False, text)
+
+
+def passed(items: list[Item]) -> bool:
+    """Did every item pass?"""
+    return all(item.passed for item in items)
+
+
+def show(console: Console, item: Item) -> None:
+    """Prints one item."""
+    mark = {True: "[green]✓[/]", False: "[bold red]✗[/]", None: "[dim]-[/]"}[item.passed]
+    console.print(f"{mark} {item.name:36s} {escape(item.detail)}")
+
+
+def _leaves(cell: Cell) -> str:
+    task = cell.program.task
+    nothing = Observation(0.0, {}, {"left": 0.0, "right": 0.0}, None)
+    leaves = [node for node in prefix(expand(cell.program.tree)) if isinstance(node, Behavior)]
+    for leaf in leaves:
+        try:
+            status = Statuses(task, nothing, Context())(leaf, 0)
+        except (ValueError, KeyError) as problem:
+            raise UserError(f"{leaf} means nothing to the executor ({problem}); use another tree") from problem
+        if leaf.kind == Kind.CONDITION and leaf.name in ("at", "reachable", "clear") and status == Status.SUCCESS:
+            raise UserError(f"{leaf} holds with nothing seen; do not run this version on a robot")
+    return f"{len(leaves)} leaves, tree {cell.program.digest[:12]}"
+
+
+def _twin(cell: Cell) -> str:
+    if cell.twin_log is None:
+        raise UserError(
+            "no log of the twin was given; run python -m bt_jax.deploy twin and give its log with --twin-log"
+        )
+    entries = list(read_log(cell.twin_log))
+    start, end = entries[0], entries[-1]
+    if start.get("settings", {}).get("robot") != "twin":
+        raise UserError(f"{cell.twin_log} is not of the twin; run this tree there and give the log of that")
+    if start["digest"] != cell.program.digest:
+        raise UserError(f"{cell.twin_log} is of another tree; run this one in the twin")
+    if start["task"] != cell.program.task.to_dict():
+        raise UserError(f"{cell.twin_log} is of another task; run this one in the twin")
+    if end["kind"] != "end" or end["exit_code"] != 0 or start["dry"]:
+        raise UserError(f"the run in {cell.twin_log} did not succeed; look into it with replay and mend the tree")
+    return f"succeeded in {end['seconds']:.0f} s, {end['ticks']} ticks"
+
+
+def _priority(_: Cell) -> str:
+    try:
+        policy = os.sched_getscheduler(0)
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+        os.sched_setscheduler(0, policy, os.sched_param(0))
+    except (OSError, AttributeError) as problem:
+        raise UserError(
+            "this user may not ask for real-time priority; add 'rtprio 50' for them in /etc/security/limits.conf"
+        ) from problem
+    return "may be asked for"
+
+
+def _state(cell: Cell) -> str:
+    state = cell.link.state()
+    if not state.ready:
+        raise UserError(
+            f"the controller is in {state.control}, mode {state.mode}; put it in automatic mode with motors on"
+        )
+    return f"{state.control}, {state.mode}, RAPID {state.rapid}"
+
+
+def _feedback(cell: Cell) -> str:
+    link = cell.link
+    before, began = link.counters(), link.now()
+    while link.now() < began + LISTEN:
+        link.wait(link.now() + 0.1)
+    after = link.counters()
+    for arm in link.arms:
+        if not link.heard(arm):
+            port = link.config.ports[arm]
+            raise UserError(
+                f"nothing came from the {arm} arm; load BtJax (python -m bt_jax.deploy rapid), choose PP to main and "
+                f"start it, with its EGM set up to send to UDP port {port} of this machine"
+            )
+    got = after.cycles - before.cycles
+    lost, late = after.lost - before.lost, after.late - before.late
+    expected = LISTEN / CYCLE * len(link.arms)
+    if got < (1 - LOST) * expected or lost > LOST * expected:
+        raise UserError(f"only {got} of {expected:.0f} messages came, {lost} lost; use a cable and no other load")
+    return f"{got} messages in {LISTEN:g} s, {lost} lost, {late} late"
+
+
+def _limits(cell: Cell) -> str:
+    rules, closest = cell.link.rules, np.inf
+    for arm in cell.link.arms:
+        joints = cell.link.arm(arm).joints
+        room = float(np.min(np.minimum(joints - rules.lower, np.array(rules.upper) - joints)))
+        if room < rules.margin:
+            raise UserError(
+                f"a joint of the {arm} arm is {np.degrees(room):.1f} deg from its limit; jog it to the middle"
+            )
+        closest = min(closest, room)
+    return f"{np.degrees(closest):.0f} deg from the nearest limit"
+
+
+def _kinematics(cell: Cell) -> str:
+    worst = 0.0
+    for arm in cell.link.arms:
+        state = cell.link.arm(arm)
+        if state.flange is None:
+            raise UserError(
+                f"the {arm} arm's EGM tells no Cartesian pose; use quaternions, tool0 and wobj0 in its setup"
+            )
+        change = cell.flange(arm, state.joints).inv() * state.flange
+        away, turn = float(np.linalg.norm(change.translation)), change.rotation.magnitude()
+        if away > FLANGE or turn > TURN:
+            raise UserError(
+                f"the {arm} arm's flange is {1000 * away:.1f} mm and {np.degrees(turn):.1f} deg from where its joints put "
+                "it; check axis order, tool0, wobj0 and the base frames"
+            )
+        worst = max(worst, away)
+    return f"{1000 * worst:.2f} mm at most"
+
+
+def _grippers(cell: Cell) -> str:
+    openings = {arm: cell.link.arm(arm).opening for arm in cell.link.arms}
+    widest = cell.program.task.gripper_opening
+    for arm, opening in openings.items():
+        if not -0.001 <= opening <= widest + 0.001:
+            raise UserError(f"the {arm} gripper tells {1000 * opening:.1f} mm; calibrate it on the pendant")
+    return ", ".join(f"{arm} {1000 * opening:.1f} mm" for arm, opening in openings.items())
+
+
+def _intrinsics(cell: Cell) -> str:
+    error = cell.intrinsics_error
+    if error is None:
+        raise UserError("the camera is not calibrated; run python -m bt_jax.deploy calibrate")
+    if error > REPROJECTION:
+        raise UserError(f"the calibration is off by {error:.2f} pixels; repeat it with sharper pictures")
+    return f"reprojection error {error:.2f} pixels"
+
+
+def _hand_eye(cell: Cell) -> str:
+    residual = cell.camera_residual
+    if residual is None:
+        raise UserError("where the camera stands is not known; run python -m bt_jax.deploy calibrate")
+    if residual > HAND_EYE:
+        raise UserError(f"camera and robot disagree by {1000 * residual:.1f} mm; repeat the calibration")
+    return f"residual {1000 * residual:.1f} mm"
+
+
+def _images(cell: Cell) -> str:
+    if cell.perception is None:
+        raise UserError("no camera was given; give one with --camera")
+    times, link = set(), cell.link
+    began = link.now()
+    while link.now() < began + LISTEN:
+        cell.perception.update()
+        times.add(cell.perception.image)
+        link.wait(link.now() + 0.05)
+    age = link.now() - max(times)
+    if age > IMAGE or len(times) < 4:
+        why = f" ({cell.perception.lost})" if cell.perception.lost else ""
+        raise UserError(f"{len(times)} images in {LISTEN:g} s, the last {age:.2f} s old{why}; check the camera's cable")
+    return f"{len(times)} images in {LISTEN:g} s"
+
+
+def _markers(cell: Cell) -> str:
+    task = cell.program.task
+    poses = cell.perception.poses(cell.link.now())
+    missing = [name for name in (*task.box_names, task.kit.name) if name not in poses]
+    if missing:
+        raise UserError(f"{', '.join(missing)} cannot be seen; put it in view, with its markers uncovered")
+    return f"{len(poses)} objects"
+
+
+def _reach(cell: Cell) -> str:
+    task, now = cell.program.task, cell.link.now()
+    openings = {arm: cell.link.arm(arm).opening for arm in cell.link.arms}
+    seen = Observation(now, cell.perception.poses(now), openings, None)
+    away = [name for name in task.box_names if not cell.reachable(name, seen)]
+    if away:
+        raise UserError(f"no arm can grasp {', '.join(away)}; move it nearer to the robot's middle")
+    return ", ".join(task.box_names)

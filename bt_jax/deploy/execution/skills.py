@@ -1,0 +1,283 @@
+"""The actions of a tree on the robot: each a routine that never waits, driven on once a tick.
+
+A routine is a generator that yields while it moves, returns when the action was carried out and raises where it cannot be.
+One arm works, the other rests at home. Once the fingers close, or a box is being set down, a routine is committed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Generator, Iterable
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from bt_jax.behaviors import Behavior
+from bt_jax.deploy import yumi
+from bt_jax.deploy.execution.movements import REPLANS, Failed, Moved, Movements, Poses, Routine
+from bt_jax.deploy.execution.observation import Observation
+from bt_jax.deploy.execution.observer import FIT, SQUEEZE
+from bt_jax.deploy.link.protocol import RobotLink
+from bt_jax.deploy.link.safety import Rejected
+from bt_jax.deploy.planning.clearance import Carried
+from bt_jax.deploy.planning.grasps import carried_pose, grasp_poses, put_poses, yaw_of
+from bt_jax.deploy.planning.paths import Pace
+from bt_jax.deploy.planning.planner import Reach, Unplannable
+from bt_jax.deploy.planning.process import PlanningProcess
+from bt_jax.encoding.status import Status
+from bt_jax.tasks import Task
+
+__all__ = ["YumiSkills"]
+
+GRIP = 4 * SQUEEZE  # metres by which fingers are sent closer together than the box is wide
+FORCE = 15.0  # N
+LET_GO = 0.0007  # metres above its place at which a box is let go
+SPOTS = 25  # places tried for setting a box down
+
+Goal = tuple[np.ndarray, float]  # where a box's centre should be, base frame [m], and the yaw of its edges [rad]
+
+
+class YumiSkills:
+    """Skills for one cell. `pace` is that of free motion. With `background`, plans are made there while ticks go on; else a
+    tick waits for its plan."""
+
+    def __init__(
+        self, task: Task, link: RobotLink, *, pace: Pace | None = None, background: PlanningProcess | None = None
+    ) -> None:
+        self.task, self.link = task, link
+        self.committed, self.reason = False, ""
+        self._moves = Movements(task, link, pace or Pace(), background)
+        self._routine: Routine | None = None
+        # Box -> arm that is not to take it next, if the other can: it failed, or gave it away.
+        self._avoid: dict[str, str] = {}
+
+    @property
+    def grasped(self) -> dict[str, str]:
+        """Arm -> box that it was told to grasp and not to release."""
+        return self._moves.grasped
+
+    def start(self, action: Behavior, seen: Observation) -> None:
+        """Begins an attempt at an action."""
+        self._moves.take(seen)
+        routines = {
+            "open_gripper": self._open_all,
+            "close_gripper": self._close_all,
+            "pick": lambda: self._pick(action.object),
+            "place": lambda: self._place(action.object, action.position, action.frame),
+        }
+        self._begin(routines[action.name]())
+
+    def look(self) -> None:
+        """Begins to take both arms home."""
+        if self._moves.seen is not None:
+            self._moves.forget_lost()
+        self._begin(self._moves.go_home(yumi.ARMS))
+
+    def poll(self, seen: Observation) -> Status:
+        """Drives on what was begun."""
+        self._moves.take(seen)
+        if self._routine is None:
+            return Status.FAILURE
+        try:
+            next(self._routine)
+            return Status.RUNNING
+        except StopIteration:
+            self._end()
+            return Status.SUCCESS
+        except (Failed, Unplannable, Rejected) as failed:
+            self.reason = str(failed)
+            self._halt()
+            return Status.FAILURE
+
+    def cancel(self) -> None:
+        """Brings the arms to rest on their paths."""
+        self._halt()
+
+    def reachable(self, name: str, seen: Observation) -> bool:
+        """Does an arm have joints for a grasp of a box where it is seen?"""
+        self._moves.take(seen)
+        if name not in self._moves.known:
+            return False
+        poses = grasp_poses(self._moves.known[name])
+        return any(self._moves.planner.can_reach(arm, pose) for arm in yumi.ARMS for pose in poses)
+
+    def _begin(self, routine: Routine) -> None:
+        self.reason, self.committed, self._routine = "", False, routine
+
+    def _end(self) -> None:
+        self._routine, self.committed = None, False
+
+    def _halt(self) -> None:
+        self._moves.halt()
+        self._end()
+
+    def _pick(self, box: str) -> Routine:
+        if box not in self._moves.known:
+            raise Failed(f"{box} was never seen")
+        self._moves.forget_lost()
+        yield from self._moves.found(box)
+        for _ in range(REPLANS):
+            reach, around = yield from self._plan_pick(box)
+            self.link.grip(reach.arm, yumi.OPENING, FORCE)
+            moved = yield from self._moves.follow(reach.arm, reach.approach, watch=around, aim=box)
+            if moved:
+                continue
+            yield from self._moves.fingers(reach.arm, at_least=self._moves.sizes[box] + FIT)
+            moved = yield from self._grasp(box, reach, around[box])
+            if not moved:
+                return
+        raise Failed(f"things do not stay where they are on the way to {box}")
+
+    def _plan_pick(self, box: str) -> Generator[None, None, tuple[Reach, Poses]]:
+        """A way for the arm on the box's side, else for the other; one that should not comes last. And where things were."""
+        last = self._avoid.get(box)
+        side = "left" if self._moves.known[box].translation[1] > 0 else "right"
+        order = sorted(yumi.ARMS, key=lambda arm: (arm == last, arm != side))
+        problem: Unplannable | None = None
+        for arm in order:
+            try:
+                yield from self._moves.others_home(arm)
+                around = self._moves.obstacles()
+                reach = yield from self._moves.planned(
+                    self._moves.planner.pick, box, around, self._moves.joints(), [arm]
+                )
+                return reach, around
+            except Unplannable as error:
+                problem = problem or error
+        assert problem is not None
+        raise problem
+
+    def _grasp(self, box: str, reach: Reach, pose: RigidTransform) -> Moved:
+        """Down, fingers around it, up. `pose` is the box's as it was seen before the hand came between it and the camera.
+        Gives True, above it again, where the box was moved meanwhile."""
+        arm, size = reach.arm, self._moves.sizes[box]
+        moved = yield from self._moves.straight(arm, reach.line, watch={box: pose})
+        if moved:
+            yield from self._moves.back(arm, reach.line)
+            return True
+        self.committed = True
+        self.link.grip(arm, size - GRIP, FORCE)
+        tcp = yumi.forward(arm, self.link.arm(arm).commanded)
+        self._moves.carried[arm] = Carried(arm, box, carried_pose(tcp, pose))
+        yield from self._moves.fingers(arm)
+        if not self._moves.holds(arm, size):
+            self._avoid[box] = arm
+            self.link.grip(arm, yumi.OPENING, FORCE)
+            del self._moves.carried[arm]
+            yield from self._moves.fingers(arm)
+            yield from self._moves.straight(arm, reach.line[::-1])
+            raise Failed(f"the {arm} fingers closed on nothing")
+        yield from self._moves.straight(arm, reach.line[::-1])
+        if not self._moves.holds(arm, size):
+            self._avoid[box] = arm
+            raise Failed(f"{box} slipped out of the {arm} fingers")
+        self._avoid.pop(box, None)
+        return False
+
+    def _place(self, box: str, position: tuple[float, float, float], frame: str) -> Routine:
+        arm = self._arm_with(box)
+        if frame != self.task.robot_frame:
+            yield from self._moves.found(frame)
+        goal, yaw = self._goal(position, frame)
+        if not self._reaches(arm, goal, yaw):
+            yield from self._hand_over(box, arm, goal, yaw)
+            return
+        for _ in range(REPLANS):
+            moved = yield from self._put(arm, lambda: self._goal(position, frame), self._below(frame), frame=frame)
+            if not moved:
+                return
+        raise Failed(f"things do not stay where they are on the way to {frame}")
+
+    def _put(self, arm: str, goal: Callable[[], Goal], supports: Iterable[str], *, frame: str = "") -> Moved:
+        """Carries a box to its place in a frame and lets it go; gives True, with the box still in the hand, where something
+        has moved meanwhile."""
+        carried = self._moves.carried[arm]
+        yield from self._moves.others_home(arm)
+        around, (place, yaw) = self._moves.obstacles(), goal()
+        above = place + np.array([0, 0, LET_GO])
+        reach = yield from self._moves.planned(
+            self._moves.planner.put, carried, above, yaw, tuple(supports), around, self._moves.joints()
+        )
+        moved = yield from self._moves.follow(arm, reach.approach, watch=around, aim=frame, held=carried.box)
+        if moved:
+            return True
+        aimed = {name: pose for name, pose in around.items() if name == frame}
+        moved = yield from self._moves.straight(arm, reach.line, watch=aimed, aim=frame, held=carried.box)
+        if moved:
+            return True
+        self.committed = True
+        self.link.grip(arm, yumi.OPENING, FORCE)
+        del self._moves.carried[arm]
+        self._moves.known[carried.box] = yumi.forward(arm, self.link.arm(arm).commanded) * carried.pose
+        yield from self._moves.fingers(arm, at_least=self._moves.sizes[carried.box] + FIT)
+        yield from self._moves.straight(arm, reach.line[::-1])
+        self.committed = False
+        return False
+
+    def _hand_over(self, box: str, arm: str, goal: np.ndarray, yaw: float) -> Routine:
+        """Sets the box down where both arms reach it, for the tree to have it picked again: by the other one then."""
+        other = next(name for name in yumi.ARMS if name != arm)
+        if not self._reaches(other, goal, yaw):
+            raise Failed(f"neither arm reaches the place for {box}")
+        self._avoid[box] = arm
+        yield from self._set_down(arm, both=True)
+
+    def _set_down(self, arm: str, *, both: bool = False) -> Routine:
+        """Puts what an arm holds on a free place of a table, one that both arms reach where asked for."""
+        carried = self._moves.carried[arm]
+        near = yumi.forward(arm, self.link.arm(arm).commanded).translation
+        if both:  # in the middle: at the edge of its reach an arm has joints for a pose, but no straight way to it
+            near = near * np.array([1, 0, 1])
+        arms = yumi.ARMS if both else (arm,)
+        tables = [table.name for table in self.task.tables]
+        tried = 0
+        for spot in self._moves.planner.spots(carried.box, self._moves.obstacles(), near):
+            if tried == SPOTS:
+                break
+            if all(self._reaches(name, spot, 0.0) for name in arms):
+                tried += 1
+                with contextlib.suppress(Unplannable):
+                    moved = yield from self._put(arm, lambda spot=spot: (spot, 0.0), tables)
+                    if not moved:
+                        return
+            yield
+        raise Failed(f"there is no free place to set {carried.box} down")
+
+    def _open_all(self) -> Routine:
+        for arm in list(self._moves.carried):
+            if self._moves.seen.holding == self._moves.carried[arm].box:
+                yield from self._set_down(arm)
+            else:
+                del self._moves.carried[arm]
+        for arm in self.link.arms:
+            self.link.grip(arm, yumi.OPENING, FORCE)
+        for arm in self.link.arms:
+            yield from self._moves.fingers(arm, at_least=0.95 * yumi.OPENING)
+
+    def _close_all(self) -> Routine:
+        self.committed = True
+        for arm in self.link.arms:
+            self.link.grip(arm, 0.0, FORCE)
+        for arm in self.link.arms:
+            yield from self._moves.fingers(arm)
+
+    def _arm_with(self, box: str) -> str:
+        for arm, carried in self._moves.carried.items():
+            if carried.box == box:
+                return arm
+        raise Failed(f"no hand holds {box}")
+
+    def _goal(self, position: tuple[float, float, float], frame: str) -> Goal:
+        """Where the box's centre should be in the base frame, and along which direction its edges."""
+        if frame == self.task.robot_frame:
+            return np.array(position), 0.0
+        pose = self._moves.known[frame]
+        return pose.apply(position), yaw_of(pose.rotation)
+
+    def _reaches(self, arm: str, goal: np.ndarray, yaw: float) -> bool:
+        held = next(iter(self._moves.carried.values())).pose if self._moves.carried else RigidTransform.identity()
+        return any(self._moves.planner.can_reach(arm, pose) for pose in put_poses(goal, yaw, held))
+
+    def _below(self, frame: str) -> list[str]:
+        """What a box that is set down may touch: what it is placed in relation to, the kit and the tables."""
+        return [frame, self.task.kit.name, *(table.name for table in self.task.tables)]

@@ -1,0 +1,136 @@
+"""What every leaf of a tree returns on the robot, from what is known of the world. The meaning of the leaves is that of the
+simulation (`mjx_env.statuses`); what is added is what the simulation never meets: not knowing, and actions that take time.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from bt_jax.behaviors import NOTHING, OPEN, Behavior, Kind, subgoal_conditions
+from bt_jax.deploy.execution.observation import Observation
+from bt_jax.encoding.status import Status
+from bt_jax.tasks import Task
+
+__all__ = ["Context", "Statuses", "seen_subgoals"]
+
+OPENED = 0.9  # share of its stroke from which a gripper counts as open
+SEATED = 0.1  # how far below the lowest table's top a box may be, in its own sizes, and still be within reach
+
+
+@dataclasses.dataclass(frozen=True)
+class Context:
+    """What the status of a leaf depends on besides the world."""
+
+    attempt: Behavior | None = None  # the action that is being carried out
+    exhausted: frozenset[Behavior] = frozenset()  # actions that were tried too often
+    reached: frozenset[str] = frozenset()  # subgoals that were seen once
+    unreachable: frozenset[str] = frozenset()  # boxes that no arm can grasp where they are
+    last: Mapping[str, RigidTransform] | None = (
+        None  # where each object was seen last, in the base frame; None: not asked
+    )
+
+
+class Statuses:
+    """Leaf statuses for one tick. `undecided` collects the conditions that were asked and cannot be decided."""
+
+    def __init__(self, task: Task, seen: Observation, context: Context) -> None:
+        self.task, self.seen, self.context = task, seen, context
+        self.undecided: list[Behavior] = []
+        self._sizes = {box.name: box.size for box in task.boxes}
+        self._lowest = min(table.top for table in task.tables) - task.robot_position[2]
+
+    def __call__(self, leaf: Behavior, _: int) -> Status:
+        """Status of a condition or an action, as `encoding.interpret.tick_tree` asks for it."""
+        if leaf.kind == Kind.CONDITION:
+            return Status.SUCCESS if self.holds(leaf) else Status.FAILURE
+        if all(self.holds(post) for post in leaf.postconditions):
+            return Status.SUCCESS
+        if leaf in self.context.exhausted:
+            return Status.FAILURE
+        if leaf == self.context.attempt:
+            return Status.RUNNING if self._goes_on(leaf) else Status.FAILURE
+        return Status.RUNNING if all(self.holds(pre) for pre in leaf.preconditions) else Status.FAILURE
+
+    def holds(self, condition: Behavior) -> bool:
+        """Is it known to be true?"""
+        known = self._known(condition)
+        if not known or (condition.name == "clear" and self._may_be_covered(condition.object)):
+            self.undecided.append(condition)
+        match condition.name:
+            case "at":
+                in_hand = self.seen.holding == condition.object
+                return known and not in_hand and self._distance(condition) < self.task.episode.tolerance
+            case "holding":
+                wanted = condition.object
+                return self.seen.holding is None if wanted == NOTHING else self.seen.holding == wanted
+            case "gripper":
+                least = OPENED * self.task.gripper_opening
+                opened = all(opening >= least for opening in self.seen.opening.values())
+                return opened == (condition.args[0] == OPEN)
+            case "reachable":
+                return known and self._in_reach(condition.object)
+            case "clear":
+                return known and not any(
+                    self._rests_on(other, condition.object, self.seen.poses) for other in self._sizes
+                )
+            case "reached":
+                return condition.args[0] in self.context.reached
+        raise ValueError(f"{condition} is no condition")
+
+    def _known(self, condition: Behavior) -> bool:
+        """Are the poses known that the condition speaks of? That of a held box is not needed: it is in the hand."""
+        needed = [condition.object, condition.frame] if condition.name in ("at", "reachable", "clear") else []
+        certain = (None, self.task.robot_frame, self.seen.holding)
+        return all(name in certain or name in self.seen.poses for name in needed)
+
+    def _goes_on(self, action: Behavior) -> bool:
+        """May an action that is under way go on? An arm hides what it reaches for, so that only knowledge against it
+        counts."""
+        if action.name == "place":
+            return self.seen.holding == action.object
+        if action.name != "pick" or action.object not in self.seen.poses:
+            return True
+        return all(self.holds(pre) for pre in action.preconditions if pre.name in ("clear", "reachable"))
+
+    def _distance(self, at: Behavior) -> float:
+        """From the object to where it should be, m; infinite where one of them is in the hand and not seen."""
+        poses = self.seen.poses
+        if at.object not in poses or at.frame not in (self.task.robot_frame, *poses):
+            return math.inf
+        frame = RigidTransform.identity() if at.frame == self.task.robot_frame else poses[at.frame]
+        return float(np.linalg.norm(frame.apply(at.position) - poses[at.object].translation))
+
+    def _in_reach(self, name: str) -> bool:
+        return self._above_tables(name) and name not in self.context.unreachable
+
+    def _above_tables(self, name: str) -> bool:
+        if name not in self.seen.poses:  # in the hand
+            return True
+        return bool(self.seen.poses[name].translation[2] > self._lowest - SEATED * self._sizes[name])
+
+    def _may_be_covered(self, lower: str) -> bool:
+        """Could a box out of sight stand on it, since it did when it was seen last, or never was seen?"""
+        last, seen = self.context.last, self.seen.poses
+        hidden = [] if last is None else [name for name in self._sizes if name not in (*seen, self.seen.holding)]
+        return any(name not in last or self._rests_on(name, lower, {**last, **seen}) for name in hidden)
+
+    def _rests_on(self, upper: str, lower: str, poses: Mapping[str, RigidTransform]) -> bool:
+        """Does `upper` stand over `lower`, close enough to rest on it? A held box rests on nothing."""
+        held = self.seen.holding
+        if upper == lower or upper not in poses or lower not in poses or held in (upper, lower):
+            return False
+        middle = (self._sizes[upper] + self._sizes[lower]) / 2
+        offset = poses[upper].translation - poses[lower].translation
+        return bool(0.6 * middle < offset[2] < 1.3 * middle and np.max(np.abs(offset[:2])) < middle)
+
+
+def seen_subgoals(task: Task, seen: Observation) -> frozenset[str]:
+    """Which of the task's subgoals are known to hold now."""
+    statuses = Statuses(task, seen, Context())
+    meanings = subgoal_conditions(task)
+    return frozenset(name for name, meaning in meanings.items() if all(map(statuses.holds, meaning)))

@@ -1,0 +1,147 @@
+"""Externally Guided Motion: what the controller and its client say to each other every 4 ms, as Protocol Buffers over UDP.
+
+The messages are those of ABB's egm.proto (`egm_messages`). On the wire: degrees, controller time in ms. The seven axes
+travel as six `joints` and one of `externalJoints`: the third of the chain (ABB's axis 7).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+
+import numpy as np
+from google.protobuf.message import DecodeError
+
+from bt_jax.deploy.link.egm_messages import EgmRobot, EgmSensor
+
+__all__ = ["CYCLE", "EXTERNAL", "Feedback", "Mci", "Setpoint"]
+
+CYCLE = 0.004  # seconds between two messages
+EXTERNAL = 2  # place in the chain of the axis that travels as an external joint
+DATA, CORRECTION = 2, 3  # kinds of messages
+_SEQUENCE = 1 << 32  # numbers wrap here
+
+
+class Mci(enum.IntEnum):
+    """State of the controller's motion interface."""
+
+    UNDEFINED = 0
+    ERROR = 1
+    STOPPED = 2
+    RUNNING = 3
+
+
+@dataclasses.dataclass(frozen=True)
+class Feedback:
+    """What the controller says of one arm; joints in chain order [rad]."""
+
+    sequence: int
+    time: float  # seconds of the controller's clock
+    joints: np.ndarray  # [7] measured
+    planned: np.ndarray | None  # [7] what the controller is about to reach, where it is told
+    motors_on: bool
+    mci: Mci
+    rapid_running: bool
+    flange: np.ndarray | None = None  # [7] position [m] and quaternion (x, y, z, w) in the base frame, where it is told
+
+    @property
+    def running(self) -> bool:
+        """May the arm be moved through EGM now?"""
+        return self.motors_on and self.rapid_running and self.mci == Mci.RUNNING
+
+    def encode(self) -> bytes:
+        """The message EgmRobot."""
+        message = EgmRobot()
+        _header(message.header, self.sequence, self.time, DATA)
+        seconds = int(self.time)
+        for part, joints in ((message.feedBack, self.joints), (message.planned, self.planned)):
+            if joints is None:
+                continue
+            _write_joints(part, joints)
+            part.time.sec, part.time.usec = seconds, int(1e6 * (self.time - seconds))
+        if self.flange is not None:
+            pose = message.feedBack.cartesian
+            pose.pos.x, pose.pos.y, pose.pos.z = (1000 * self.flange[:3]).tolist()
+            turn = pose.orient
+            turn.u1, turn.u2, turn.u3, turn.u0 = self.flange[3:].tolist()
+        message.motorState.state = 1 if self.motors_on else 2
+        message.mciState.state = int(self.mci)
+        message.rapidExecState.state = 2 if self.rapid_running else 1
+        message.mciConvergenceMet = False
+        message.utilizationRate = 0.0
+        return message.SerializeToString()
+
+    @staticmethod
+    def decode(data: bytes) -> Feedback:
+        """Reads EgmRobot. Raises ValueError where it is none, or is not about seven axes."""
+        message = EgmRobot()
+        _parse(message, data)
+        return Feedback(
+            message.header.seqno,
+            message.header.tm / 1000,
+            _read_joints(message.feedBack),
+            _read_joints(message.planned) if message.HasField("planned") else None,
+            message.motorState.state == 1,
+            Mci(message.mciState.state),
+            message.rapidExecState.state == 2,
+            _read_pose(message.feedBack) if message.feedBack.HasField("cartesian") else None,
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Setpoint:
+    """Where an arm should be in the next cycle; joints in chain order [rad]."""
+
+    sequence: int
+    time: float  # seconds of the feedback that it answers
+    joints: np.ndarray  # [7]
+
+    def encode(self) -> bytes:
+        """The message EgmSensor."""
+        message = EgmSensor()
+        _header(message.header, self.sequence, self.time, CORRECTION)
+        _write_joints(message.planned, self.joints)
+        return message.SerializeToString()
+
+    @staticmethod
+    def decode(data: bytes) -> Setpoint:
+        """Reads EgmSensor. Raises ValueError where it is none, or is not about seven axes."""
+        message = EgmSensor()
+        _parse(message, data)
+        return Setpoint(message.header.seqno, message.header.tm / 1000, _read_joints(message.planned))
+
+
+def _parse(message, data: bytes) -> None:
+    try:
+        message.ParseFromString(data)
+    except DecodeError as error:
+        raise ValueError(f"not an EGM message: {error}") from error
+
+
+def _header(header, sequence: int, time: float, kind: int) -> None:
+    header.seqno = sequence % _SEQUENCE
+    header.tm = round(1000 * time) % _SEQUENCE
+    header.mtype = kind
+
+
+def _write_joints(part, joints: np.ndarray) -> None:
+    degrees = np.degrees(joints).tolist()
+    part.externalJoints.joints.append(degrees.pop(EXTERNAL))
+    part.joints.joints.extend(degrees)
+
+
+def _read_pose(part) -> np.ndarray | None:
+    position, turn = part.cartesian.pos, part.cartesian.orient
+    quaternion = np.array([turn.u1, turn.u2, turn.u3, turn.u0])
+    if not 0.99 < np.linalg.norm(quaternion) < 1.01:  # Euler angles were asked for, or nothing
+        return None
+    return np.concatenate([np.array([position.x, position.y, position.z]) / 1000, quaternion])
+
+
+def _read_joints(part) -> np.ndarray:
+    six, one = part.joints.joints, part.externalJoints.joints
+    if len(six) != 6 or len(one) < 1:
+        raise ValueError(f"expected 6 joints and an external one, found {len(six)} and {len(one)}")
+    degrees = list(six)
+    degrees.insert(EXTERNAL, one[0])
+    return np.radians(degrees)

@@ -1,0 +1,298 @@
+"""The process that talks to the controller: it answers every EGM message of both arms within the cycle, whatever the
+program above does, and owns the supervisor. Commands come through a pipe, states go out through shared memory."""
+
+from __future__ import annotations
+
+import dataclasses
+import selectors
+import socket
+import time
+from multiprocessing.connection import Connection
+
+import numpy as np
+
+from bt_jax.deploy.link.egm import CYCLE, Feedback, Setpoint
+from bt_jax.deploy.link.loop_timing import Watch
+from bt_jax.deploy.link.realtime import CONTEXT, Snapshot, take_priority
+from bt_jax.deploy.link.safety import Rules, Supervisor
+from bt_jax.deploy.planning.trajectory import Follower, Trajectory
+
+__all__ = ["ARM_FIELDS", "COUNTERS", "HISTORY", "Blocks", "Start", "serve"]
+
+IDLE = 0.002  # seconds between two looks at the watchdog while no message comes
+PARTING = 0.5  # seconds for which the arms are still held when the program above is gone
+HISTORY = 8192  # cycles of one arm that are kept for the log
+RECORD = 17  # numbers of a record: arm, time, setpoint [7], measured [7], sequence
+ARM_FIELDS = 34  # time, joints, velocity, commanded [7 each], flange [7], moving, motion, remaining, running, known
+COUNTERS = ("cycles", "missed", "late", "lost", "reordered", "clipped")
+
+
+class Blocks:
+    """What the link process and the program share."""
+
+    def __init__(self, arms: tuple[str, ...]) -> None:
+        self.arms = {arm: Snapshot(ARM_FIELDS) for arm in arms}
+        self.counters = Snapshot(len(COUNTERS))
+        self.alive = CONTEXT.RawValue("d", 0.0)  # the executor's last sign of life, `time.monotonic()`
+        self.interrupted = CONTEXT.RawValue("b", 0)  # everything must come to rest
+        self.reason = CONTEXT.RawArray("c", 512)
+        self.stopped = CONTEXT.RawValue("b", 0)  # `reason` is complete
+        self.history = CONTEXT.RawArray("d", HISTORY * RECORD)
+        self.written = CONTEXT.RawValue("L", 0)  # records so far
+        self.watch = Watch(("messages", "commands", "supervision"))
+
+
+@dataclasses.dataclass(frozen=True)
+class Start:
+    """What the process needs to begin."""
+
+    host: str  # IPv4 address of the controller; what comes from elsewhere is dropped
+    ports: dict[str, int]
+    rules: Rules
+    realtime: bool  # the robot's clock is ours; False: it waits for our answers and stands still in between
+    motion: bool  # False: listen and never answer
+
+
+@dataclasses.dataclass
+class _Arm:
+    socket: socket.socket
+    feedback: Feedback | None = None
+    address: tuple | None = None
+    commanded: np.ndarray | None = None
+    velocity: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(7))
+    follower: Follower | None = None
+    motion: int = 0
+    answers: int = 0
+
+
+def open_socket(port: int) -> socket.socket:
+    """A UDP socket on every interface; the controller knows our port and speaks first."""
+    found = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        found.bind(("", port))
+    except OSError:
+        found.close()
+        raise
+    found.setblocking(False)
+    return found
+
+
+def serve(start: Start, blocks: Blocks, pipe: Connection) -> None:
+    """Runs until the program above says so, or is gone."""
+    take_priority(realtime=start.realtime)
+    try:
+        arms = {arm: _Arm(open_socket(port)) for arm, port in start.ports.items()}
+    except OSError as error:
+        pipe.send(("failed", f"{error.strerror or error}: {error}"))
+        return
+    loop = _Loop(start, blocks, pipe, arms)
+    pipe.send(("ready", None))
+    try:
+        loop.run()
+    finally:
+        for arm in arms.values():
+            arm.socket.close()
+
+
+class _Loop:
+    def __init__(self, start: Start, blocks: Blocks, pipe: Connection, arms: dict[str, _Arm]) -> None:
+        self.start, self.blocks, self.pipe, self.arms = start, blocks, pipe, arms
+        self.supervisor = Supervisor(start.rules, tuple(arms))
+        self.answering = False  # a person has agreed to motion; until `enabled`, the arms hold where they were then
+        self.enabled = False  # the robot was started and must be running from now on
+        self.closing = False
+        self.cycles = self.missed = self.late = 0
+        self.history = np.frombuffer(blocks.history).reshape(HISTORY, RECORD)
+        self.told: str | None = None
+
+    def run(self) -> None:
+        selector = selectors.DefaultSelector()
+        for name, arm in self.arms.items():
+            selector.register(arm.socket, selectors.EVENT_READ, name)
+        selector.register(self.pipe, selectors.EVENT_READ, None)
+        parted, watch = None, self.blocks.watch
+        deadline = time.monotonic() + IDLE
+        while not self.closing:
+            ready = selector.select(max(0.0, deadline - time.monotonic()))
+            began = time.monotonic()
+            watch.begin(began - deadline)
+            for key, _ in ready:
+                if key.data is not None:
+                    self.receive(key.data)
+                    watch.done("messages")
+                elif not self.command():
+                    selector.unregister(self.pipe)
+                    parted = time.monotonic()
+                    self.supervisor.stop("the program above is gone")
+            watch.done("commands")
+            now = time.monotonic()
+            if self.enabled and self.start.realtime:
+                moving = any(arm.follower is not None for arm in self.arms.values())
+                self.supervisor.watch(now, self.blocks.alive.value, moving=moving)
+            self.tell()
+            watch.done("supervision")
+            deadline = began + IDLE
+            watch.end(deadline)
+            if parted is not None and now - parted > PARTING:
+                return
+
+    def tell(self) -> None:
+        """Lets everybody know of a stop that was latched."""
+        if self.supervisor.reason != self.told:
+            self.told = self.supervisor.reason
+            self.blocks.reason.value = self.told.encode()[:511]
+            self.blocks.stopped.value = True
+
+    def receive(self, name: str) -> None:
+        """Takes all messages that wait, answers the newest."""
+        arm, newest = self.arms[name], False
+        count = 0
+        while True:
+            try:
+                data, address = arm.socket.recvfrom(4096)
+            except (BlockingIOError, ConnectionError):
+                break
+            if address[0] != self.start.host:
+                continue
+            try:
+                feedback = Feedback.decode(data)
+            except ValueError:  # like a lost one: where nothing else comes, the silence stops the robot
+                continue
+            before = arm.feedback
+            if not self.supervisor.accept(name, feedback, time.monotonic(), moving_allowed=self.enabled):
+                continue
+            if before is not None and feedback.time > before.time:
+                arm.velocity = (feedback.joints - before.joints) / (feedback.time - before.time)
+            arm.feedback, arm.address, newest = feedback, address, True
+            count += 1
+        self.late += max(count - 1, 0)
+        if newest:
+            self.answer(name, arm)
+
+    def answer(self, name: str, arm: _Arm) -> None:
+        feedback = arm.feedback
+        assert feedback is not None
+        self.cycles += 1
+        if arm.commanded is None or not self.answering:
+            arm.commanded = feedback.joints.copy()
+        if arm.follower is not None and not self.enabled:
+            arm.follower = None
+        if self.blocks.interrupted.value and arm.follower is not None:
+            arm.follower.halt()
+        target = arm.commanded if arm.follower is None else arm.follower.advance(CYCLE)
+        if self.enabled:
+            arm.commanded = self.supervisor.admit(name, target, commanded=arm.commanded, measured=feedback.joints)
+            setpoints = {n: a.commanded for n, a in self.arms.items() if a.commanded is not None}
+            self.supervisor.keep_clear(setpoints, moving=arm.follower is not None)
+        if self.supervisor.reason is not None or (arm.follower is not None and arm.follower.done):
+            arm.follower = None
+        self.publish(name, arm)
+        self.record(name, arm)
+        if self.answering and np.all(np.isfinite(arm.commanded)):
+            arm.answers += 1
+            message = Setpoint(arm.answers, feedback.time, arm.commanded).encode()
+            try:
+                arm.socket.sendto(message, arm.address)
+            except OSError:
+                self.missed += 1
+
+    def publish(self, name: str, arm: _Arm) -> None:
+        feedback, follower = arm.feedback, arm.follower
+        remaining = 0.0 if follower is None else follower.remaining
+        motion = [follower is not None, arm.motion, remaining, feedback.running, 1.0]
+        flange = [np.nan] * 7 if feedback.flange is None else feedback.flange
+        state = [feedback.time, *feedback.joints, *arm.velocity, *arm.commanded, *flange, *motion]
+        self.blocks.arms[name].write(np.array(state, float))
+        supervisor = self.supervisor
+        counters = (self.cycles, self.missed, self.late, supervisor.lost, supervisor.reordered, supervisor.clipped)
+        self.blocks.counters.write(np.array(counters, float))
+
+    def record(self, name: str, arm: _Arm) -> None:
+        """Keeps this cycle for the log."""
+        feedback = arm.feedback
+        row = self.blocks.written.value % HISTORY
+        index = list(self.arms).index(name)
+        self.history[row] = [index, feedback.time, *arm.commanded, *feedback.joints, feedback.sequence]
+        self.blocks.written.value += 1
+
+    def command(self) -> bool:
+        """Does what the program above asks for and answers it. False where it is gone."""
+        try:
+            name, *arguments = self.pipe.recv()
+            getattr(self, f"do_{name}")(*arguments)
+        except (EOFError, OSError):
+            return False
+        return True
+
+    def reply(self, problem: str | None = None) -> None:
+        self.pipe.send(problem)
+
+    def do_follow(self, name: str, times: np.ndarray, joints: np.ndarray, motion: int) -> None:
+        arm = self.arms[name]
+        trajectory = Trajectory(times, joints)
+        if self.supervisor.reason is not None:
+            self.reply(f"{name}: stopped ({self.supervisor.reason})")
+        elif self.blocks.interrupted.value:
+            self.reply(f"{name}: interrupted")
+        elif not self.enabled or arm.commanded is None:
+            self.reply(f"{name}: the robot was not started")
+        elif np.max(np.abs(joints[0] - arm.commanded)) > self.start.rules.start:
+            self.reply(f"{name}: the path begins elsewhere than the arm is by now")
+        else:
+            arm.follower, arm.motion = Follower(trajectory), motion
+            self.blocks.alive.value = time.monotonic()
+            self.publish(name, arm)
+            self.reply()
+
+    def do_halt(self, name: str) -> None:
+        if self.arms[name].follower is not None:
+            self.arms[name].follower.halt()
+        self.reply()
+
+    def do_stop(self, reason: str) -> None:
+        self.supervisor.stop(reason)
+        self.tell()  # before the answer: who asks afterwards finds the reason
+        self.reply()
+
+    def fresh(self, name: str, arm: _Arm) -> bool:
+        """Does the arm speak now? Between telling where it is and following us, the robot is silent for a while."""
+        if arm.feedback is None or not self.start.realtime:
+            return arm.feedback is not None
+        return self.supervisor.silence(name, time.monotonic()) < self.start.rules.stale / 2
+
+    def do_answer(self) -> None:
+        """From now on setpoints are sent: that the arms hold where the next message finds them."""
+        if not self.start.motion:
+            self.reply("this link only listens")
+            return
+        if not self.answering:
+            for arm in self.arms.values():
+                arm.commanded = None
+            self.answering = True
+        self.reply()
+
+    def do_enable(self) -> None:
+        """From now on the robot must be running, and the executor must show that it is alive."""
+        silent = [name for name, arm in self.arms.items() if not self.fresh(name, arm) or not arm.feedback.running]
+        if silent:
+            self.reply(f"{' and '.join(silent)}: not running")
+            return
+        for name, arm in self.arms.items():
+            if (
+                arm.commanded is None
+                or not np.max(np.abs(arm.feedback.joints - arm.commanded)) <= self.start.rules.start
+            ):
+                self.reply(f"{name}: not where it was when the start was asked for")
+                return
+        self.blocks.alive.value = time.monotonic()
+        self.enabled = True
+        self.reply()
+
+    def do_disable(self) -> None:
+        """The arms are held, and the robot may end its guided motion."""
+        self.enabled = False
+        self.reply()
+
+    def do_close(self) -> None:
+        self.closing = True
+        self.reply()

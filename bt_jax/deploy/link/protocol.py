@@ -1,0 +1,95 @@
+"""What skills and executor see of a robot: the state of its arms, and the protocol by which they are moved."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from bt_jax.deploy.planning.trajectory import Trajectory
+
+__all__ = ["ArmState", "ControllerGone", "Counters", "RobotLink", "SimulatedController"]
+
+
+class ControllerGone(Exception):
+    """The twin's controller has ended, or no longer answers: simulated time stands still."""
+
+
+@dataclasses.dataclass(frozen=True)
+class ArmState:
+    """One arm; joints in chain order [7], rad."""
+
+    time: float  # of the controller's clock, s
+    joints: np.ndarray  # measured
+    velocity: np.ndarray  # rad/s
+    commanded: np.ndarray  # the last setpoint
+    moving: bool  # follows a path
+    motion: int  # number of the path that was accepted last
+    remaining: float  # seconds to the end of the path
+    running: bool  # the controller would move it
+    flange: RigidTransform | None  # pose in the base frame as the controller tells it
+    opening: float  # of the gripper, m between the fingers
+    grip_target: float  # m, as asked for last
+
+
+@dataclasses.dataclass(frozen=True)
+class Counters:
+    """What the link counted; messages of both arms together."""
+
+    cycles: int  # messages answered
+    missed: int  # answers that could not be sent
+    late: int  # messages that waited for more than a cycle
+    lost: int
+    reordered: int
+    clipped: int  # setpoints whose step was too large
+    rejected: int  # paths that broke a rule
+
+
+@runtime_checkable
+class RobotLink(Protocol):
+    """What skills and executor need of a robot. All waiting goes through `wait`, so that time may be simulated."""
+
+    arms: tuple[str, ...]
+
+    def now(self) -> float:
+        """Time, s."""
+
+    def wait(self, until: float) -> None:
+        """Lets time pass, and says to the robot that the program is alive."""
+
+    def arm(self, arm: str) -> ArmState: ...
+
+    def stopped(self) -> str | None:
+        """Why a protective stop was latched, None where there is none."""
+
+    def follow(self, arm: str, trajectory: Trajectory) -> int:
+        """Starts a path at once and gives its number. Raises Rejected where it breaks a rule; then nothing moves."""
+
+    def halt(self, arm: str) -> None:
+        """Brings an arm smoothly to rest on its path."""
+
+    def interrupt(self) -> None:
+        """Brings all arms to rest on their paths, for good; may be called from a signal handler."""
+
+    def grip(self, arm: str, opening: float, force: float = 10.0) -> None:
+        """Moves a gripper's fingers to a distance [m] from each other, with a force up to 20 N."""
+
+    def stop(self, reason: str) -> None:
+        """Protective stop: the arms hold and stay so."""
+
+    def counters(self) -> Counters: ...
+
+
+@runtime_checkable
+class SimulatedController(Protocol):
+    """What the link asks of a controller whose time it may drive: the twin's."""
+
+    realtime: bool
+
+    def advance(self, until: float) -> None:
+        """Lets the controller's time pass [s]. Raises ControllerGone where its process has ended."""
+
+    def state(self) -> tuple[float, np.ndarray]:
+        """The controller's time [s] and its latest state."""

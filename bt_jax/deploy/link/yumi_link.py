@@ -1,0 +1,378 @@
+"""The link to a YuMi, or to its twin.
+
+EGM runs in a process of its own (`link_process`), so that neither rendering nor planning can delay a setpoint; the state of
+the controller and the grippers go over Robot Web Services from here.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import socket
+import threading
+import time
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from bt_jax._util.errors import UserError
+from bt_jax.deploy.link.egm import CYCLE
+from bt_jax.deploy.link.loop_timing import Late
+from bt_jax.deploy.link.process import HISTORY, RECORD, Blocks, Start, serve
+from bt_jax.deploy.link.protocol import ArmState, ControllerGone, Counters, SimulatedController
+from bt_jax.deploy.link.realtime import CONTEXT
+from bt_jax.deploy.link.rws import (
+    EGM_MOTION,
+    GRIP_ACTUAL,
+    GRIP_FORCE,
+    GRIP_TARGET,
+    ControllerState,
+    Motion,
+    Rws,
+    symbol,
+)
+from bt_jax.deploy.link.safety import Rejected, Rules, check_trajectory
+from bt_jax.deploy.planning.trajectory import Trajectory
+
+__all__ = ["LinkConfig", "YumiLink"]
+
+STARTED = 3.0  # seconds within which the arms must run once the program was started
+FIRST = 30.0  # seconds for the link process to come up
+ANSWER = 1.0  # seconds for it to answer by the clock: it looks 500 times as often
+POLL = 0.05  # seconds between two looks at the grippers in real time
+STATE = 5  # of these looks, one also asks for the controller's state
+RAMP = 0.5  # seconds within which the robot's program has ended guided motion: a look at the gripper, and its ramp
+ENDED, HANGS = "the link process has ended", "the link process does not answer"
+SILENT = 2.0  # seconds without an answer to such a look
+
+
+@dataclasses.dataclass(frozen=True)
+class LinkConfig:
+    """Where the controller is. The ports are ours: the controller must be set up to send each arm's EGM there."""
+
+    host: str = "192.168.125.1"  # the service port of an IRC5
+    ports: Mapping[str, int] = dataclasses.field(default_factory=lambda: {"left": 6511, "right": 6512})
+    rws_port: int = 80
+    user: str = "Default User"
+    password: str = "robotics"
+    motion: bool = False  # False: listen only; no setpoint ever leaves
+
+
+class YumiLink:
+    """A YuMi, or its twin where `controller` is given. Use it as a context manager."""
+
+    def __init__(self, config: LinkConfig, rules: Rules, controller: SimulatedController | None = None) -> None:
+        self.config, self.rules, self.arms = config, rules, tuple(config.ports)
+        self._controller = controller
+        self._lockstep = controller is not None and not controller.realtime
+        self._clearance = rules.clearance_of() if rules.clearance_of is not None else None
+        self._blocks = Blocks(self.arms)
+        self._pipe, theirs = CONTEXT.Pipe()
+        start = Start(_address(config.host), dict(config.ports), rules, not self._lockstep, config.motion)
+        self._process = CONTEXT.Process(target=serve, args=(start, self._blocks, theirs), daemon=True)
+        self._theirs = theirs
+        self._pipe_lock, self._rws_lock = threading.Lock(), threading.Lock()
+        self._rws = Rws(config.host, config.rws_port, config.user, config.password)
+        self._opening = dict.fromkeys(self.arms, 0.0)
+        self._target = dict.fromkeys(self.arms, 0.0)
+        self._rejected = self._motions = self._drained = 0
+        self._answering = False  # the robot's program was asked to follow
+        self._enabled = False  # and follows
+        self._hangs = False  # the link process did not answer: what it says later answers something else
+        self._reason: str | None = None  # of a stop that the link process could not be told of
+        self._closing = threading.Event()
+        self._poller: threading.Thread | None = None
+
+    def open(self) -> YumiLink:
+        """Starts the link process and reads the state. Raises UserError where a port is taken or nobody answers."""
+        self._process.start()
+        self._theirs.close()
+        try:
+            if not self._pipe.poll(FIRST):
+                raise UserError("the link process did not start; close other programs and try again")
+            kind, value = self._pipe.recv()
+            if kind != "ready":
+                ports = ", ".join(map(str, self.config.ports.values()))
+                raise UserError(f"the UDP ports {ports} cannot be used ({value}); end the program that uses them")
+            self._rws.state()
+            self._look()
+        except BaseException:
+            self.close()
+            raise
+        for arm in self.arms:
+            self._target[arm] = self._opening[arm]
+        if not self._lockstep:
+            self._poller = threading.Thread(target=self._poll, daemon=True)
+            self._poller.start()
+        return self
+
+    __enter__ = open
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def start(self) -> None:
+        """Asks the robot's program, which is started where it does not run, for guided motion; from now on the arms hold,
+        follow paths, and must keep running.
+
+        Raises UserError where the controller is not ready or does not begin.
+        """
+        if not self.config.motion:
+            raise UserError("this link only listens; ask for motion to start the robot")
+        state = self.state()
+        if not state.ready:
+            raise UserError(
+                f"the controller is in {state.control}, mode {state.mode}; put it in automatic mode with motors on"
+            )
+        problem = self._ask("answer")
+        if problem is not None:
+            raise UserError(f"{problem}; ask for motion to start the robot")
+        self._answering = True
+        if state.rapid != "running":
+            with self._rws_lock:
+                self._rws.start()
+        problem = "silent"
+        deadline = time.monotonic() + STARTED
+        while problem is not None and time.monotonic() < deadline:
+            if self._lockstep:
+                self._controller.advance(self.now() + CYCLE)
+            time.sleep(0.005)
+            problem = self._guided() or self._ask("enable")
+        if problem is not None:
+            raise UserError(
+                f"{problem} {STARTED:g} s after the start; check that EGM is set up to send to this machine"
+            )
+        self._enabled = True
+
+    def close(self) -> None:
+        """Stops the robot's program where it was started, and ends the process."""
+        self._closing.set()
+        with contextlib.ExitStack() as stack:  # each step is done whatever interrupts the one before
+            stack.callback(self._end_process)
+            if self._answering:
+                stack.callback(self._stop_program)
+                stack.callback(self._end_motion)
+            if self._poller is not None:
+                self._poller.join(SILENT + 1)
+
+    def _end_motion(self) -> None:
+        well = self._enabled and self.stopped() is None and self._process.is_alive()
+        self._answering = self._enabled = False
+        with contextlib.suppress(UserError):
+            self._ask("disable")
+            if well:
+                self._ramp_out()
+
+    def _end_process(self) -> None:
+        if self._process.pid is not None:
+            with contextlib.suppress(UserError):
+                self._ask("close")
+            self._process.join(2)
+            self._process.kill()
+            self._process.join()
+        self._rws.close()
+
+    def now(self) -> float:
+        return self._controller.state()[0] if self._lockstep else time.monotonic()
+
+    def wait(self, until: float) -> None:
+        self._blocks.alive.value = time.monotonic()
+        if not self._lockstep:
+            time.sleep(max(0.0, until - time.monotonic()))
+            self._blocks.alive.value = time.monotonic()
+            return
+        try:
+            self._stop_if_dead()
+            self._controller.advance(until)
+            self._look()
+        except ControllerGone as gone:
+            self.stop(str(gone))
+            raise
+        except UserError as problem:
+            self.stop(str(problem))
+
+    def heard(self, arm: str) -> bool:
+        """Has the controller said anything of this arm yet?"""
+        return bool(self._blocks.arms[arm].read()[-1])
+
+    def arm(self, arm: str) -> ArmState:
+        values = self._blocks.arms[arm].read()
+        moving, motion, remaining, running, known = values[29:]
+        if not known:
+            raise UserError(
+                f"no feedback came from the {arm} arm yet; check that EGM is set up to send to this machine"
+            )
+        return ArmState(
+            float(values[0]),
+            values[1:8],
+            values[8:15],
+            values[15:22],
+            bool(moving),
+            int(motion),
+            float(remaining),
+            bool(running),
+            _pose(values[22:29]),
+            self._opening[arm],
+            self._target[arm],
+        )
+
+    def state(self) -> ControllerState:
+        """Of the controller, asked for now."""
+        with self._rws_lock:
+            return self._rws.state()
+
+    def stopped(self) -> str | None:
+        if self._blocks.stopped.value:
+            return self._blocks.reason.value.decode(errors="replace")
+        return self._reason or (ENDED if self._dead() else None)
+
+    def follow(self, arm: str, trajectory: Trajectory) -> int:
+        other = next((name for name in self.arms if name != arm), arm)
+        try:
+            allowed = check_trajectory(
+                self.rules,
+                arm,
+                trajectory,
+                commanded=self.arm(arm).commanded,
+                other=self.arm(other).commanded,
+                clearance=self._clearance,
+            )
+            self._motions += 1
+            if not self.config.motion:
+                return self._motions
+            problem = self._ask("follow", arm, allowed.times, allowed.joints, self._motions)
+            if problem is not None:
+                raise Rejected(problem)
+        except Rejected:
+            self._rejected += 1
+            raise
+        return self._motions
+
+    def halt(self, arm: str) -> None:
+        self._ask("halt", arm)
+
+    def interrupt(self) -> None:
+        self._blocks.interrupted.value = True
+
+    def grip(self, arm: str, opening: float, force: float = 10.0) -> None:
+        if self.stopped() is not None:
+            raise Rejected(f"{arm}: stopped ({self.stopped()})")
+        if not self.config.motion:
+            return
+        if not self._enabled:
+            raise Rejected(f"{arm}: the robot was not started")
+        if not (np.isfinite(opening) and np.isfinite(force)):
+            raise Rejected(f"{arm}: the gripper's target is not a number")
+        self._target[arm] = opening
+        with self._rws_lock:
+            self._rws.set_number(symbol(arm, GRIP_FORCE), float(np.clip(force, 0, 20)))
+            self._rws.set_number(symbol(arm, GRIP_TARGET), 500 * float(np.clip(opening, 0, 0.05)))
+
+    def stop(self, reason: str) -> None:
+        try:
+            self._ask("stop", reason)
+        except UserError:  # no setpoint flows: all the more must the program on the controller be stopped
+            self._reason = self._reason or reason
+        if self._answering:
+            self._stop_program()
+
+    def _ramp_out(self) -> None:
+        """Ends guided motion as the robot's program does it: smoothly, while the arms are still held."""
+        with self._rws_lock:
+            for arm in self.arms:
+                self._rws.set_number(symbol(arm, EGM_MOTION), float(Motion.LISTEN))
+        if not self._lockstep:
+            time.sleep(RAMP)
+
+    def _stop_program(self) -> None:
+        with contextlib.suppress(UserError), self._rws_lock:  # without a controller the arms hold by themselves
+            self._rws.stop()
+
+    def _dead(self) -> bool:
+        return not self._closing.is_set() and not self._process.is_alive()
+
+    def _stop_if_dead(self) -> None:
+        if self._enabled and self._reason is None and self._dead():
+            self.stop(ENDED)
+
+    def counters(self) -> Counters:
+        return Counters(*map(int, self._blocks.counters.read()), rejected=self._rejected)
+
+    def late_rounds(self) -> list[Late]:
+        """When the link process was not there in time, lately; a message may have waited meanwhile."""
+        return self._blocks.watch.read()
+
+    def drain(self) -> np.ndarray:
+        """The records since the last call, [n, 17]: arm, time, setpoint [7], measured [7], sequence number."""
+        written = self._blocks.written.value
+        rows = np.frombuffer(self._blocks.history).reshape(HISTORY, RECORD)
+        first = max(self._drained, written - HISTORY + 64)
+        self._drained = written
+        return rows[np.arange(first, written) % HISTORY].copy()
+
+    def _ask(self, *message: object) -> str | None:
+        """Gives what the process objects, None where it does as it was told. Raises UserError where it does not answer;
+        the robot's program is stopped then."""
+        with self._pipe_lock:
+            try:
+                if not self._hangs:
+                    self._pipe.send(message)
+                    if self._pipe.poll(FIRST if self._lockstep else ANSWER):
+                        return self._pipe.recv()
+            except (OSError, EOFError) as error:
+                raise UserError(f"{ENDED}; start again") from error
+        if not self._hangs:
+            self._hangs, self._reason = True, self._reason or HANGS
+            if self._answering:
+                self._stop_program()
+        raise UserError(f"{HANGS}; start again")
+
+    def _guided(self) -> str | None:
+        """Which arms do not follow EGM yet; they are asked to. None where all do."""
+        waiting = []
+        with self._rws_lock:
+            for arm in self.arms:
+                motion = self._rws.number(symbol(arm, EGM_MOTION))
+                if motion == Motion.LISTEN:
+                    self._rws.set_number(symbol(arm, EGM_MOTION), float(Motion.ASKED))
+                if motion != Motion.GUIDED:
+                    waiting.append(arm)
+        return f"{' and '.join(waiting)}: not guided" if waiting else None
+
+    def _look(self) -> None:
+        for arm in self.arms:
+            with self._rws_lock:
+                self._opening[arm] = self._rws.number(symbol(arm, GRIP_ACTUAL)) / 500
+
+    def _poll(self) -> None:
+        """Real time: looks at grippers and state. Runs in a thread."""
+        answered, count = time.monotonic(), 0
+        while not self._closing.wait(POLL):
+            count += 1
+            self._stop_if_dead()
+            try:
+                self._look()
+                if count % STATE == 0 and self._enabled:
+                    state = self.state()
+                    if not (state.ready and state.rapid == "running"):
+                        self.stop(f"the controller is in {state.control}, mode {state.mode}, RAPID {state.rapid}")
+                answered = time.monotonic()
+            except (UserError, ValueError) as problem:
+                if self._enabled and not self._closing.is_set() and time.monotonic() - answered > SILENT:
+                    self.stop(str(problem))
+
+
+def _address(host: str) -> str:
+    """IPv4 address of a host. Raises UserError where it is unknown."""
+    try:
+        return socket.gethostbyname(host)
+    except OSError as error:
+        raise UserError(f"the controller {host} is unknown ({error}); give its address with --robot") from error
+
+
+def _pose(values: np.ndarray) -> RigidTransform | None:
+    """From position and quaternion (x, y, z, w); None where they are not numbers."""
+    if not np.all(np.isfinite(values)):
+        return None
+    return RigidTransform.from_components(values[:3], Rotation.from_quat(values[3:]))

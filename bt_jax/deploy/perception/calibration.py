@@ -1,0 +1,210 @@
+"""Calibration of the cell's camera: its lens from pictures of a ChArUco board, its place from markers whose places in the
+robot's base frame are known, for instance because an arm's tip was led to their centres.
+
+Both results live in one YAML file; lengths are metres, quaternions (x, y, z, w).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import yaml
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from bt_jax._util.errors import UserError
+from bt_jax._util.files import write_atomic
+from bt_jax.deploy.perception.markers import marker_dictionary
+
+__all__ = [
+    "BOARD",
+    "CameraPose",
+    "Intrinsics",
+    "board_corners",
+    "calibrate_lens",
+    "charuco_board",
+    "load_camera",
+    "load_intrinsics",
+    "locate_camera",
+    "marker_centres",
+    "save_camera",
+]
+
+BOARD = (5, 7)  # squares across and down; on A4
+SQUARE = 0.035  # edge of one as printed, m
+LEAST_CORNERS, LEAST_VIEWS, LEAST_POINTS = 8, 6, 4
+
+
+@dataclasses.dataclass(frozen=True)
+class Intrinsics:
+    """`matrix` f64[3, 3] and `distortion` f64[5] as OpenCV has them, for images of this size; `error` is the root mean
+    square reprojection error of the calibration, px."""
+
+    matrix: np.ndarray
+    distortion: np.ndarray
+    width: int
+    height: int
+    error: float
+
+
+@dataclasses.dataclass(frozen=True)
+class CameraPose:
+    """`pose`: the camera's frame (x right, y down, z forward) in the robot's base [m]. `residual`: root mean square distance
+    between the known points and the rays on which they were seen [m]; `points`: how many there were."""
+
+    pose: RigidTransform
+    residual: float
+    points: int
+
+
+def charuco_board(square: float = SQUARE) -> cv2.aruco.CharucoBoard:
+    """The board to print; its markers are from another dictionary than those of the boxes."""
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_50)
+    return cv2.aruco.CharucoBoard(BOARD, square, 0.75 * square, dictionary)
+
+
+def board_corners(image: np.ndarray, board: cv2.aruco.CharucoBoard) -> tuple[np.ndarray, np.ndarray] | None:
+    """Points f32[n, 3] of the board [m] and pixels f32[n, 2] where an image u8[h, w(, 3)] shows them; None where too few are
+    seen to be of use."""
+    gray = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(gray)
+    if ids is None or len(ids) < LEAST_CORNERS:
+        return None
+    points = np.asarray(board.getChessboardCorners(), np.float32)[np.ravel(ids)]
+    if np.linalg.matrix_rank(points[:, :2] - points[0, :2]) < 2:
+        return None
+    return points, np.asarray(corners, np.float32).reshape(-1, 2)
+
+
+def calibrate_lens(
+    views: Sequence[tuple[np.ndarray, np.ndarray]], width: int, height: int
+) -> tuple[Intrinsics, np.ndarray]:
+    """The lens from several views of the board (as `board_corners` gives them), and each view's root mean square error
+    f64[n] [px]. Raises UserError where there are too few views."""
+    if len(views) < LEAST_VIEWS:
+        raise UserError(
+            f"the board was seen in {len(views)} images and {LEAST_VIEWS} are needed; take more, each from another side"
+        )
+    points, pixels = zip(*views, strict=True)
+    error, matrix, distortion, rotations, positions = cv2.calibrateCamera(
+        list(points), list(pixels), (width, height), None, None
+    )
+    errors = [
+        np.sqrt(np.mean(np.sum((cv2.projectPoints(p, r, t, matrix, distortion)[0].reshape(-1, 2) - q) ** 2, axis=1)))
+        for p, q, r, t in zip(points, pixels, rotations, positions, strict=True)
+    ]
+    return Intrinsics(matrix, np.ravel(distortion)[:5], width, height, float(error)), np.array(errors)
+
+
+def marker_centres(image: np.ndarray) -> dict[int, np.ndarray]:
+    """Pixel f64[2] of the centre, where the diagonals meet, of every marker of the cell's dictionary in an image."""
+    gray = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    quads, ids, _ = cv2.aruco.ArucoDetector(marker_dictionary(), parameters).detectMarkers(gray)
+    numbers = [] if ids is None else np.ravel(ids).tolist()
+    return {
+        number: _crossing(np.asarray(quad, float).reshape(4, 2))
+        for number, quad in zip(numbers, quads, strict=True)
+        if numbers.count(number) == 1
+    }
+
+
+def locate_camera(points: np.ndarray, pixels: np.ndarray, lens: Intrinsics) -> tuple[CameraPose, np.ndarray]:
+    """The camera's place from points f64[n, 3] in the base frame [m] and the pixels f64[n, 2] where they are seen, and the
+    distance f64[n] [m] of each point from its ray. Raises UserError where there are too few or they lie on a line."""
+    points, pixels = np.ascontiguousarray(points, float), np.ascontiguousarray(pixels, float)
+    if len(points) < LEAST_POINTS:
+        raise UserError(
+            f"{len(points)} known points are seen and {LEAST_POINTS} are needed; put more markers in the view"
+        )
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if spread[1] < 0.1 * spread[0]:
+        raise UserError("the known points lie nearly on a line; spread them over the table")
+    starts = cv2.solvePnPGeneric(points, pixels, lens.matrix, lens.distortion, flags=cv2.SOLVEPNP_SQPNP)
+    fits = []
+    for rotation, position in zip(starts[1], starts[2], strict=True):
+        rotation, position = cv2.solvePnPRefineLM(points, pixels, lens.matrix, lens.distortion, rotation, position)
+        seen = RigidTransform.from_components(np.ravel(position), Rotation.from_rotvec(np.ravel(rotation)))
+        fits.append((_ray_distances(seen.apply(points), pixels, lens), seen))
+    if not fits:
+        raise UserError("no place of the camera explains what it sees; check the positions of the markers in the file")
+    distances, seen = min(fits, key=lambda fit: float(np.sum(fit[0] ** 2)))
+    return CameraPose(seen.inv(), float(np.sqrt(np.mean(distances**2))), len(points)), distances
+
+
+def save_camera(path: Path, lens: Intrinsics, place: CameraPose | None = None) -> None:
+    """Writes what `load_camera` reads."""
+    data: dict[str, Any] = {
+        "intrinsics": {
+            "width": lens.width,
+            "height": lens.height,
+            "matrix": np.asarray(lens.matrix, float).tolist(),
+            "distortion": np.ravel(lens.distortion).astype(float).tolist(),
+            "error_px": lens.error,
+        }
+    }
+    if place is not None:
+        data["pose_in_base"] = {
+            "position": place.pose.translation.tolist(),
+            "quaternion_xyzw": place.pose.rotation.as_quat().tolist(),
+            "residual_m": place.residual,
+            "points": place.points,
+        }
+    write_atomic(path, yaml.safe_dump(data, sort_keys=False, default_flow_style=None))
+
+
+def load_intrinsics(path: Path) -> Intrinsics:
+    """The lens alone. Raises UserError where the file has none."""
+    data = _section(path, "intrinsics", "calibrate intrinsics")
+    try:
+        matrix, distortion = np.array(data["matrix"], float).reshape(3, 3), np.array(data["distortion"], float).ravel()
+        lens = Intrinsics(matrix, distortion, int(data["width"]), int(data["height"]), float(data["error_px"]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise UserError(f"{path}, key intrinsics: {error} is missing or no number; calibrate the lens again") from error
+    if not (np.isfinite(matrix).all() and np.isfinite(distortion).all() and matrix[0, 0] > 0 and matrix[1, 1] > 0):
+        raise UserError(f"{path}, key intrinsics: these numbers belong to no lens; calibrate it again")
+    return lens
+
+
+def load_camera(path: Path) -> tuple[Intrinsics, CameraPose]:
+    """Lens and place of a calibrated camera. Raises UserError where one of them is missing or makes no sense."""
+    lens = load_intrinsics(path)
+    data = _section(path, "pose_in_base", "calibrate base")
+    try:
+        position, quaternion = np.array(data["position"], float), np.array(data["quaternion_xyzw"], float)
+        pose = RigidTransform.from_components(position, Rotation.from_quat(quaternion))
+        return lens, CameraPose(pose, float(data["residual_m"]), int(data["points"]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise UserError(f"{path}, key pose_in_base: {error}; calibrate the camera's place again") from error
+
+
+def _section(path: Path, key: str, remedy: str) -> Mapping[str, Any]:
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UserError(
+            f"{path} cannot be read ({error.strerror}); make it with python -m bt_jax.deploy {remedy}"
+        ) from error
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        raise UserError(f"{path} is not valid YAML; make it again with python -m bt_jax.deploy {remedy}") from error
+    if not isinstance(data, dict) or not isinstance(data.get(key), dict):
+        raise UserError(f"{path} has no {key}; add it with python -m bt_jax.deploy {remedy}")
+    return data[key]
+
+
+def _crossing(corners: np.ndarray) -> np.ndarray:
+    a, b, c, d = corners
+    share = np.linalg.solve(np.stack([c - a, b - d], axis=1), b - a)[0]
+    return a + share * (c - a)
+
+
+def _ray_distances(points: np.ndarray, pixels: np.ndarray, lens: Intrinsics) -> np.ndarray:
+    flat = cv2.undistortPoints(pixels.reshape(-1, 1, 2), lens.matrix, lens.distortion).reshape(-1, 2)
+    rays = np.column_stack([flat, np.ones(len(flat))])
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    return np.linalg.norm(points - np.sum(points * rays, axis=1, keepdims=True) * rays, axis=1)

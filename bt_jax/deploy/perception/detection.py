@@ -1,0 +1,270 @@
+"""From an image to poses of boxes and kit in the camera's frame: ArUco markers, all that are seen of a body fused into one.
+
+A pose starts from each marker alone (both solutions of a plane, IPPE), gathers the other markers that agree with it and is
+refined on all their corners; the start with the most markers and then the least reprojection error wins. That pose tells
+which other faces should be visible; it is refined on the image with all that are. One marker seen nearly head-on leaves two
+poses possible: then the other one is reported too, and whoever knows more may choose.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from bt_jax.deploy.perception.alignment import View, align, correlations
+from bt_jax.deploy.perception.markers import Marker, marker_dictionary, square
+
+__all__ = ["Detection", "Detector", "Gates"]
+
+RIVALS = 3  # other answers that the image is asked about where no two markers agree
+DOUBT = 3.0  # how much worse the corners may fit a second pose for the image to be asked
+
+NUDGE = np.array([[0.013, -0.007], [-0.005, 0.011], [0.009, 0.017], [-0.019, 0.003]])
+"""Pixels added to corners: OpenCV's closed form divides by zero where a square is seen as an exact trapezium, as one that
+stands square to the camera is. Only starts depend on it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Gates:
+    """What is accepted. `marker`: root mean square reprojection error of one marker's corners as detected [px];
+    `correlation`: of its pattern with the image, or `confirmation` where the body was known to be within `near` [m];
+    `margin`: by how much every other marker's pattern must correlate less; `facing`: sine of the least angle between view
+    and surface; `sigma`: standard deviation of the position [m]; `ratio`: how much worse the second pose of a plane must
+    fit for the first to be certain; `distinct`: rad between two poses that are two answers and not one."""
+
+    marker: float = 2.0
+    correlation: float = 0.85
+    confirmation: float = 0.7
+    near: float = 0.006
+    margin: float = 0.05
+    facing: float = 0.2
+    sigma: float = 0.003
+    ratio: float = 1.6
+    distinct: float = 0.1
+
+
+@dataclasses.dataclass(frozen=True)
+class Detection:
+    """A body as one image shows it. `pose` and `alternative` are the body's frame in the camera's (x right, y down, z
+    forward) [m]; `alternative` is None where `pose` is certain. `error` is the root mean square reprojection error of the
+    corners as detected [px], `sigma` the standard deviation of the position [m], `markers` the ids that agree."""
+
+    body: str
+    pose: RigidTransform
+    alternative: RigidTransform | None
+    error: float
+    sigma: float
+    markers: tuple[int, ...]
+
+
+class Detector:
+    """Finds the bodies that carry `markers`."""
+
+    def __init__(self, markers: Sequence[Marker], gates: Gates | None = None) -> None:
+        self.gates = gates or Gates()
+        self._markers = {marker.id: marker for marker in markers}
+        self._bodies: dict[str, list[Marker]] = {}
+        for marker in markers:
+            self._bodies.setdefault(marker.body, []).append(marker)
+        parameters = cv2.aruco.DetectorParameters()
+        parameters.errorCorrectionRate = 0.0  # a marker read wrongly is worse than one not read
+        parameters.minMarkerPerimeterRate = 0.05
+        parameters.adaptiveThreshWinSizeStep = 4
+        parameters.polygonalApproxAccuracyRate = 0.06  # of the perimeter: small markers have ragged edges
+        parameters.perspectiveRemovePixelPerCell = 8
+        parameters.perspectiveRemoveIgnoredMarginPerCell = 0.25
+        parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_CONTOUR  # approximated polygons lose corners
+        self._aruco = cv2.aruco.ArucoDetector(marker_dictionary(), parameters)
+
+    def __call__(
+        self,
+        image: np.ndarray,
+        matrix: np.ndarray,
+        distortion: np.ndarray,
+        known: Mapping[str, RigidTransform] = MappingProxyType({}),
+    ) -> list[Detection]:
+        """Bodies in an image u8[h, w, 3] (RGB) or u8[h, w]; `matrix` f[3, 3] and `distortion` f[n] as OpenCV has them.
+        A body is absent where none of its markers is seen or its pose fails a gate. What is `known`, by body and in the
+        camera's frame, is looked for there first: a marker covered in part can confirm it, though none could be read."""
+        gray = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+        if np.any(distortion):
+            gray = cv2.undistort(gray, matrix, distortion)
+        view = View(gray.astype(np.float32), matrix)
+        bodies: dict[str, dict[int, np.ndarray]] = {body: {} for body in known}
+        for number, corners in self._corners(gray).items():
+            bodies.setdefault(self._markers[number].body, {})[number] = corners
+        fits = (
+            self._confirm(body, seen, view, known) or self._locate(body, seen, view) for body, seen in bodies.items()
+        )
+        return [detection for detection in fits if detection is not None]
+
+    def _corners(self, gray: np.ndarray) -> dict[int, np.ndarray]:
+        """Corners f64[4, 2] [px] of the markers seen, by id. An id seen twice is no one's."""
+        quads, ids, _ = self._aruco.detectMarkers(gray)
+        numbers = [] if ids is None else np.ravel(ids).tolist()
+        return {
+            number: np.asarray(quad, float).reshape(4, 2)
+            for number, quad in zip(numbers, quads, strict=True)
+            if number in self._markers and numbers.count(number) == 1
+        }
+
+    def _confirm(self, body: str, seen: dict[int, np.ndarray], view: View, known) -> Detection | None:
+        """The body where it is known to be, if the image agrees and no marker read elsewhere speaks against it."""
+        if body not in known:
+            return None
+        start = _Fit(known[body].rotation.as_matrix(), known[body].translation)
+        facing = [marker for marker in self._bodies[body] if self._faces(start, marker)]
+        visible = self._correlating(start, facing, view, self.gates.correlation)
+        near = bool(visible)
+        visible = visible or self._correlating(start, facing, view, self.gates.confirmation - 0.25)
+        if not visible:
+            return None
+        alignment = align(view, start.rotation, start.position, visible, near=near)
+        fit = _Fit(alignment.rotation, alignment.position)
+        kept = self._correlating(fit, facing, view, self.gates.confirmation)
+        if not kept or set(seen) - set(self._agreeing(fit, seen, view, self.gates.marker)):
+            return None
+        if kept != visible:
+            alignment = align(view, fit.rotation, fit.position, kept, near=True)
+            fit = _Fit(alignment.rotation, alignment.position)
+        moved = math.dist(fit.position, start.position)
+        if moved > self.gates.near or _angle(fit, start) > self.gates.distinct or alignment.sigma > self.gates.sigma:
+            return None
+        error = self._error(fit, list(seen), seen, view) if seen else 0.0
+        return Detection(body, fit.pose, None, error, alignment.sigma, tuple(marker.id for marker in kept))
+
+    def _locate(self, body: str, seen: dict[int, np.ndarray], view: View) -> Detection | None:
+        rivals = self._by_corners(seen, view)
+        fits = [fit for rival in rivals if (fit := self._by_image(body, rival, seen, view))]
+        fits.sort(key=lambda fit: (-len(fit.markers), fit.residual))
+        if not fits or fits[0].sigma > self.gates.sigma:
+            return None
+        best, alternative = fits[0], None
+        for fit in fits[1:]:
+            as_good = len(fit.markers) == len(best.markers) and fit.residual < self.gates.ratio * best.residual
+            if as_good and _angle(fit, best) > self.gates.distinct:
+                alternative = fit.pose
+        return Detection(body, best.pose, alternative, best.error, best.sigma, best.markers)
+
+    def _by_corners(self, seen: dict[int, np.ndarray], view: View) -> list[_Fit]:
+        """The pose that most markers agree with, and another one where the corners leave a doubt."""
+        fits: list[_Fit] = []
+        for start in self._starts(seen, view):
+            agreeing = self._agreeing(start, seen, view, 4 * self.gates.marker)
+            known = [fit for fit in fits if _angle(fit, start) < self.gates.distinct]
+            if not agreeing or any(set(agreeing) <= set(fit.markers) for fit in known):
+                continue
+            if len(agreeing) > 1:
+                points = np.concatenate([self._markers[number].corners for number in agreeing])
+                pixels = np.concatenate([seen[number] for number in agreeing])
+                turn = cv2.Rodrigues(start.rotation)[0]
+                turn, position = cv2.solvePnPRefineLM(
+                    points, pixels, view.matrix, None, turn, start.position[:, None].copy()
+                )
+                start = _Fit(cv2.Rodrigues(turn)[0], np.ravel(position))
+                agreeing = self._agreeing(start, seen, view, self.gates.marker)
+            if agreeing:
+                error = self._error(start, agreeing, seen, view)
+                fits.append(dataclasses.replace(start, error=error, markers=tuple(agreeing)))
+        fits.sort(key=lambda fit: (-len(fit.markers), fit.error))
+        one = bool(fits) and len(fits[0].markers) == 1  # then both answers of its plane
+        limit = math.inf if one or not fits else DOUBT * fits[0].error + self.gates.marker / 2
+        others = [
+            fit
+            for fit in fits[1:]
+            if len(fit.markers) == len(fits[0].markers)
+            and fit.error < limit
+            and _angle(fit, fits[0]) > self.gates.distinct
+        ]
+        return fits[:1] + others[: RIVALS if one else 1]
+
+    def _starts(self, seen: dict[int, np.ndarray], view: View) -> Iterator[_Fit]:
+        for number, corners in seen.items():
+            marker = self._markers[number]
+            nudged = corners + NUDGE
+            found, rotations, positions, _ = cv2.solvePnPGeneric(
+                square(marker.size), nudged, view.matrix, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
+            )
+            for turn, position in zip(rotations[:found], positions[:found], strict=True):
+                if not (np.isfinite(turn).all() and np.isfinite(position).all()):  # a quad that no square gives
+                    continue
+                rotation = cv2.Rodrigues(turn)[0] @ marker.axes.T
+                yield _Fit(rotation, np.ravel(position) - rotation @ marker.pose.translation)
+
+    def _by_image(self, body: str, start: _Fit, seen: dict[int, np.ndarray], view: View) -> _Fit | None:
+        """The pose refined on the image with every face that should be and is visible."""
+        facing = [marker for marker in self._bodies[body] if self._faces(start, marker)]
+        visible = self._correlating(start, facing, view, self.gates.correlation - 0.25)
+        if not visible:
+            return None
+        alignment = align(view, start.rotation, start.position, visible)
+        fit = _Fit(alignment.rotation, alignment.position)
+        kept = self._correlating(fit, facing, view, self.gates.correlation)
+        agreeing = self._agreeing(fit, {m.id: seen[m.id] for m in kept if m.id in seen}, view, self.gates.marker)
+        if not agreeing:
+            return None
+        if kept != visible:
+            alignment = align(view, fit.rotation, fit.position, kept, near=True)
+            fit = _Fit(alignment.rotation, alignment.position)
+        return dataclasses.replace(
+            fit,
+            error=self._error(fit, agreeing, seen, view),
+            markers=tuple(marker.id for marker in kept),
+            residual=alignment.residual,
+            sigma=alignment.sigma,
+        )
+
+    def _correlating(self, fit: _Fit, markers: list[Marker], view: View, least: float) -> list[Marker]:
+        if not markers:
+            return []
+        own, others = correlations(view, fit.rotation, fit.position, markers, tuple(self._markers))
+        clear = own > np.maximum(least, others + self.gates.margin)
+        return [marker for marker, kept in zip(markers, clear, strict=True) if kept]
+
+    def _faces(self, fit: _Fit, marker: Marker) -> bool:
+        """Does the camera look at the marker's front, and not too flatly?"""
+        position = fit.rotation @ marker.pose.translation + fit.position
+        outward = fit.rotation @ marker.axes[:, 2]
+        return bool(position[2] > 0 and -outward @ position > self.gates.facing * math.sqrt(position @ position))
+
+    def _agreeing(self, fit: _Fit, seen: dict[int, np.ndarray], view: View, limit: float) -> list[int]:
+        """Markers that appear within `limit` pixels of where the pose has them."""
+        return [
+            number
+            for number in seen
+            if self._faces(fit, self._markers[number]) and self._error(fit, [number], seen, view) < limit
+        ]
+
+    def _error(self, fit: _Fit, numbers: Sequence[int], seen: dict[int, np.ndarray], view: View) -> float:
+        """Root mean square distance of the corners as detected from where the pose has them, px."""
+        points = np.concatenate([self._markers[number].corners for number in numbers])
+        pixels = np.concatenate([seen[number] for number in numbers])
+        offsets = view.project(points @ fit.rotation.T + fit.position) - pixels
+        return math.sqrt(float(np.mean(offsets**2)) * 2)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Fit:
+    """A pose under way, f64[3, 3] and f64[3], and what speaks for it."""
+
+    rotation: np.ndarray
+    position: np.ndarray
+    error: float = math.inf
+    markers: tuple[int, ...] = ()
+    residual: float = math.inf
+    sigma: float = math.inf
+
+    @property
+    def pose(self) -> RigidTransform:
+        return RigidTransform.from_components(self.position, Rotation.from_matrix(self.rotation))
+
+
+def _angle(a: _Fit, b: _Fit) -> float:
+    """Between two rotations, rad."""
+    return math.acos(max(-1.0, min(1.0, (float(np.sum(a.rotation * b.rotation)) - 1) / 2)))

@@ -1,0 +1,88 @@
+"""Camera, detector and tracker as one: from images to poses of boxes and kit in the robot's base frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from bt_jax.deploy.perception.camera import Camera, CameraError
+from bt_jax.deploy.perception.detection import Detection, Detector
+from bt_jax.deploy.perception.markers import task_markers
+from bt_jax.deploy.perception.tracker import Tracker, TrackerSettings
+from bt_jax.tasks import Task
+
+__all__ = ["Perception"]
+
+UPRIGHT = math.radians(4)  # from which tilt on nothing stands on a level surface
+LEVEL = 0.3  # least height of a box's centre above the lowest table, in its own sizes: half of one, if all were exact
+SAME = 0.25  # rad: a doubtful pose this near to what is known is that one
+
+
+class Perception:
+    """`camera_pose` is the camera's frame in the base [m]. `image` is the time of the newest image [s], `lost` why there is
+    none, "" if there is."""
+
+    def __init__(
+        self, task: Task, camera: Camera, camera_pose: RigidTransform, settings: TrackerSettings | None = None
+    ) -> None:
+        self.camera, self.camera_pose = camera, camera_pose
+        table = min(table.top for table in task.tables) - task.robot_position[2]
+        self._lowest = {box.name: table + LEVEL * box.size for box in task.boxes}
+        self.detector = Detector(task_markers(task))
+        self.tracker = Tracker(settings)
+        self.image = -math.inf
+        self.lost = ""
+        self.detections: tuple[Detection, ...] = ()
+
+    def update(self) -> None:
+        """Takes in the newest image. An old one, or none, changes nothing: what is known goes on ageing."""
+        try:
+            frame = self.camera.read()
+        except CameraError as error:
+            self.lost = str(error)
+            return
+        self.lost = ""
+        if frame.time <= self.image:
+            return
+        self.image = frame.time
+        to_camera = self.camera_pose.inv()
+        known = {name: to_camera * pose for name, pose in self.tracker.last().items()}
+        self.detections = tuple(self.detector(frame.image, frame.matrix, frame.distortion, known))
+        sigmas = {detection.body: detection.sigma for detection in self.detections}
+        self.tracker.update(frame.time, dict(self._certain()), sigmas)
+
+    def poses(self, time: float) -> dict[str, RigidTransform]:
+        """Boxes and kit whose place is known and fresh at `time` [s], in the base frame."""
+        return self.tracker.poses(time)
+
+    def _certain(self) -> Iterator[tuple[str, RigidTransform]]:
+        known = self.tracker.poses(self.image)
+        for detection in self.detections:
+            candidates = [self.camera_pose * detection.pose]
+            if detection.alternative is not None:
+                candidates.append(self.camera_pose * detection.alternative)
+            if len(candidates) > 1 or len(detection.markers) == 1:
+                candidates = self._plausible(candidates, detection.body, known.get(detection.body))
+            if len(candidates) == 1:
+                yield detection.body, candidates[0]
+
+    def _plausible(
+        self, candidates: list[RigidTransform], body: str, known: RigidTransform | None
+    ) -> list[RigidTransform]:
+        """Those of the poses of a doubtful measurement that are turned as the known one or, if none is, stand upright and
+        not in a table."""
+        near = [] if known is None else [pose for pose in candidates if _turn(pose, known) < SAME]
+        lowest = self._lowest.get(body, -math.inf)
+        return near or [
+            pose
+            for pose in candidates
+            if np.abs(pose.rotation.as_matrix()[2]).max() > math.cos(UPRIGHT) and pose.translation[2] > lowest
+        ]
+
+
+def _turn(a: RigidTransform, b: RigidTransform) -> float:
+    """Between two poses, rad."""
+    return float((a.rotation.inv() * b.rotation).magnitude())

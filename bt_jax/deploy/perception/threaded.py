@@ -1,0 +1,66 @@
+"""Perception in a thread of its own, so that a slow image never delays a tick."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+
+from scipy.spatial.transform import RigidTransform
+
+from bt_jax.deploy.execution.observer import Perceiving
+
+__all__ = ["BackgroundPerception"]
+
+FIRST = 30.0  # seconds for the first image
+
+
+class BackgroundPerception:
+    """Looks without a pause. `make` is called in the thread, since a renderer belongs to the thread that made it; `close` is
+    given back what was made. Use it as a context manager."""
+
+    def __init__(self, make: Callable[[], Perceiving], close: Callable[[Perceiving], None] = lambda made: None) -> None:
+        self._make, self._close = make, close
+        self._perception: Perceiving | None = None
+        self._problem: BaseException | None = None
+        self._ready, self._closing = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._run, name="perception", daemon=True)
+
+    def __enter__(self) -> BackgroundPerception:
+        self._thread.start()
+        self._ready.wait(FIRST)
+        self.update()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._closing.set()
+        self._thread.join(2)
+
+    def update(self) -> None:
+        """Does nothing where all is well. Raises what ended the thread."""
+        if self._problem is not None:
+            raise self._problem
+
+    def poses(self, now: float) -> Mapping[str, RigidTransform]:
+        """As the perception's own."""
+        return {} if self._perception is None else self._perception.poses(now)
+
+    @property
+    def image(self) -> float:
+        return float("-inf") if self._perception is None else self._perception.image
+
+    @property
+    def lost(self) -> str:
+        return "" if self._perception is None else self._perception.lost
+
+    def _run(self) -> None:
+        try:
+            made = self._make()
+            made.update()
+            self._perception = made
+            self._ready.set()
+            while not self._closing.wait(0.005):
+                made.update()
+            self._close(made)
+        except BaseException as problem:
+            self._problem = problem
+            self._ready.set()

@@ -1,0 +1,84 @@
+"""Joint trajectories, and following one cycle by cycle; stopping in mid-way slows down along the path itself."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from bt_jax._util.errors import UserError
+
+__all__ = ["HALT", "Follower", "Trajectory"]
+
+HALT = 0.3  # seconds in which a halted motion comes to rest
+
+
+@dataclasses.dataclass(frozen=True)
+class Trajectory:
+    """Where the joints of one arm are at which time; straight in joint space in between.
+
+    `times` [n] ascends from 0 [s], `joints` is [n, 7] in chain order [rad].
+    """
+
+    times: np.ndarray
+    joints: np.ndarray
+
+    def __post_init__(self) -> None:
+        times, joints = np.asarray(self.times, float), np.asarray(self.joints, float)
+        if joints.ndim != 2 or joints.shape[1:] != (7,) or times.shape != joints.shape[:1] or len(times) < 1:
+            raise UserError(
+                f"a trajectory has times [n] and joints [n, 7], found {times.shape}, {joints.shape}; mend it"
+            )
+        if times[0] != 0 or not np.all(np.diff(times) > 0):
+            raise UserError("the times of a trajectory must ascend from 0; mend them")
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "joints", joints)
+
+    @property
+    def duration(self) -> float:
+        return float(self.times[-1])
+
+    def at(self, time: float) -> np.ndarray:
+        """Joints [7] at a time; the ends beyond."""
+        i = int(np.searchsorted(self.times, time, side="right"))
+        if i == 0 or i == len(self.times):
+            return self.joints[min(i, len(self.times) - 1)].copy()
+        part = (time - self.times[i - 1]) / (self.times[i] - self.times[i - 1])
+        return (1 - part) * self.joints[i - 1] + part * self.joints[i]
+
+    def speeds(self) -> np.ndarray:
+        """Joint speeds between the points, [n - 1, 7], rad/s."""
+        return np.diff(self.joints, axis=0) / np.diff(self.times)[:, None]
+
+    def slowed(self, factor: float) -> Trajectory:
+        """The same path in `factor` times the time."""
+        return Trajectory(self.times * factor, self.joints)
+
+
+class Follower:
+    """Where on its path an arm is. Each call of `advance` is one cycle."""
+
+    def __init__(self, trajectory: Trajectory) -> None:
+        self.trajectory = trajectory
+        self._time, self._rate, self._halting = 0.0, 1.0, False
+
+    @property
+    def done(self) -> bool:
+        """At the end of the path, or at rest on it."""
+        return self._rate <= 0 or self._time >= self.trajectory.duration
+
+    @property
+    def remaining(self) -> float:
+        """Seconds to the end of the path, 0 once done."""
+        return 0.0 if self.done else self.trajectory.duration - self._time
+
+    def halt(self) -> None:
+        """Come to rest within `HALT`, on the path."""
+        self._halting = True
+
+    def advance(self, seconds: float) -> np.ndarray:
+        """Joints [7] for the next cycle, `seconds` later."""
+        if self._halting:
+            self._rate = max(0.0, self._rate - seconds / HALT)
+        self._time = min(self._time + self._rate * seconds, self.trajectory.duration)
+        return self.trajectory.at(self._time)

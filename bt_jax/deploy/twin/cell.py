@@ -1,0 +1,131 @@
+"""The cell as a MuJoCo model: the task's scene with a YuMi, markers and a camera, in a random layout."""
+
+from __future__ import annotations
+
+import dataclasses
+import xml.etree.ElementTree as ET
+
+import mujoco
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from bt_jax.deploy import yumi
+from bt_jax.deploy.twin.controller import Cell
+from bt_jax.deploy.twin.marker_scene import marker_scene
+from bt_jax.deploy.twin.rendered_camera import cell_camera
+from bt_jax.mjx_env.scene.mjcf import build_mjcf
+from bt_jax.mjx_env.scene.placement import draw_kit_table, draw_places
+from bt_jax.tasks import Task
+
+__all__ = ["CAMERA", "FILM", "Scene", "box_poses", "build_scene", "solved", "target_distances"]
+
+CAMERA, FILM = "cell", "film"
+STEP = 0.002  # seconds of physics
+SHELL = '<material name="shell" rgba=".88 .88 .86 1" specular=".3" shininess=".4"/>'
+
+
+@dataclasses.dataclass(frozen=True)
+class Scene:
+    """A cell for the twin's controller, its compiled model, and the world poses of the boxes at the start."""
+
+    task: Task
+    cell: Cell
+    model: mujoco.MjModel
+    kit: RigidTransform
+
+
+def build_scene(task: Task, seed: int | list[int]) -> Scene:
+    """The cell of a task with boxes at random places and turned at random; the same for the same seed."""
+    rng = np.random.default_rng(seed)
+    table = task.tables[draw_kit_table(task, rng)]
+    index = task.tables.index(table)
+    kit = np.array([*table.position[:2], table.top + task.kit.thickness / 2])
+    places = draw_places(task, rng, index)
+    turns = rng.uniform(-np.pi, np.pi, len(task.boxes))
+    for name in task.layout.stack:
+        turns[task.box_names.index(name)] = 0.0
+    files, text = _mjcf(task, kit)
+    model = mujoco.MjModel.from_xml_string(text, files)
+    qpos = model.qpos0.copy()
+    for name, place, turn in zip(task.box_names, places, turns, strict=True):
+        at = model.jnt_qposadr[model.body(name).jntadr[0]]
+        qpos[at : at + 7] = [*place, *Rotation.from_euler("z", turn).as_quat(scalar_first=True)]
+    for arm in yumi.ARMS:
+        for joint, angle in zip(yumi.joint_names(arm), yumi.HOME[arm], strict=True):
+            qpos[model.joint(joint).qposadr[0]] = angle
+        for finger in yumi.finger_names(arm):
+            qpos[model.joint(finger).qposadr[0]] = yumi.STROKE
+    cell = Cell(
+        xml=text,
+        assets=files,
+        qpos=qpos,
+        joints={arm: yumi.joint_names(arm) for arm in yumi.ARMS},
+        actuators={arm: yumi.actuator_names(arm) for arm in yumi.ARMS},
+        finger_joints={arm: yumi.finger_names(arm) for arm in yumi.ARMS},
+        finger_actuators={arm: yumi.finger_names(arm) for arm in yumi.ARMS},
+        flanges={arm: f"{arm}_tool0" for arm in yumi.ARMS},
+    )
+    return Scene(task, cell, model, RigidTransform.from_translation(kit))
+
+
+def _mjcf(task: Task, kit: np.ndarray) -> tuple[dict[str, bytes], str]:
+    """The files that the model names, and its text."""
+    root, markers = ET.fromstring(build_mjcf(task)), marker_scene(task)
+    root.find("compiler").set("angle", "radian")
+    option = root.find("option")
+    for key, value in {"timestep": STEP, "cone": "elliptic", "impratio": 10, "integrator": "implicitfast"}.items():
+        option.set(key, str(value))
+    root.find("visual/quality").set("offsamples", "0")
+    for geom in root.iter("geom"):
+        geom.attrib.pop("solref", None)
+    assets = root.find("asset")
+    assets.extend(ET.fromstring(f"<asset>{markers.assets_xml}{SHELL}</asset>"))
+    body = root.find(f"worldbody/body[@name='{task.kit.name}']")
+    body.set("pos", " ".join(map(repr, map(float, kit))))
+    body.extend(ET.fromstring(f"<body>{markers.kit_xml}</body>"))
+    for box in task.boxes:
+        root.find(f".//geom[@name='{box.name}']").set("material", f"{box.name}_markers")
+    root.find("worldbody").append(ET.fromstring(cell_camera(task).mjcf(CAMERA)))
+    root.find("worldbody").append(ET.fromstring(_film_camera(task)))
+    yumi.add_to_mjcf(root, task.robot_position)
+    return markers.files, ET.tostring(root, encoding="unicode")
+
+
+def _film_camera(task: Task) -> str:
+    """A camera that sees robot and tables from the front left."""
+    base = np.array(task.robot_position)
+    tables = np.mean([[*table.position[:2], table.top] for table in task.tables], axis=0)
+    target = 0.35 * base + 0.65 * tables + [0, 0, 0.16]
+    eye = target + (tables - base) * 2.9 + [0, -0.62, 0.5]
+    forward = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(forward, [0, 0, 1]) / np.linalg.norm(np.cross(forward, [0, 0, 1]))
+    axes = " ".join(map(repr, map(float, (*right, *np.cross(right, forward)))))
+    return f'<camera name="{FILM}" pos="{" ".join(map(repr, map(float, eye)))}" xyaxes="{axes}" fovy="44"/>'
+
+
+def box_poses(scene: Scene, qpos: np.ndarray) -> dict[str, RigidTransform]:
+    """True poses of the boxes in the world, from a state of the model."""
+    poses = {}
+    for name in scene.task.box_names:
+        at = scene.model.jnt_qposadr[scene.model.body(name).jntadr[0]]
+        poses[name] = RigidTransform.from_components(
+            qpos[at : at + 3], Rotation.from_quat(qpos[at + 3 : at + 7], scalar_first=True)
+        )
+    return poses
+
+
+def target_distances(scene: Scene, qpos: np.ndarray) -> list[float]:
+    """How far each target's object truly is from its place, m."""
+    poses = box_poses(scene, qpos) | {
+        scene.task.kit.name: scene.kit,
+        scene.task.robot_frame: RigidTransform.from_translation(scene.task.robot_position),
+    }
+    return [
+        float(np.linalg.norm(poses[target.frame].apply(target.position) - poses[target.object].translation))
+        for target in scene.task.targets
+    ]
+
+
+def solved(scene: Scene, qpos: np.ndarray) -> bool:
+    """Is every object where its target is, within the task's tolerance?"""
+    return all(distance < scene.task.episode.tolerance for distance in target_distances(scene, qpos))

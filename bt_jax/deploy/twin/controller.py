@@ -1,0 +1,141 @@
+"""The twin's controller: a process of its own that owns the simulated cell and plays the robot's side of the link.
+
+It starts silent, as a controller with its motors on and no program running. Robot Web Services start the program; then it
+sends feedback for each arm every 4 ms and moves the arms where the answers say.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from bt_jax._util.errors import UserError
+from bt_jax.deploy.link.loop_timing import Late, Watch
+from bt_jax.deploy.link.protocol import ControllerGone
+from bt_jax.deploy.link.realtime import CONTEXT, Snapshot
+from bt_jax.deploy.twin.controller_process import PARTS, STATS, Cell, Spec, serve
+
+__all__ = ["ANSWER", "Cell", "Controller", "Stats"]
+
+ANSWER = 30.0  # seconds within which the process must answer
+
+
+@dataclasses.dataclass(frozen=True)
+class Stats:
+    """What the process counted since it began."""
+
+    cycles: int
+    missed: int  # began more than a cycle late
+    unanswered: int  # cycles of one arm in which the program was running and no setpoint came
+    worst: float  # seconds by which a cycle began late
+    busy: float  # seconds spent on simulation and messages
+
+
+class Controller:
+    """Handle of the process. Use it as a context manager; `start` and `stop` otherwise."""
+
+    def __init__(
+        self, cell: Cell, *, ports: Mapping[str, int] | None = None, rws_port: int = 0, realtime: bool = True
+    ) -> None:
+        ports = dict(ports or {"left": 6511, "right": 6512})
+        self._state = Snapshot(1 + len(cell.qpos))
+        self._stats = Snapshot(STATS)
+        self._watch = Watch(PARTS)
+        self._pipe, theirs = CONTEXT.Pipe()
+        spec = Spec(cell, ports, rws_port, realtime)
+        self._process = CONTEXT.Process(
+            target=serve, args=(spec, self._state, self._stats, self._watch, theirs), daemon=True
+        )
+        self._theirs = theirs
+        self.ports, self.realtime = ports, realtime
+        self.rws_port = rws_port
+
+    def start(self) -> Controller:
+        """Starts the process and waits until it is there. Raises UserError where the cell cannot be simulated."""
+        self._process.start()
+        self._theirs.close()
+        kind, value = self._receive()
+        if kind != "ready":
+            raise UserError(f"the twin's controller did not start ({value}); mend the cell or free its ports")
+        self.rws_port = value
+        return self
+
+    def stop(self) -> None:
+        """Ends the process."""
+        if self._process.is_alive():
+            with contextlib.suppress(ControllerGone):
+                self._ask("close")
+            self._process.join(2)
+        self.kill()
+
+    def kill(self) -> None:
+        """Ends the process at once, as a power cut would."""
+        if self._process.pid is not None:
+            self._process.kill()
+            self._process.join()
+
+    __enter__ = start
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    @property
+    def alive(self) -> bool:
+        return self._process.is_alive()
+
+    @property
+    def pid(self) -> int | None:
+        return self._process.pid
+
+    def state(self) -> tuple[float, np.ndarray]:
+        """Time [s] (monotonic, or simulated in lock-step) and qpos, a copy; never waits for the simulation."""
+        values = self._state.read()
+        return float(values[0]), values[1:]
+
+    def stats(self) -> Stats:
+        """See `Stats`."""
+        cycles, missed, unanswered, worst, busy = self._stats.read()
+        return Stats(int(cycles), int(missed), int(unanswered), float(worst), float(busy))
+
+    def late_cycles(self) -> list[Late]:
+        """The last cycles that began late in real time."""
+        return self._watch.read()
+
+    def advance(self, until: float) -> None:
+        """Lock-step: simulates until that time. Raises ControllerGone where the process is no more."""
+        self._ask("advance", until)
+
+    def put(self, body: str, pose: RigidTransform) -> None:
+        """Moves a free body there, at rest; what a person's hand does. `pose` in the world of the model."""
+        x, y, z, w = pose.rotation.as_quat()
+        self._ask("put", body, np.array([*pose.translation, w, x, y, z]))
+
+    def push(self, body: str, force: np.ndarray, seconds: float) -> None:
+        """Pulls at a body with a force [3] in N for some time."""
+        self._ask("push", body, np.asarray(force, float), seconds)
+
+    def fault(self, kind: str, **details: float) -> None:
+        """Breaks something: `drop` (share, in both directions), `delay` (seconds), `reorder` (share), `silence` (seconds),
+        `motors_off`, `emergency_stop`, `heal` (the network)."""
+        self._ask("fault", kind, details)
+
+    def _ask(self, name: str, *arguments: object) -> None:
+        try:
+            self._pipe.send((name, *arguments))
+        except (OSError, ValueError) as error:
+            raise ControllerGone("the controller's process has ended") from error
+        problem = self._receive()
+        if problem is not None:
+            raise UserError(f"the twin's controller refuses {name}: {problem}; mend the call")
+
+    def _receive(self) -> object:
+        try:
+            if self._pipe.poll(ANSWER):
+                return self._pipe.recv()
+        except (EOFError, OSError) as error:
+            raise ControllerGone("the controller's process has ended") from error
+        raise ControllerGone(f"the controller's process did not answer for {ANSWER:g} s")

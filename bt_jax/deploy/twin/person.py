@@ -1,0 +1,124 @@
+"""The person in the twin's cell: at random moments takes a box away, puts it elsewhere, or brings it back."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from bt_jax.deploy import yumi
+from bt_jax.deploy.twin.cell import Scene, box_poses
+from bt_jax.deploy.twin.controller import Controller
+
+__all__ = ["Person", "Touch", "hands_of"]
+
+AWAY = 0.12  # metres that the person keeps from the hands of the robot
+GONE = (1.5, 8.0)  # seconds for which a box is taken away
+OFF = (2.0, 0.0)  # where it is meanwhile, on the floor and out of the camera's view
+
+
+@dataclasses.dataclass(frozen=True)
+class Touch:
+    """What the person did: "move", "remove" or "return"."""
+
+    time: float
+    what: str
+    box: str
+
+    def __str__(self) -> str:
+        words = {"move": "moves {}", "remove": "takes {} away", "return": "brings {} back"}
+        return f"a person {words[self.what].format(self.box)}"
+
+
+class Person:
+    """Touches a box at each of `times` [s], the first moment from then on at which one is free; never one that is in or near
+    a hand, nor one with another on top."""
+
+    def __init__(self, scene: Scene, controller: Controller, rng: np.random.Generator, times: list[float]) -> None:
+        self.scene, self.controller, self.rng = scene, controller, rng
+        self.touches: list[Touch] = []
+        self._times = sorted(times)
+        self._gone: dict[str, float] = {}  # box -> when it comes back
+
+    def __call__(self, now: float, hands: Callable[[], list[np.ndarray]]) -> Touch | None:
+        """What the person does now; `hands` gives the TCPs [3] in the world."""
+        for box, until in list(self._gone.items()):
+            if now >= until and (spot := self._spot(box, hands())) is not None:
+                del self._gone[box]
+                return self._lay(now, "return", box, spot)
+        if not self._times or now < self._times[0]:
+            return None
+        box = self._free_box(hands())
+        if box is None:
+            return None
+        if self.rng.random() < 0.4:
+            self._times.pop(0)
+            self._gone[box] = now + self.rng.uniform(*GONE)
+            size = self._size(box)
+            return self._lay(now, "remove", box, np.array([*OFF, self.scene.task.floor + size / 2]))
+        spot = self._spot(box, hands())
+        if spot is None:
+            return None
+        self._times.pop(0)
+        return self._lay(now, "move", box, spot)
+
+    @property
+    def done(self) -> bool:
+        """Will there be nothing more?"""
+        return not self._times and not self._gone
+
+    def _lay(self, now: float, what: str, box: str, spot: np.ndarray) -> Touch:
+        turn = Rotation.from_euler("z", self.rng.uniform(-np.pi, np.pi))
+        self.controller.put(box, RigidTransform.from_components(spot, turn))
+        touch = Touch(now, what, box)
+        self.touches.append(touch)
+        return touch
+
+    def _free_box(self, hands: list[np.ndarray]) -> str | None:
+        poses = self._poses()
+        free = [
+            name
+            for name, pose in poses.items()
+            if name not in self._gone
+            and all(np.linalg.norm(pose.translation - hand) > AWAY for hand in hands)
+            and not any(self._over(other.translation, pose.translation, name) for other in poses.values())
+        ]
+        return str(self.rng.choice(free)) if free else None
+
+    def _over(self, upper: np.ndarray, lower: np.ndarray, name: str) -> bool:
+        size = self._size(name)
+        return bool(np.linalg.norm(upper[:2] - lower[:2]) < size and 0.5 * size < upper[2] - lower[2] < 1.5 * size)
+
+    def _spot(self, box: str, hands: list[np.ndarray]) -> np.ndarray | None:
+        """A free place on a table without the kit, away from other boxes and from the hands."""
+        task, size = self.scene.task, self._size(box)
+        others = [pose.translation for name, pose in self._poses().items() if name != box]
+        kit = self.scene.kit.translation
+        tables = [table for table in task.tables if np.linalg.norm(np.subtract(table.position, kit)[:2]) > 0.01]
+        for _ in range(100):
+            table = tables[self.rng.integers(len(tables))]
+            room = np.array(table.size[:2]) / 2 - task.layout.margin
+            spot = np.array([*(np.array(table.position[:2]) + self.rng.uniform(-room, room)), table.top + size / 2])
+            near = [*((other, task.layout.spacing) for other in others), *((hand, AWAY) for hand in hands)]
+            if all(np.linalg.norm((spot - thing)[:2]) > least for thing, least in near):
+                return spot
+        return None
+
+    def _poses(self) -> dict[str, RigidTransform]:
+        return box_poses(self.scene, self.controller.state()[1])
+
+    def _size(self, name: str) -> float:
+        return next(box.size for box in self.scene.task.boxes if box.name == name)
+
+
+def hands_of(scene: Scene, qpos: np.ndarray) -> list[np.ndarray]:
+    """The points between the fingers [3] in the world, from a state of the model."""
+    base = RigidTransform.from_translation(scene.task.robot_position)
+    return [
+        (
+            base * yumi.forward(arm, np.array([qpos[scene.model.joint(j).qposadr[0]] for j in yumi.joint_names(arm)]))
+        ).translation
+        for arm in yumi.ARMS
+    ]

@@ -1,0 +1,178 @@
+"""A whole run of a tree on the YuMi's twin: simulated cell, rendered camera, perception, link, skills, executor.
+
+In lock-step the simulation waits for the program, as fast as both go: what a run does depends only on its seed. In real time
+the controller keeps its 250 Hz and perception looks in a thread of its own, as on a robot.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import socket
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from bt_jax._util.errors import UserError
+from bt_jax.deploy import yumi
+from bt_jax.deploy.execution.executor import Executor, Limits, Outcome, Shown
+from bt_jax.deploy.execution.log import Log
+from bt_jax.deploy.execution.observer import Observer, Perceiving
+from bt_jax.deploy.execution.program import Program
+from bt_jax.deploy.execution.skills import YumiSkills
+from bt_jax.deploy.link.protocol import Counters
+from bt_jax.deploy.link.yumi_link import LinkConfig, YumiLink
+from bt_jax.deploy.link.yumi_rules import yumi_rules
+from bt_jax.deploy.perception.pipeline import Perception
+from bt_jax.deploy.perception.threaded import BackgroundPerception
+from bt_jax.deploy.planning.paths import Pace
+from bt_jax.deploy.planning.process import PlanningProcess
+from bt_jax.deploy.twin.cell import CAMERA, Scene, build_scene, solved, target_distances
+from bt_jax.deploy.twin.controller import Controller, Stats
+from bt_jax.deploy.twin.person import Person, Touch, hands_of
+from bt_jax.deploy.twin.rendered_camera import RenderedCamera, cell_camera
+
+__all__ = ["Moment", "Run", "run_twin"]
+
+DISTURBED = (2.0, 40.0)  # seconds within which the person comes
+LIMIT = 240.0  # seconds for a run
+WAITING = 60.0  # seconds by the clock that simulated time may stand still for a plan
+
+
+@dataclasses.dataclass(frozen=True)
+class Moment:
+    """One tick of a run, for displays and films: the executor's own view, the true state, and what a person just did."""
+
+    shown: Shown
+    qpos: np.ndarray
+    touch: Touch | None
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """How a run in the twin went; `solved` and `distances` [m] are true ones, of the simulation."""
+
+    seed: int
+    outcome: Outcome
+    solved: bool
+    distances: tuple[float, ...]
+    touches: tuple[Touch, ...]
+    stats: Stats
+    counters: Counters
+    seconds: float  # of the wall clock
+
+    @property
+    def exit_code(self) -> int:
+        """The executor's: FAILED also where the tree believes what is not so."""
+        return self.outcome.exit_code
+
+
+def run_twin(
+    program: Program,
+    seed: int,
+    *,
+    realtime: bool = False,
+    disturbances: int = 0,
+    log: Path | None = None,
+    limits: Limits | None = None,
+    pace: Pace | None = None,
+    on_tick: Callable[[Moment], None] | None = None,
+    prepare: Callable[[Controller, Perceiving], None] | None = None,
+) -> Run:
+    """Runs a tree in one layout. `prepare` may break things before the run begins. Raises UserError where nothing can be
+    drawn here, so that the camera would be blind."""
+    began = time.monotonic()
+    scene, ports = build_scene(program.task, seed), _free_ports()
+    rng = np.random.default_rng([seed, 1])
+    with contextlib.ExitStack() as stack:
+        controller = stack.enter_context(Controller(scene.cell, ports=ports, realtime=realtime))
+        perception = stack.enter_context(_perception(scene, controller, background=realtime))
+        config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
+        rules = yumi_rules(program.task)
+        if not realtime:
+            rules = dataclasses.replace(rules, idle=WAITING)
+        link = stack.enter_context(YumiLink(config, rules, controller))
+        log_file = stack.enter_context(Log(log))
+        planning = stack.enter_context(PlanningProcess(program.task)) if realtime else None
+        skills = YumiSkills(program.task, link, pace=pace, background=planning)
+        first = link.now()
+        times = [first + float(t) for t in rng.uniform(*DISTURBED, disturbances)]
+        person = Person(scene, controller, rng, times)
+
+        def tick(shown: Shown) -> None:
+            qpos = controller.state()[1]
+            touch = person(link.now(), lambda: hands_of(scene, qpos))
+            if touch is not None:
+                log_file.write("disturbance", time=touch.time, what=touch.what, box=touch.box)
+            if on_tick is not None:
+                on_tick(Moment(shown, qpos, touch))
+
+        def verify() -> str:
+            return "" if solved(scene, controller.state()[1]) else "not every object is where its target is"
+
+        executor = Executor(
+            program,
+            skills=skills,
+            link=link,
+            observe=Observer(
+                program.task, link=link, perception=perception, grasped=lambda: skills.grasped, tcp=yumi.forward
+            ),
+            log=log_file,
+            limits=limits or Limits(run=LIMIT),
+            settings=_settings(seed, realtime, disturbances),
+            on_tick=tick,
+            verify=verify,
+        )
+        if prepare is not None:
+            prepare(controller, perception)
+        link.start()
+        outcome = executor.run()
+        qpos = controller.state()[1]
+        return Run(
+            seed=seed,
+            outcome=outcome,
+            solved=solved(scene, qpos),
+            distances=tuple(target_distances(scene, qpos)),
+            touches=tuple(person.touches),
+            stats=controller.stats(),
+            counters=link.counters(),
+            seconds=time.monotonic() - began,
+        )
+
+
+@contextlib.contextmanager
+def _perception(scene: Scene, controller: Controller, *, background: bool) -> Iterator[Perceiving]:
+    pose = RigidTransform.from_translation(scene.task.robot_position).inv() * cell_camera(scene.task).pose
+
+    def make() -> Perception:
+        return Perception(scene.task, RenderedCamera(scene.model, controller.state, CAMERA), pose)
+
+    if background:
+        with BackgroundPerception(make, lambda made: made.camera.close()) as perception:
+            yield perception
+        return
+    perception = make()
+    try:
+        yield perception
+    finally:
+        perception.camera.close()
+
+
+def _settings(seed: int, realtime: bool, disturbances: int) -> dict[str, Any]:
+    return {"robot": "twin", "seed": seed, "realtime": realtime, "disturbances": disturbances}
+
+
+def _free_ports() -> dict[str, int]:
+    """Two UDP ports that nobody uses now."""
+    with contextlib.ExitStack() as stack:
+        sockets = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in yumi.ARMS]
+        try:
+            for each in sockets:
+                each.bind(("127.0.0.1", 0))
+        except OSError as error:
+            raise UserError(f"no UDP port is free ({error}); end programs that use the network") from error
+        return {arm: each.getsockname()[1] for arm, each in zip(yumi.ARMS, sockets, strict=True)}

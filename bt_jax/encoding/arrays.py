@@ -1,0 +1,133 @@
+"""Trees as fixed-size integer arrays, in prefix order.
+
+Legend of dimensions, here and in all of bt_jax:
+  P population (trees)   N nodes (fixed length of a tree's arrays)   V vocabulary (tokens)
+  E episodes   S states   C commands   B boxes   K layouts   R runs
+
+`tokens[i]` is the token of node i and `sizes[i]` the number of nodes of its subtree; both are 0 where padded. The next
+sibling of node i is `i + sizes[i]`; the ancestors of i are the j with `j < i < j + sizes[j]`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import jax
+import numpy as np
+from jaxtyping import Int16, UInt8
+
+from bt_jax._util.errors import UserError
+from bt_jax.behaviors import Behavior, Control, Kind, Tree, Vocabulary
+
+__all__ = ["MAX_NODES", "Array", "Trees", "decode", "encode", "encode_all", "length", "violations"]
+
+MAX_NODES = 250  # sizes are uint8, and a jump table needs two more values
+Array = jax.Array | np.ndarray
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Trees:
+    """A batch of trees (or one, without the leading dimensions)."""
+
+    tokens: Int16[Array, "*P N"]
+    sizes: UInt8[Array, "*P N"]
+
+    def __getitem__(self, index) -> Trees:
+        return Trees(self.tokens[index], self.sizes[index])
+
+    @property
+    def num_nodes(self) -> int:
+        """N, the fixed length of the arrays."""
+        return self.tokens.shape[-1]
+
+
+def length(trees: Trees) -> Array:
+    """Number of nodes of each tree, uint8[*P]: the size of its root."""
+    return trees.sizes[..., 0]
+
+
+def encode(tree: Tree, vocabulary: Vocabulary, num_nodes: int) -> Trees:
+    """One tree as NumPy arrays of length `num_nodes`. Raises UserError where it does not fit or a leaf is unknown."""
+    tokens: list[int] = []
+    sizes: list[int] = []
+
+    def visit(node: Tree) -> None:
+        at = len(tokens)
+        if isinstance(node, Control):
+            tokens.append(int(node.kind))
+            sizes.append(0)
+            for child in node.children:
+                visit(child)
+        else:
+            tokens.append(vocabulary.token(node))
+            sizes.append(0)
+        sizes[at] = len(tokens) - at
+
+    visit(tree)
+    if len(tokens) > num_nodes:
+        raise UserError(
+            f"the tree has {len(tokens)} nodes and {num_nodes} fit; raise --max-nodes (at most {MAX_NODES})"
+        )
+    padding = [0] * (num_nodes - len(tokens))
+    return Trees(np.array(tokens + padding, np.int16), np.array(sizes + padding, np.uint8))
+
+
+def encode_all(trees: Sequence[Tree], vocabulary: Vocabulary, num_nodes: int) -> Trees:
+    """Several trees as one batch of NumPy arrays, [P, N]."""
+    encoded = [encode(tree, vocabulary, num_nodes) for tree in trees]
+    return Trees(np.stack([tree.tokens for tree in encoded]), np.stack([tree.sizes for tree in encoded]))
+
+
+def decode(trees: Trees, vocabulary: Vocabulary) -> Tree:
+    """The tree that one pair of arrays [N] stands for."""
+    tokens, sizes = np.asarray(trees.tokens), np.asarray(trees.sizes)
+
+    def build(i: int) -> Tree:
+        kind = Kind(vocabulary.kinds[tokens[i]])
+        if kind not in (Kind.SEQUENCE, Kind.FALLBACK):
+            return vocabulary.leaf(int(tokens[i]))
+        children, child, end = [], i + 1, i + int(sizes[i])
+        while child < end:
+            children.append(build(child))
+            child += int(sizes[child])
+        return Control(kind, tuple(children))
+
+    return build(0)
+
+
+def violations(tree: Tree, *, gene_under_fallback: bool = True) -> list[str]:
+    """Which rules of a well-formed evolved tree are broken, in words; empty for a valid tree.
+
+    The rules are those of the design: the root is a control node, or the tree is one action or gene; control nodes have
+    at least two children, none of its own kind; no identical leaves side by side; no condition last among siblings or
+    directly after an action or gene. `gene_under_fallback=False` adds the published rule that a gene, itself a
+    Fallback, is not a direct child of a Fallback.
+    """
+    found: list[str] = []
+    if isinstance(tree, Behavior):
+        return ["the tree is a single condition"] if tree.kind == Kind.CONDITION else []
+
+    def visit(node: Control) -> None:
+        if len(node.children) < 2:
+            found.append(f"a {node.kind.name.title()} has {len(node.children)} children")
+        for before, child in zip((None, *node.children), node.children, strict=False):
+            if isinstance(child, Control):
+                if child.kind == node.kind:
+                    found.append(f"a {node.kind.name.title()} is directly under its own kind")
+                visit(child)
+                continue
+            if child == before:
+                found.append(f"{child} stands twice side by side")
+            after_action = isinstance(before, Behavior) and before.kind != Kind.CONDITION
+            if child.kind == Kind.CONDITION and after_action:
+                found.append(f"the condition {child} directly follows {before}")
+            if child.kind == Kind.GENE and node.kind == Kind.FALLBACK and not gene_under_fallback:
+                found.append(f"the gene {child} is directly under a Fallback")
+        last = node.children[-1] if node.children else None
+        if isinstance(last, Behavior) and last.kind == Kind.CONDITION:
+            found.append(f"the condition {last} is the last child")
+
+    visit(tree)
+    return found

@@ -1,0 +1,64 @@
+"""Trees drawn for the terminal and as Graphviz source; `bt_jax.encoding.drawing.svg` draws pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from bt_jax.behaviors import Behavior, Control, Kind, Tree, expand
+from bt_jax.encoding.status import Status
+from bt_jax.encoding.walk import children
+
+__all__ = ["draw_text", "to_dot"]
+
+SYMBOLS = {Kind.SEQUENCE: "→", Kind.FALLBACK: "?"}
+MARKS = {Status.SUCCESS: "✓", Status.FAILURE: "✗", Status.RUNNING: "…", None: " "}
+DOT_SHAPES = {
+    Kind.SEQUENCE: "shape=square",
+    Kind.FALLBACK: "shape=square",
+    Kind.CONDITION: "shape=ellipse",
+    Kind.ACTION: "shape=box style=rounded",
+    Kind.GENE: "shape=box style=rounded peripheries=2",
+}
+
+
+def draw_text(tree: Tree, statuses: Sequence[Status | None] | None = None) -> str:
+    """The tree with box-drawing lines, → for Sequence and ? for Fallback, one node a line, ends with a newline.
+
+    `statuses`, one for each node in prefix order, stand at the front: ✓ SUCCESS, ✗ FAILURE, … RUNNING, blank for None.
+    """
+    lines: list[str] = []
+
+    def visit(node: Tree, lead: str, rest: str) -> None:
+        label = SYMBOLS[node.kind] if isinstance(node, Control) else node.label
+        lines.append(f"{lead}{label}\n")
+        below = children(node)
+        for child in below[:-1]:
+            visit(child, f"{rest}├── ", f"{rest}│   ")
+        for child in below[-1:]:
+            visit(child, f"{rest}└── ", f"{rest}    ")
+
+    visit(tree, "", "")
+    if statuses is None:
+        return "".join(lines)
+    return "".join(f"{MARKS[status]} {line}" for status, line in zip(statuses, lines, strict=True))
+
+
+def to_dot(tree: Tree, *, expand_genes: bool = False) -> str:
+    """Graphviz source; nodes are called n0, n1, ... in prefix order, with the same numbers in their SVG id `node-0`."""
+    if expand_genes:
+        tree = expand(tree)
+    lines = ["digraph tree {", "  graph [ordering=out]", '  node [fontname="sans-serif"]', "  edge [arrowhead=none]"]
+    count = 0
+
+    def visit(node: Tree) -> int:
+        nonlocal count
+        index, count = count, count + 1
+        label = node.label if isinstance(node, Behavior) else SYMBOLS[node.kind]
+        quoted = label.replace("\\", "\\\\").replace('"', '\\"')
+        lines.append(f'  n{index} [label="{quoted}" id="node-{index}" {DOT_SHAPES[node.kind]}]')
+        for child in children(node):
+            lines.append(f"  n{index} -> n{visit(child)}")
+        return index
+
+    visit(tree)
+    return "\n".join([*lines, "}"]) + "\n"

@@ -1,0 +1,117 @@
+"""Trees as text that people read and write: one node a line, children indented under their parent.
+
+    Sequence
+      move(YellowBox, (0, 0, 0.055), KittingBox)
+      Fallback
+        gripper(open)
+        open_gripper
+
+On one line: `Sequence(move(YellowBox, (0, 0, 0.055), KittingBox), Fallback(gripper(open), open_gripper))`. Both forms
+mix: a line may hold a whole subtree in parentheses, and inside parentheses lines may break anywhere. A subtask holds its
+tree: `subtask(unstack, Sequence(...))`. `#` starts a comment.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+from bt_jax._util.errors import UserError
+from bt_jax.behaviors import CONTROLS, Control, Parser, Token, Tree
+from bt_jax.encoding.walk import children
+
+__all__ = ["format_tree", "one_line", "parse_tree"]
+
+NAMES = {kind: name for name, kind in CONTROLS.items()}
+INDENT = 2
+
+
+def format_tree(tree: Tree) -> str:
+    """One node a line, indented by depth, ends with a newline. `parse_tree` reads it back to an equal tree."""
+    lines: list[str] = []
+
+    def visit(node: Tree, depth: int) -> None:
+        name = NAMES[node.kind] if isinstance(node, Control) else str(node)
+        lines.append(" " * (INDENT * depth) + name)
+        for child in children(node):
+            visit(child, depth + 1)
+
+    visit(tree, 0)
+    return "\n".join(lines) + "\n"
+
+
+def one_line(tree: Tree) -> str:
+    """The tree on one line, children in parentheses. `parse_tree` reads it back to an equal tree."""
+    return str(tree)
+
+
+def parse_tree(text: str) -> Tree:
+    """Reads what `format_tree` and `one_line` write.
+
+    Raises UserError, with line, column and remedy, where the text is not one tree.
+    """
+    parser = _Lines(text)
+    if parser.at_end:
+        raise UserError("the text holds no tree; write at least one node, for instance pick(YellowBox)")
+    try:
+        return parser.tree()
+    except RecursionError:
+        raise UserError("the tree is nested too deeply; make it flatter") from None
+
+
+@dataclasses.dataclass
+class _Open:
+    """A control node whose children are still being read, from the lines below it."""
+
+    token: Token
+    children: list[Tree | _Open]
+
+
+class _Lines(Parser):
+    """Adds to the notation the nesting of lines by their indentation."""
+
+    def tree(self) -> Tree:
+        """The lines, nested by their indentation."""
+        root: Tree | _Open | None = None
+        path: list[tuple[int, Tree | _Open]] = []
+        while not self.at_end:
+            first = self.tokens[self.at]
+            node = self.line()
+            assert first.indent is not None
+            while path and path[-1][0] > first.indent:
+                popped = path.pop()[0]
+                if not path or path[-1][0] < first.indent:
+                    first.fail(f"indentation by {first.indent} matches no line above; use {popped}, as the line above")
+            if path and path[-1][0] == first.indent:
+                path.pop()
+            if not path:
+                if root is not None:
+                    first.fail("a second root starts here; put both under one Sequence or Fallback")
+                root = node
+            else:
+                parent = path[-1][1]
+                if not isinstance(parent, _Open):
+                    first.fail("the line above takes no children below it; indent this line as far as that one")
+                parent.children.append(node)
+            path.append((first.indent, node))
+        assert root is not None
+        return _close(root)
+
+    def line(self) -> Tree | _Open:
+        first = self.tokens[self.at]
+        node = _Open(self.next(), []) if first.text in CONTROLS and not self.opens_after() else self.node()
+        if not self.at_end and self.tokens[self.at].indent is None:
+            extra = self.tokens[self.at]
+            extra.fail(f"'{extra.text}' follows a complete node; delete it or start a new line")
+        return node
+
+    def opens_after(self) -> bool:
+        following = self.tokens[self.at + 1 : self.at + 2]
+        return bool(following) and following[0].text == "(" and following[0].indent is None
+
+
+def _close(node: Tree | _Open) -> Tree:
+    if not isinstance(node, _Open):
+        return node
+    if not node.children:
+        node.token.fail(f"{node.token.text} has no children; indent some under it or delete it")
+    return Control(CONTROLS[node.token.text], tuple(map(_close, node.children)))

@@ -1,0 +1,129 @@
+"""How well is learnt what is known: random sets of synthetic demonstrations, and what of them was recognized.
+
+Some frames cannot be told apart in principle: where the kit stood on the same table in all demonstrations, a place in the
+kit is also one in the robot's frame. So an inferred frame is judged strictly, as the one that was meant, and leniently, as
+one that would have moved together with it in all demonstrations of the set had there been no noise.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from bt_jax.behaviors import Behavior
+from bt_jax.lfd.clustering import Inference
+from bt_jax.lfd.demonstration import Demonstrations, Frames, Moment
+from bt_jax.lfd.evaluation.synthetic import demonstrate, random_truth, reordered
+from bt_jax.lfd.learning import Lesson
+from bt_jax.tasks import Target, Task
+
+__all__ = ["Assessment", "Example", "assess", "random_example"]
+
+TOGETHER = 1e-6  # metres; frames whose offset varies by less move together
+
+
+@dataclasses.dataclass(frozen=True)
+class Example:
+    """Demonstrations with what they mean: `shown` are the placements of each, `exact` the same without noise."""
+
+    task: Task
+    shown: tuple[tuple[Target, ...], ...]
+    demonstrations: Demonstrations
+    exact: Demonstrations
+
+    def moments(self, placement: Target) -> list[Moment]:
+        """When a placement was demonstrated, by the index of the place action."""
+        return [Moment(d, 2 * shown.index(placement) + 1) for d, shown in enumerate(self.shown)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Assessment:
+    """Of `placements` observed place actions, how many were recognized in the frame that was meant (`strict`) or in one that
+    moved with it (`lenient`); whether the goal and all orders are right."""
+
+    placements: int
+    strict: int
+    lenient: int
+    goal: bool
+    order: bool
+
+
+def random_example(task: Task, *, seed: Sequence[int], count: int, noise: float, reorder: bool = False) -> Example:
+    """`count` demonstrations of random placements; with `reorder` each in a random order, as far as they do not depend on
+    each other. The same for the same seed."""
+    rng = np.random.default_rng([*seed, count])
+    truth = random_truth(task, rng=rng)
+    shown = tuple(reordered(truth, rng=rng) if reorder else truth for _ in range(count))
+
+    def recorded(noise: float) -> Demonstrations:
+        made = [
+            demonstrate(task, one, rng=np.random.default_rng([*seed, count, d]), noise=noise, name=f"demo{d + 1}")
+            for d, one in enumerate(shown)
+        ]
+        return Demonstrations(Frames.of(task), tuple(made))
+
+    return Example(task, shown, recorded(noise), recorded(0.0))
+
+
+def assess(lesson: Lesson, example: Example) -> Assessment:
+    """Compares what was learnt from the demonstrations of an example with what they mean."""
+    step_at = {moment: step for step, one in enumerate(lesson.inferences) for moment in one.moments}
+    truth = example.shown[0]
+    strict = lenient = 0
+    for placement in truth:
+        for moment in example.moments(placement):
+            inference = lesson.inferences[step_at[moment]]
+            strict += inference.frame == placement.frame
+            lenient += _is_right(inference, placement, example)
+    meanings = {step_at[moment]: placement for placement in truth for moment in example.moments(placement)}
+    return Assessment(
+        placements=len(truth) * len(example.shown),
+        strict=strict,
+        lenient=lenient,
+        goal=_goal_is_right(lesson, example, step_at),
+        order=_orders(lesson, meanings) == _constant_orders(example.shown),
+    )
+
+
+def _is_right(inference: Inference, placement: Target, example: Example) -> bool:
+    """Whether the inferred frame moved with the one that was meant."""
+    moments = example.moments(placement)
+    actions = [example.exact.demonstrations[moment.demonstration].actions[moment.index] for moment in moments]
+    offsets = np.array([one.handled(inference.frame) - one.handled(placement.frame) for one in actions])
+    return inference.object == placement.object and float(np.ptp(offsets, axis=0).max()) < TOGETHER
+
+
+def _goal_is_right(lesson: Lesson, example: Example, step_at: dict[Moment, int]) -> bool:
+    """One subtask, whose goal is the last placement of each object and no more, to the tolerance of the task."""
+    final = {placement.object: placement for placement in example.shown[0]}
+    if len(lesson.subtasks) != 1 or len(lesson.placements) != len(final):
+        return False
+    for placement in final.values():
+        moments = example.moments(placement)
+        steps = {step_at[moment] for moment in moments}
+        inference = lesson.inferences[steps.pop()]
+        exact = [
+            example.exact.demonstrations[m.demonstration].actions[m.index].handled(inference.frame) for m in moments
+        ]
+        error = np.linalg.norm(np.mean(exact, axis=0) - inference.position)
+        known = Behavior("at", inference.behavior.args) in lesson.placements
+        if steps or not known or not _is_right(inference, placement, example) or error > example.task.episode.tolerance:
+            return False
+    return True
+
+
+def _orders(lesson: Lesson, meanings: dict[int, Target]) -> set[tuple[Target, Target]]:
+    """The inferred orders of placements."""
+    pairs = [(order.before, order.after) for one in lesson.subtasks for order in one.constraints]
+    return {(meanings[before], meanings[after]) for before, after in pairs if before in meanings and after in meanings}
+
+
+def _constant_orders(shown: Sequence[Sequence[Target]]) -> set[tuple[Target, Target]]:
+    return {
+        (before, after)
+        for before in shown[0]
+        for after in shown[0]
+        if all(one.index(before) < one.index(after) for one in shown)
+    }

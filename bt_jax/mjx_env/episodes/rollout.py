@@ -1,0 +1,107 @@
+"""Episodes without a table: tick, skills and settling of a whole batch in one compiled loop.
+
+Every episode is simulated in full, so this is the way for skills with noise and for big batches on a GPU; with
+deterministic skills it gives what the table gives, more slowly.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Int32
+
+from bt_jax.encoding.arrays import Trees
+from bt_jax.encoding.tick import JumpTable, Status, jump_table, tick
+from bt_jax.mjx_env.episodes.evaluator import (
+    Evaluation,
+    Progress,
+    all_layouts,
+    evaluation,
+    fresh_progress,
+    in_batches,
+    resolve,
+    update_progress,
+)
+from bt_jax.mjx_env.episodes.fitness import Ending, subgoals_missed, target_distances
+from bt_jax.mjx_env.physics.protocol import Settled
+from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.mjx_env.skills import act, settled_world
+from bt_jax.mjx_env.world import World, take
+
+__all__ = ["RolloutEvaluator"]
+
+Settle = Callable[[Array, Array, Array], Settled]
+
+
+class RolloutEvaluator:
+    """Evaluates populations by simulating every transition of every episode.
+
+    `settle(kit [E 3], poses [E B 7], present [E B]) -> Settled` is a pure JAX function of a level: `kinematic.settle` or
+    `mjx_backend.settle_fn`.
+    """
+
+    def __init__(self, semantics: LeafSemantics, settle: Settle, *, batch: int) -> None:
+        self.semantics, self.batch = semantics, batch
+        self.num_broken = 0  # episodes in which physics gave no number
+        self._rollout = jax.jit(functools.partial(_rollout, semantics, settle))
+
+    def __call__(self, trees: Trees, layouts: World, which: Int32[np.ndarray, "P K"] | None = None) -> Evaluation:
+        """Runs P trees [P, N] in K layouts each: rows `which` of the layouts (NumPy), or all of them."""
+        starts = all_layouts(trees, layouts) if which is None else which
+        result = in_batches(functools.partial(self._run, layouts), self.batch, trees, starts)
+        self.num_broken += int(np.sum(result.ending == Ending.BROKEN))
+        return result
+
+    def _run(self, layouts: World, trees: Trees, starts: Int32[np.ndarray, "P K"]) -> Evaluation:
+        tree = jnp.repeat(jnp.arange(starts.shape[0]), starts.shape[1])
+        start = jax.tree.map(jnp.asarray, take(layouts, starts.reshape(-1)))
+        world, progress = jax.device_get(self._rollout(trees, tree, start))
+        return evaluation(
+            self.semantics.task,
+            trees,
+            progress,
+            distance=target_distances(self.semantics.task, world),
+            subgoals_missed=subgoals_missed(world),
+            shape=starts.shape,
+        )
+
+
+def _rollout(
+    semantics: LeafSemantics, settle: Settle, trees: Trees, tree: Int32[Array, "E"], world: World
+) -> tuple[World, Progress]:
+    task = semantics.task
+    jumps: JumpTable = jump_table(trees)
+    rows = jnp.arange(tree.shape[0])
+
+    def one_tick(carry):
+        world, progress = carry
+        outcomes = semantics.outcomes(world)
+
+        def look_up(token):
+            return resolve(outcomes[0][rows, token], outcomes[1][rows, token], progress, task.episode.action_ticks)
+
+        ticked = tick(jumps, lambda token: look_up(token)[0], tree=tree)
+        leaf = jumps.words[tree, jnp.minimum(ticked.leaf, trees.num_nodes - 1)] >> 16
+        _, command = look_up(leaf)
+        running = (ticked.status == Status.RUNNING) & (progress.ending == Ending.OPEN)
+        # Episodes that do nothing in this tick close an already closed gripper, or open an empty one: no motion.
+        idle = jnp.where(world.gripper_open, 0, 1)
+        released = act(semantics, world, jnp.where(running, command, idle))
+        moved = (released.box >= 0)[:, None] & released.present
+        settled = settle(released.world.kit, released.poses, moved)
+        after = settled_world(task, released, settled.poses)
+        broken = running & ~settled.ok
+        acts = running & settled.ok
+        world = jax.tree.map(
+            lambda new, old: jnp.where(acts.reshape((-1,) + (1,) * (new.ndim - 1)), new, old), after, world
+        )
+        progress = update_progress(progress, ticked.status, command, broken, jnp.zeros_like(running), task.episode)
+        return world, progress
+
+    start = (world, fresh_progress(tree.shape[0]))
+    return lax.while_loop(lambda carry: jnp.any(carry[1].ending == Ending.OPEN), one_tick, start)

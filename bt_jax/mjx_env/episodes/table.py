@@ -1,0 +1,161 @@
+"""The transition table: every distinct (state, command) is simulated once.
+
+With deterministic skills an episode is a walk over (state, command) -> state. States get integer ids in the order in which
+they are met; what every leaf returns in a state is computed when it gets its id. Both tables live on the device, where
+`evaluate.advance` walks over them; the states themselves stay on the host.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float32, Int16, Int32
+
+from bt_jax._util.compile_cache import kept_jit
+from bt_jax.mjx_env.episodes.fitness import subgoals_missed, target_distances
+from bt_jax.mjx_env.physics.protocol import Physics
+from bt_jax.mjx_env.physics.settler import Settler
+from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.mjx_env.skills import act, settled_world
+from bt_jax.mjx_env.world import World, row_names, take, world_keys
+
+__all__ = ["BROKEN", "UNKNOWN", "TransitionTable"]
+
+UNKNOWN, BROKEN = -1, -2
+FIRST_CAPACITY = 2048
+GROWTH = 4
+BUCKETS = (64, 512, 4096, 32768)
+NOWHERE = np.iinfo(np.int32).max  # an index that is dropped
+
+
+class TransitionTable:
+    """States, outcomes and transitions met so far.
+
+    `outcomes[layer, state, token]` is as in `LeafSemantics.outcomes`; `following[state * C + command]` is the next state, or
+    UNKNOWN, or BROKEN where physics gave no number.
+    """
+
+    outcomes: Int16[Array, "2 S V"]
+    following: Int32[Array, "SC"]
+
+    def __init__(self, semantics: LeafSemantics, physics: Physics) -> None:
+        self.semantics = semantics
+        self.settler = Settler(semantics.task, physics)
+        self.num_states = 0
+        self.num_transitions = 0
+        self.num_broken = 0
+        self.num_commands = len(semantics.commands)
+        self._ids: dict[bytes, int] = {}
+        self._rows: _Rows | None = None
+        self.outcomes = jnp.asarray(np.zeros((2, FIRST_CAPACITY, len(semantics.vocabulary)), np.int16))
+        self.following = jnp.asarray(np.full(FIRST_CAPACITY * self.num_commands, UNKNOWN, np.int32))
+
+    def worlds(self, ids: Int32[np.ndarray, "S"]) -> World:
+        """The states with these ids (NumPy)."""
+        return take(self._rows.world, ids)
+
+    def distance(self, ids: Int32[np.ndarray, "S"]) -> Float32[np.ndarray, "S targets"]:
+        """Distances of the targets' objects in these states, metres."""
+        return self._rows.distance[ids]
+
+    def subgoals_missed(self, ids: Int32[np.ndarray, "S"]) -> Int32[np.ndarray, "S"]:
+        """Number of the task's subgoals not seen on the way to these states."""
+        return self._rows.subgoals_missed[ids]
+
+    def ids(self, world: World) -> Int32[np.ndarray, "S"]:
+        """Ids of snapped states (NumPy); new ones are added in the order in which they appear."""
+        known = self._ids
+        ids = np.array([known.setdefault(name, len(known)) for name in row_names(world_keys(world))], np.int32)
+        if len(known) > self.num_states:
+            new = np.flatnonzero(ids >= self.num_states)
+            self._append(take(world, new[np.unique(ids[new], return_index=True)[1]]))
+        return ids
+
+    def learn(self, states: Int32[np.ndarray, "n"], commands: Int32[np.ndarray, "n"]) -> None:
+        """Simulates the commands in the states, as one batch, and enters where they lead. The pairs must be distinct."""
+        released = act(self.semantics, self.worlds(states), commands)
+        poses, ok = self.settler.settle(released)
+        following = np.full(len(states), BROKEN, np.int32)
+        if ok.any():
+            if not ok.all():
+                released, poses = jax.tree.map(lambda leaf: leaf[ok], (released, poses))
+            following[ok] = self.ids(settled_world(self.semantics.task, released, poses))
+        self.num_transitions += len(states)
+        self.num_broken += int(np.sum(~ok))
+        index = states * self.num_commands + commands
+        for part in _parts(len(index)):
+            at, values = np.full(part.size, NOWHERE, np.int32), np.zeros(part.size, np.int32)
+            count = len(index[part.rows])
+            at[:count], values[:count] = index[part.rows], following[part.rows]
+            self.following = _enter(self.following, at, values)
+
+    def _append(self, world: World) -> None:
+        rows = _Rows(world, target_distances(self.semantics.task, world), subgoals_missed(world))
+        self._rows = rows if self._rows is None else self._rows.followed_by(rows, self.num_states)
+        outcomes = self.semantics.outcomes(world)
+        for part in _parts(world.held.shape[0]):
+            self._reserve(self.num_states + part.size)
+            count = outcomes[:, part.rows].shape[1]
+            piece = np.zeros((2, part.size, outcomes.shape[2]), np.int16)
+            piece[:, :count] = outcomes[:, part.rows]
+            self.outcomes = _write(self.outcomes, piece, np.int32(self.num_states))
+            self.num_states += count
+
+    def _reserve(self, states: int) -> None:
+        capacity = self.outcomes.shape[1]
+        if states <= capacity:
+            return
+        while capacity < states:
+            capacity *= GROWTH
+        extra = capacity - self.outcomes.shape[1]
+        self.outcomes = jnp.pad(self.outcomes, ((0, 0), (0, extra), (0, 0)))
+        self.following = jnp.pad(self.following, (0, extra * self.num_commands), constant_values=UNKNOWN)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _Rows:
+    """What the host keeps of each state; there may be room for more states behind the last."""
+
+    world: World
+    distance: Float32[np.ndarray, "S targets"]
+    subgoals_missed: Int32[np.ndarray, "S"]
+
+    def followed_by(self, other: _Rows, count: int) -> _Rows:
+        """With the other rows behind the first `count`: entered in place where there is room."""
+        leaves, structure = jax.tree.flatten(self)
+        end = count + len(other.subgoals_missed)
+        if end > len(self.subgoals_missed):
+            leaves = [np.resize(leaf, (GROWTH * end, *leaf.shape[1:])) for leaf in leaves]
+        for leaf, more in zip(leaves, jax.tree.leaves(other), strict=True):
+            leaf[count:end] = more
+        return jax.tree.unflatten(structure, leaves)
+
+
+class _Part(NamedTuple):
+    rows: slice
+    size: int
+
+
+def _parts(count: int) -> Iterator[_Part]:
+    """Cuts `count` rows into parts whose padded sizes are among a few, so that few shapes are compiled."""
+    done = 0
+    while done < count:
+        size = next((bucket for bucket in BUCKETS if bucket >= count - done), BUCKETS[-1])
+        yield _Part(slice(done, min(done + size, count)), size)
+        done += size
+
+
+@kept_jit(donate_argnums=(0,))
+def _write(outcomes: Array, piece: Array, start: Array) -> Array:
+    return jax.lax.dynamic_update_slice_in_dim(outcomes, piece, start, axis=1)
+
+
+@kept_jit(donate_argnums=(0,))
+def _enter(following: Array, index: Array, values: Array) -> Array:
+    return following.at[index].set(values, mode="drop")

@@ -1,0 +1,116 @@
+"""The `kinematic` level: no dynamics. A box drops to its support; one whose centre has no support topples off it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Bool, Float32
+
+from bt_jax.mjx_env.physics.protocol import Settled
+from bt_jax.mjx_env.scene.surfaces import Surfaces, box_surfaces, fixed_surfaces, overlaps, support_height
+from bt_jax.mjx_env.world import Array, namespace
+from bt_jax.tasks import Task
+
+__all__ = ["Kinematic", "settle"]
+
+TOPPLES = 6  # a box that falls over an edge may meet another; the floor ends it
+LEVEL = 0.01  # surfaces within this part of a box's size of the highest carry it together
+
+
+@dataclasses.dataclass(frozen=True)
+class Kinematic:
+    """The kinematic level behind the interface of the physics backends."""
+
+    task: Task
+    name: str = "kinematic"
+    why: str = "no dynamics: boxes drop to their support and topple if they have none"
+
+    def settle(self, kit: np.ndarray, poses: np.ndarray, present: np.ndarray) -> Settled:
+        """See `physics.Physics.settle`."""
+        return settle(self.task, kit, poses, present)
+
+
+def settle(
+    task: Task, kit: Float32[Array, "S 3"], poses: Float32[Array, "S B 7"], present: Bool[Array, "S B"]
+) -> Settled:
+    """Lets boxes fall, the lowest first; NumPy or JAX. See `physics.Physics.settle` for the arguments."""
+    xp = namespace(poses)
+    count = len(task.boxes)
+    sizes = xp.asarray(np.array([[box.size for box in task.boxes]], np.float32))
+    start, done = poses, ~present & False
+    fixed = fixed_surfaces(task, kit)
+    order = xp.argsort(xp.where(present, poses[..., 2], np.float32(np.inf)), axis=1, stable=True)
+    for rank in range(count):
+        chosen = order[:, rank, None] == np.arange(count)[None]
+        falls = chosen & present
+        if xp is np and not falls.any():
+            break
+        one = chosen[..., None]
+        pose = xp.sum(xp.where(one, poses, np.float32(0)), axis=1)
+        half = xp.sum(xp.where(chosen, sizes, np.float32(0)), axis=1) / 2
+        movable = box_surfaces(task, poses)
+        surfaces = Surfaces(
+            centre=xp.concatenate([fixed.centre, movable.centre], axis=1),
+            half=xp.concatenate([fixed.half, movable.half], axis=1),
+            top=xp.concatenate([fixed.top, movable.top], axis=1),
+        )
+        usable = xp.concatenate([xp.ones(fixed.top.shape, bool), done], axis=1)
+        pose = _drop(surfaces, usable, pose, half)
+        for _ in range(TOPPLES):
+            before, pose = pose, _drop(surfaces, usable, _topple(surfaces, usable, pose, half), half)
+            if xp is np and np.array_equal(before, pose):
+                break
+        poses = xp.where(falls[..., None], pose[:, None], poses)
+        done = done | falls
+    reach = xp.sqrt(xp.sum((poses[..., :2] - start[..., :2]) ** 2, axis=-1))
+    return Settled(poses, xp.ones(kit.shape[0], bool), xp.zeros(kit.shape[0], np.int32), reach)
+
+
+def _drop(surfaces: Surfaces, usable: Array, pose: Float32[Array, "S 7"], half: Float32[Array, "S"]) -> Array:
+    xp = namespace(pose)
+    below = usable & (surfaces.top <= (pose[:, 2] - half + half * np.float32(2 * LEVEL))[:, None])
+    height = support_height(surfaces, pose[:, :2], half, below) + half
+    return xp.concatenate([pose[:, :2], height[:, None], pose[:, 3:]], axis=-1)
+
+
+def _topple(surfaces: Surfaces, usable: Array, pose: Float32[Array, "S 7"], half: Float32[Array, "S"]) -> Array:
+    """Moves a box whose centre is beside its support off that support, turned by a quarter; others stay."""
+    xp = namespace(pose)
+    xy, bottom = pose[:, :2], pose[:, 2] - half
+    level = xp.abs(surfaces.top - bottom[:, None]) < (half * np.float32(2 * LEVEL))[:, None]
+    carries = (usable & level & overlaps(surfaces, xy, half))[..., None]
+    low = xp.maximum(surfaces.centre - surfaces.half, (xy - half[:, None])[:, None])
+    high = xp.minimum(surfaces.centre + surfaces.half, (xy + half[:, None])[:, None])
+    low = xp.min(xp.where(carries, low, np.float32(np.inf)), axis=1)
+    high = xp.max(xp.where(carries, high, np.float32(-np.inf)), axis=1)
+    over = xp.maximum(xp.maximum(low - xy, xy - high), np.float32(0))  # how far the centre is out, along x and y
+    along_x = over[:, 0] >= over[:, 1]
+    falls = xp.any(over > 0, axis=1)
+    up = xy > high
+    edge = xp.where(up, high, low)
+    clear = xp.where(up, edge + half[:, None], edge - half[:, None])
+    axis = xp.stack([along_x, ~along_x], axis=1)
+    new_xy = xp.where(axis & falls[:, None], clear, xy)
+    turn = xp.where(xp.any(axis & up, axis=1), np.float32(1), np.float32(-1)) * np.float32(np.sqrt(0.5))
+    turned = _quarter_turn(pose[:, 3:], xp.where(along_x, turn, np.float32(0)), xp.where(along_x, np.float32(0), -turn))
+    quaternion = xp.where(falls[:, None], turned, pose[:, 3:])
+    return xp.concatenate([new_xy, pose[:, 2:3], quaternion], axis=-1)
+
+
+def _quarter_turn(
+    quaternion: Float32[Array, "S 4"], about_y: Float32[Array, "S"], about_x: Float32[Array, "S"]
+) -> Array:
+    """(sqrt(1/2), about_x, about_y, 0) * quaternion, so that a box tips over its edge in the world's frame."""
+    xp = namespace(quaternion)
+    a = np.float32(np.sqrt(0.5))
+    w, x, y, z = (quaternion[:, i] for i in range(4))
+    return xp.stack(
+        [
+            a * w - about_x * x - about_y * y,
+            a * x + about_x * w + about_y * z,
+            a * y + about_y * w - about_x * z,
+            a * z + about_x * y - about_y * x,
+        ],
+        axis=-1,
+    )

@@ -1,0 +1,283 @@
+"""MJX: all problems in one compiled loop, for accelerators and for use inside other compiled loops.
+
+The loop has a fixed number of lanes; a lane whose problem is at rest takes the next. Collisions and constraints are
+MJX's, the solver is `newton.solve`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import functools
+import io
+import math
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from jaxtyping import Array, Bool, Float32, Int32
+
+from bt_jax._util.errors import UserError
+from bt_jax.mjx_env.physics.mjx_scene import stand_in_mjcf
+from bt_jax.mjx_env.physics.newton import solve
+from bt_jax.mjx_env.physics.protocol import MAX_STEPS, QUIET_STEPS, Settled
+from bt_jax.mjx_env.scene.mjcf import resolve_ids, timing
+from bt_jax.tasks import Task
+
+with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+    from mujoco import mjx  # says on import that the optional warp is missing
+
+__all__ = ["MjxPhysics", "SettleFn", "settle_fn"]
+
+SettleFn = Callable[[Float32[Array, "S 3"], Float32[Array, "S B 7"], Bool[Array, "S B"]], Settled]
+ITERATIONS = 8
+Host = jax.Array | np.ndarray
+PARKED = 50.0  # metres above everything, and falling
+
+
+class MjxPhysics:
+    """`Physics` by MJX; the arrays of the result are on JAX's default device. Batches are padded to powers of four, so
+    that few shapes are compiled."""
+
+    name = "mjx"
+
+    def __init__(
+        self, task: Task, *, implementation: str = "jax", lanes: int | None = None, why: str = "mjx was asked for"
+    ) -> None:
+        self.task = task
+        self.why = why
+        self._settle = jax.jit(settle_fn(task, lanes=lanes, implementation=implementation))
+
+    def settle(self, kit: Float32[Host, "S 3"], poses: Float32[Host, "S B 7"], present: Bool[Host, "S B"]) -> Settled:
+        """See `Physics.settle`."""
+        count = len(poses)
+        bucket = _bucket(count)
+
+        def pad(values, dtype):
+            values = np.asarray(values, dtype)
+            return np.concatenate([values, np.broadcast_to(values[:1], (bucket - count, *values.shape[1:]))])
+
+        # Padding takes no part, so it is at rest as soon as the criterion allows.
+        here = pad(present, bool)
+        here[count:] = False
+        result = self._settle(pad(kit, np.float32), pad(poses, np.float32), here)
+        return jax.tree.map(lambda values: values[:count], result)
+
+
+def _bucket(count: int) -> int:
+    return 4 ** max(2, math.ceil(math.log(max(count, 1), 4)))
+
+
+@functools.lru_cache(maxsize=16)
+def settle_fn(task: Task, *, lanes: int | None = None, implementation: str = "jax") -> SettleFn:
+    """The pure function `(kit, poses, present) -> Settled` of a task, to be jitted or used in other jitted functions.
+
+    `lanes` is how many problems are stepped at once (default: 64 on a CPU, 4096 elsewhere; never more than problems).
+    Raises UserError where the implementation does not exist here.
+    """
+    model = _Model(task, implementation)
+    lanes = lanes or (64 if jax.default_backend() == "cpu" else 4096)
+    return functools.partial(_settle, model, lanes)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _Lane:
+    """One problem on its way."""
+
+    problem: Int32[Array, "*W"]
+    poses: Float32[Array, "*W B 7"]
+    velocities: Float32[Array, "*W B 6"]
+    warmstart: Float32[Array, "*W dofs"]
+    steps: Int32[Array, "*W"]
+    quiet: Int32[Array, "*W"]
+    pace: Float32[Array, "*W"]
+    reach: Float32[Array, "*W B"]
+    ok: Bool[Array, "*W"]
+
+
+def _settle(model: _Model, lanes: int, kit, poses, present) -> Settled:
+    problems, boxes = present.shape
+    width = min(lanes, problems)
+    empty = Settled(
+        poses, jnp.ones(problems, bool), jnp.zeros(problems, jnp.int32), jnp.zeros((problems, boxes), jnp.float32)
+    )
+
+    def fresh(problem) -> _Lane:
+        return _Lane(
+            problem=problem,
+            poses=poses[problem],
+            velocities=jnp.zeros((boxes, 6), jnp.float32),
+            warmstart=jnp.zeros(6 * boxes, jnp.float32),
+            steps=jnp.int32(0),
+            quiet=jnp.int32(0),
+            pace=jnp.float32(0),
+            reach=jnp.zeros(boxes, jnp.float32),
+            ok=jnp.bool_(True),
+        )
+
+    def advance(lane: _Lane) -> _Lane:
+        at = jnp.minimum(lane.problem, problems - 1)
+        return model.step(lane, kit[at], poses[at], present[at])
+
+    def body(carry):
+        lane, taken, out = carry
+        lane = jax.vmap(advance)(lane)
+        done = (lane.quiet >= QUIET_STEPS) | (lane.steps >= MAX_STEPS) | ~lane.ok
+        where = jnp.where(done, lane.problem, problems)  # out of range: dropped
+        found = Settled(lane.poses, lane.ok, lane.steps, lane.reach)
+        out = jax.tree.map(lambda all_, new: all_.at[where].set(new, mode="drop"), out, found)
+        order = jnp.cumsum(done.astype(jnp.int32)) - 1
+        following = jnp.where(done, jnp.minimum(taken + order, problems), lane.problem)
+        begun = jax.vmap(fresh)(following)
+        lane = jax.tree.map(lambda new, old: jnp.where(_align(done, new), new, old), begun, lane)
+        return lane, taken + done.sum(dtype=jnp.int32), out
+
+    start = jax.vmap(fresh)(jnp.arange(width, dtype=jnp.int32))
+    carry = jax.lax.while_loop(lambda c: jnp.any(c[0].problem < problems), body, (start, jnp.int32(width), empty))
+    out = carry[2]
+    gone = ~present
+    return dataclasses.replace(
+        out, poses=jnp.where(gone[..., None], poses, out.poses), reach=jnp.where(gone, jnp.float32(0), out.reach)
+    )
+
+
+def _align(mask, values):
+    return mask.reshape(mask.shape + (1,) * (values.ndim - mask.ndim))
+
+
+class _Model:
+    """The MJX model of a task and one step of it."""
+
+    def __init__(self, task: Task, implementation: str) -> None:
+        if implementation not in ("jax", "warp"):
+            raise UserError(f"MJX has no implementation '{implementation}'; use jax or warp")
+        if implementation == "warp":
+            _check_warp()
+        self.task = task
+        self.scales = timing(task)
+        xml, self.stand_ins = stand_in_mjcf(task)
+        model = mujoco.MjModel.from_xml_string(xml)
+        self.ids = resolve_ids(model, task)
+        self.mjx = mjx.put_model(model, impl=implementation)
+        self.data = mjx.make_data(model, impl=implementation)
+        self.implementation = implementation
+        inertia = [
+            np.repeat([model.body_mass[body]], 3).tolist() + model.body_inertia[body].tolist()
+            for body in self.ids.boxes
+        ]
+        self.parked = np.zeros((len(task.boxes), 7), np.float32)
+        self.parked[:, 0] = 10 * self.scales.size * np.arange(len(task.boxes))
+        self.parked[:, 2:4] = PARKED, 1
+        self.mass = np.array(inertia, np.float32).ravel()
+        self.free = np.tile(np.array([*model.opt.gravity, 0, 0, 0], np.float32), len(self.ids.boxes))
+
+    def step(self, lane: _Lane, kit, start, present) -> _Lane:
+        """One physics step of one problem; boxes that are not present hang far above, each in its place."""
+        here = present[:, None]
+        poses = jnp.where(here, lane.poses, self.parked)
+        data = self.data.replace(
+            qpos=poses.ravel(),
+            qvel=jnp.where(here, lane.velocities, jnp.float32(0)).ravel(),
+            qacc_warmstart=lane.warmstart,
+            mocap_pos=self._stand_in_positions(kit, poses),
+        )
+        poses, velocities, warmstart = self._advance(data)
+        sane = jnp.all(jnp.where(here, jnp.isfinite(poses), True)) & jnp.all(
+            jnp.where(here, jnp.abs(poses[:, :3]) < self.scales.far, True)
+        )
+        linear = jnp.linalg.norm(velocities[:, :3], axis=-1) / jnp.float32(self.scales.speed)
+        angular = jnp.linalg.norm(velocities[:, 3:], axis=-1) / jnp.float32(self.scales.spin)
+        pace = jnp.max(jnp.where(present, jnp.maximum(linear, angular), jnp.float32(0)))
+        slow = (pace < 1) & (pace < lane.pace + jnp.float32(0.01))
+        offset = jnp.linalg.norm(poses[:, :2] - start[:, :2], axis=-1)
+        return _Lane(
+            problem=lane.problem,
+            poses=jnp.where(sane, poses, lane.poses),
+            velocities=velocities,
+            warmstart=warmstart,
+            steps=lane.steps + 1,
+            quiet=jnp.where(slow, lane.quiet + 1, 0),
+            pace=pace,
+            reach=jnp.where(sane, jnp.maximum(lane.reach, offset), lane.reach),
+            ok=lane.ok & sane,
+        )
+
+    def _advance(self, data: mjx.Data):
+        """`mjx.step` for boxes without joints among them: same collisions and constraints, another solver.
+
+        The boxes are cubes, so nothing but gravity accelerates a free one: their inertia has no gyroscopic part."""
+        boxes = len(self.ids.boxes)
+        # MJX promotes types and ranks freely; this package's tests do not.
+        with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+            if self.implementation == "warp":
+                data = mjx.step(self.mjx, data)
+                return data.qpos.reshape(boxes, 7), data.qvel.reshape(boxes, 6), data.qacc_warmstart
+            data = mjx.collision(self.mjx, mjx.com_pos(self.mjx, mjx.kinematics(self.mjx, data)))
+            data = data.tree_replace({"_impl.contact": self._as_in_c(data)})
+            data = mjx.make_constraint(self.mjx, mjx.factor_m(self.mjx, mjx.crb(self.mjx, data)))
+        rows = data._impl
+        acceleration = solve(
+            jnp.asarray(self.mass),
+            jnp.asarray(self.free),
+            rows.efc_J,
+            rows.efc_D,
+            rows.efc_aref,
+            data.qacc_warmstart,
+            iterations=ITERATIONS,
+        )
+        step = jnp.float32(self.scales.step)
+        velocities = (data.qvel + step * acceleration).reshape(boxes, 6)
+        poses = data.qpos.reshape(boxes, 7)
+        turned = jax.vmap(_turn)(poses[:, 3:], velocities[:, 3:] * step)
+        return jnp.concatenate([poses[:, :3] + step * velocities[:, :3], turned], axis=1), velocities, acceleration
+
+    def _as_in_c(self, data: mjx.Data):
+        """Contacts by the C engine's conventions: halfway between the surfaces, where MJX leaves those of two boxes on
+        one of them, and each place once, where MJX fills up to four by repetition, which would stiffen it."""
+        contact = data._impl.contact
+        geoms = contact.geom
+        normal = contact.frame[:, 0]
+        local = jnp.einsum("ckij,cki->ckj", data.geom_xmat[geoms], contact.pos[:, None] - data.geom_xpos[geoms])
+        facing = jnp.abs(jnp.einsum("ckij,ci->ckj", data.geom_xmat[geoms], normal))
+        outside = jnp.abs(local) - self.mjx.geom_size[geoms]
+        outside = jnp.take_along_axis(outside, jnp.argmax(facing, axis=-1, keepdims=True), axis=-1)[..., 0]
+        toward_second = jnp.where(outside[:, 0] < outside[:, 1], -0.5, 0.5)
+        between = contact.pos + (toward_second * contact.dist)[:, None] * normal
+        plane = jnp.asarray(self.mjx.geom_type)[geoms[:, 0]] == int(mujoco.mjtGeom.mjGEOM_PLANE)
+        near = jnp.sum((contact.pos[:, None] - contact.pos[None]) ** 2, axis=-1) < (1e-3 * self.scales.size) ** 2
+        alike = near & jnp.all(geoms[:, None] == geoms[None], axis=-1)
+        again = jnp.any(jnp.tril(alike, -1), axis=1)
+        return contact.replace(
+            pos=jnp.where(plane[:, None], contact.pos, between), dist=jnp.where(again, 1.0, contact.dist)
+        )
+
+    def _stand_in_positions(self, kit, poses) -> Float32[Array, "mocap 3"]:
+        """Where the kit and each stand-in is, in the order of the mocap bodies."""
+        rows = [kit]
+        for box, choices, in_kit in self.stand_ins:
+            places = jnp.asarray(choices, jnp.float32) + (kit if in_kit else jnp.zeros_like(kit))[None]
+            away = jnp.sum((places[:, :2] - poses[box, :2][None]) ** 2, axis=-1)
+            rows.append(places[jnp.argmin(away)])
+        return jnp.stack(rows)
+
+
+def _turn(quat: Float32[Array, "4"], turn: Float32[Array, "3"]) -> Float32[Array, "4"]:
+    """A quaternion (wxyz) turned by a rotation vector [rad] in its own frame."""
+    angle = jnp.sqrt(jnp.sum(turn**2) + jnp.float32(1e-20))
+    half = 0.5 * angle
+    w, xyz = jnp.cos(half), turn * (jnp.sin(half) / angle)
+    vector = quat[0] * xyz + w * quat[1:] + jnp.cross(quat[1:], xyz)
+    result = jnp.concatenate([(quat[0] * w - jnp.dot(quat[1:], xyz))[None], vector])
+    return result / jnp.linalg.norm(result)
+
+
+def _check_warp() -> None:
+    try:
+        import warp  # noqa: F401
+    except ImportError:
+        raise UserError('implementation "warp" needs the package warp-lang; install bt_jax[cuda], or use jax') from None
+    if jax.default_backend() != "gpu":
+        raise UserError('implementation "warp" needs an NVIDIA GPU that JAX can see; use jax')

@@ -1,0 +1,83 @@
+"""The scene for MJX: the same bodies as for the C engine, with fewer collision pairs.
+
+MJX computes every pair whether near or not, so each box meets only the table nearest to it and the nearer of two
+opposite walls, as stand-ins that follow the box, wherever the geometry proves that it cannot touch both.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import xml.etree.ElementTree as ElementTree
+
+from bt_jax.mjx_env.scene.mjcf import build_mjcf
+from bt_jax.tasks import Task
+
+__all__ = ["StandIn", "stand_in_mjcf"]
+
+CONTACTS_PER_BOX = 8
+StandIn = tuple[int, tuple[tuple[float, float, float], ...], bool]
+
+
+def stand_in_mjcf(task: Task) -> tuple[str, list[StandIn]]:
+    """The scene with explicit contact pairs, and its stand-ins: box index, places to choose from, whether in the kit's
+    frame. Their bodies follow the kit's in the file and thus in the mocap arrays."""
+    root = ElementTree.fromstring(build_mjcf(task))
+    world = root.find("worldbody")
+    contact = ElementTree.SubElement(root, "contact")
+    kit = next(body for body in world.iter("body") if body.get("name") == task.kit.name)
+    geoms = {geom.get("name"): geom for geom in world.iter("geom")}
+    walls = [("wall_left", "wall_right"), ("wall_front", "wall_back")]
+    tables = tuple(table.name for table in task.tables)
+    stand_ins: list[StandIn] = []
+    insert = list(world).index(kit) + 1
+    replaced: set[str] = set()
+
+    def stand_in(box: int, names: tuple[str, ...], *, in_kit: bool) -> str:
+        nonlocal insert
+        name = f"near_{names[0]}_{box}"
+        body = ElementTree.Element("body", name=name, mocap="true")
+        ElementTree.SubElement(body, "geom", {"name": name, "type": "box", "size": geoms[names[0]].get("size")})
+        world.insert(insert, body)
+        insert += 1
+        places = tuple(tuple(float(x) for x in geoms[n].get("pos").split()) for n in names)
+        stand_ins.append((box, places, in_kit))
+        replaced.update(names)
+        return name
+
+    pairs = []
+    for i, box in enumerate(task.boxes):
+        pairs += [("floor", box.name), ("plate", box.name)]
+        alone = _only_nearest_table(task, box.size)
+        pairs += [(name, box.name) for name in ([stand_in(i, tables, in_kit=False)] if alone else tables)]
+        single = box.size * math.sqrt(3) / 2 < task.kit.inner / 2
+        for both in walls:
+            pairs += [(name, box.name) for name in ([stand_in(i, both, in_kit=True)] if single else both)]
+    pairs += list(itertools.combinations(task.box_names, 2))
+    for parent in (kit, world):
+        for geom in [geom for geom in parent.findall("geom") if geom.get("name") in replaced]:
+            parent.remove(geom)
+    for geom in world.iter("geom"):  # only the explicit pairs meet
+        geom.set("contype", "0")
+        geom.set("conaffinity", "0")
+    defaults = root.find("default/geom")
+    for first, second in pairs:
+        attributes = {"geom1": first, "geom2": second, "friction": "1 1 .005 .0001 .0001", "condim": "3"}
+        ElementTree.SubElement(contact, "pair", attributes | {k: defaults.get(k) for k in ("solref", "solimp")})
+    custom = ElementTree.SubElement(root, "custom")
+    contacts = str(CONTACTS_PER_BOX * len(task.boxes))
+    ElementTree.SubElement(custom, "numeric", name="max_contact_points", data=contacts)
+    return ElementTree.tostring(root, encoding="unicode"), stand_ins
+
+
+def _only_nearest_table(task: Task, size: float) -> bool:
+    """Whether a box can touch only the table whose centre is nearest: all are alike and lie further apart than the
+    box's diagonal."""
+    diagonal = size * math.sqrt(3)
+    if len({(table.size, table.position[2]) for table in task.tables}) > 1:
+        return False
+    for a, b in itertools.combinations(task.tables, 2):
+        gap = max(abs(p - q) - s for p, q, s in zip(a.position[:2], b.position[:2], a.size[:2], strict=True))
+        if gap < diagonal:
+            return False
+    return True

@@ -1,0 +1,154 @@
+"""The C engine on a pool of threads: many small problems, each with a model of only the boxes that take part."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+from jaxtyping import Bool, Float32, Float64
+from mujoco.rollout import Rollout
+
+from bt_jax.mjx_env.physics.protocol import MAX_STEPS, QUIET_STEPS, Settled
+from bt_jax.mjx_env.scene.mjcf import compile_scene, timing
+from bt_jax.mjx_env.world import row_names
+from bt_jax.tasks import Task
+
+__all__ = ["MujocoPhysics"]
+
+_CONTROL = int(mujoco.mjtState.mjSTATE_MOCAP_POS)
+
+
+class MujocoPhysics:
+    """`Physics` by C MuJoCo; NumPy in and out."""
+
+    name = "mujoco"
+
+    def __init__(self, task: Task, *, threads: int | None = None, why: str = "mujoco was asked for") -> None:
+        self.task = task
+        self.why = why
+        self.threads = threads or os.cpu_count() or 1
+        self._pool = Rollout(nthread=self.threads if self.threads > 1 else 0)
+        self._data: dict[int, list[mujoco.MjData]] = {}
+        self._models: dict[bytes, mujoco.MjModel] = {}
+
+    def settle(
+        self, kit: Float32[np.ndarray, "S 3"], poses: Float32[np.ndarray, "S B 7"], present: Bool[np.ndarray, "S B"]
+    ) -> Settled:
+        """See `Physics.settle`."""
+        kit, poses, present = np.asarray(kit), np.asarray(poses), np.asarray(present)
+        counts = present.sum(axis=1)
+        result = Settled(
+            poses=poses.astype(np.float32),
+            ok=np.ones(len(poses), bool),
+            steps=np.zeros(len(poses), np.int32),
+            reach=np.zeros(poses.shape[:2], np.float32),
+        )
+        for count in range(1, poses.shape[1] + 1):
+            rows = np.flatnonzero(counts == count)
+            if rows.size:
+                self._settle_equal(rows, count, kit[rows], poses[rows], present[rows], result)
+        return result
+
+    def _settle_equal(self, rows, count, kit, poses, present, result: Settled) -> None:
+        """Solves problems with equally many boxes and writes them into `result`."""
+        index = np.nonzero(present)[1].reshape(-1, count)
+        start = np.take_along_axis(poses, index[..., None], axis=1).astype(np.float64)
+        models = [self._model(names) for names in row_names(present)]
+        if count not in self._data:
+            self._data[count] = [mujoco.MjData(models[0]) for _ in range(self.threads)]
+        data = self._data[count]
+        state = np.zeros((len(rows), 1 + 13 * count))
+        state[:, 1 : 1 + 7 * count] = start.reshape(len(rows), -1)
+        quiet = _Quiet(self.task, start)
+        active = np.arange(len(rows))
+        for nstep in _chunks():
+            control = np.broadcast_to(kit[active, None].astype(np.float64), (len(active), nstep, 3))
+            trajectory = np.empty((len(active), nstep, state.shape[1]))
+            self._pool.rollout(
+                [models[i] for i in active],
+                data,
+                state[active],
+                np.ascontiguousarray(control),
+                control_spec=_CONTROL,
+                nstep=nstep,
+                state=trajectory,
+                skip_checks=True,
+            )
+            rest = quiet.update(active, trajectory)
+            state[active] = trajectory[:, -1]
+            active = active[~rest]
+            if not active.size:
+                break
+        np.put_along_axis(placed := result.poses[rows], index[..., None], quiet.poses.astype(np.float32), axis=1)
+        np.put_along_axis(reach := result.reach[rows], index, quiet.reach.astype(np.float32), axis=1)
+        result.poses[rows], result.reach[rows] = placed, reach
+        result.ok[rows], result.steps[rows] = quiet.ok, quiet.steps
+
+    def _model(self, present: bytes) -> mujoco.MjModel:
+        """The model with the boxes of a row of flags. Boxes that only differ in name and colour share one."""
+        if present not in self._models:
+            boxes = self.task.boxes
+            names = tuple(box.name for box, here in zip(boxes, present, strict=True) if here)
+            alike = all(_alike(box, boxes[0]) for box in boxes)
+            chosen = tuple(box.name for box in boxes[: len(names)]) if alike else names
+            self._models[present] = compile_scene(self.task, chosen)[0]
+        return self._models[present]
+
+
+class _Quiet:
+    """The state of the rest criterion of a batch, and what it has found."""
+
+    def __init__(self, task: Task, start: Float64[np.ndarray, "S B 7"]) -> None:
+        self.scales = timing(task)
+        self.start = start
+        self.poses = start.copy()
+        self.ok = np.ones(len(start), bool)
+        self.steps = np.zeros(len(start), np.int32)
+        self.reach = np.zeros(start.shape[:2])
+        self.slow = np.zeros((len(start), QUIET_STEPS - 1), bool)  # whether the last steps were slow
+        self.before = np.zeros(len(start))  # how fast the last step was
+
+    def update(self, active, trajectory: Float64[np.ndarray, "S T state"]) -> Bool[np.ndarray, "S"]:
+        """Takes in a piece of the motion of the active problems; returns which of them need no more."""
+        boxes = self.start.shape[1]
+        batch, nstep, _ = trajectory.shape
+        qpos = trajectory[:, :, 1 : 1 + 7 * boxes].reshape(batch, nstep, boxes, 7)
+        qvel = trajectory[:, :, 1 + 7 * boxes :].reshape(batch, nstep, boxes, 6)
+        scales = self.scales
+        pace = np.maximum(
+            np.linalg.norm(qvel[..., :3], axis=-1) / scales.speed, np.linalg.norm(qvel[..., 3:], axis=-1) / scales.spin
+        ).max(axis=-1)
+        sane = np.isfinite(trajectory).all(axis=-1) & (np.abs(qpos[..., :3]) < scales.far).all(axis=(-1, -2))
+        offset = np.linalg.norm(qpos[..., :2] - self.start[active, None, :, :2], axis=-1)
+        slow = (pace < 1) & (pace < np.column_stack([self.before[active], pace[:, :-1]]) + 0.01)
+        slow = np.column_stack([self.slow[active], slow])
+        quiet = np.logical_and.reduce([slow[:, i : i + nstep] for i in range(QUIET_STEPS)])
+        ends = quiet | ~sane
+        done = ends.any(axis=1)
+        last = np.where(done, ends.argmax(axis=1), nstep - 1)
+        rows = np.arange(batch)
+        fine = sane[rows, last]
+        kept = np.where(fine, last, last - 1)  # the step whose poses count; -1: those of the piece before
+        counts = (np.arange(nstep) <= kept[:, None])[..., None]
+        self.reach[active] = np.maximum(self.reach[active], np.where(counts, offset, 0).max(axis=1))
+        moved = kept >= 0
+        self.poses[active[moved]] = qpos[rows[moved], kept[moved]]
+        self.ok[active[~fine]] = False
+        self.steps[active] += last + 1
+        self.slow[active], self.before[active] = slow[:, nstep:], pace[:, -1]
+        return done
+
+
+def _chunks() -> Iterator[int]:
+    """Numbers of steps between two looks at the motion: often where most problems end."""
+    done = 0
+    while done < MAX_STEPS:
+        nstep = min(8 if 16 <= done < 32 else 16, MAX_STEPS - done)
+        yield nstep
+        done += nstep
+
+
+def _alike(a, b) -> bool:
+    return (a.size, a.density) == (b.size, b.density)

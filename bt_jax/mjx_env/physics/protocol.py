@@ -1,0 +1,53 @@
+"""Rigid-body physics behind one protocol: boxes are released at rest, and the question is where they end.
+
+`poses` are xyz (world, metres) and a unit quaternion wxyz; `kit` is the world position of the kit's frame.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Protocol, runtime_checkable
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float32, Int32
+
+__all__ = ["MAX_STEPS", "QUIET_STEPS", "Physics", "Settled"]
+
+MAX_STEPS = 400
+QUIET_STEPS = 4
+Array = jax.Array | np.ndarray
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Settled:
+    """Where boxes came to rest.
+
+    `ok` is False where a value is not finite or a box flew away; the poses are then the last that could be computed.
+    `steps` is the number of physics steps until rest, MAX_STEPS where the boxes still move. `reach` is the largest
+    horizontal distance [m] of each box from its start during the motion.
+    """
+
+    poses: Float32[Array, "*S B 7"]
+    ok: Bool[Array, "*S"]
+    steps: Int32[Array, "*S"]
+    reach: Float32[Array, "*S B"]
+
+
+@runtime_checkable
+class Physics(Protocol):
+    """A backend. `why` says in one sentence which it is and why it was taken."""
+
+    name: str
+    why: str
+
+    def settle(
+        self, kit: Float32[Array, "S 3"], poses: Float32[Array, "S B 7"], present: Bool[Array, "S B"]
+    ) -> Settled:
+        """Releases the present boxes at rest and steps until all rest; the others take no part and keep their pose.
+
+        At rest means QUIET_STEPS steps in a row in which no box is faster than the task's `timing` allows, nor gaining
+        speed. A problem's result depends on nothing but the problem.
+        """
+        ...

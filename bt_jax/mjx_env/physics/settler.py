@@ -1,0 +1,158 @@
+"""Settling problems, each distinct one once.
+
+What a released box does depends only on what is near it. A problem is therefore reduced to its neighbourhood before it is
+solved: the boxes within reach, seen from their table, equal boxes being interchangeable. Stacking two boxes in the kit is
+then one problem, whichever boxes and whichever table. Where the solution shows that something moved far enough to
+meet what was left out, the whole scene is solved instead, so the reduction never changes what can happen.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int, Int32
+
+from bt_jax.mjx_env.physics.protocol import Physics
+from bt_jax.mjx_env.skills import LIFT, Released
+from bt_jax.mjx_env.world import POSITION_GRID, ROTATION_GRID, row_names, snap
+from bt_jax.tasks import Task
+
+__all__ = ["Settler"]
+
+NEAR = 3.5  # radius of a neighbourhood, in sizes of the released box
+STILL = 0.005  # a box that moved sideways by less than this part of its size has stayed in place
+AWAY = 1000.0  # x of a kit that is on another table, metres
+
+
+@dataclasses.dataclass
+class Settler:
+    """Solves settling problems with a physics backend and remembers the solutions.
+
+    `asked` counts problems posed, `solved` those that were simulated, `steps` the physics steps that took.
+    """
+
+    task: Task
+    physics: Physics
+    asked: int = 0
+    solved: int = 0
+    steps: int = 0
+
+    def __post_init__(self) -> None:
+        self._solutions: dict[bytes, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}  # poses, ok and reach
+        self._sizes = np.array([box.size for box in self.task.boxes], np.float32)
+        self._twins = _groups([(box.size, box.density) for box in self.task.boxes])
+        tables = self.task.tables
+        self._centres = np.array([table.position[:2] for table in tables], np.float32)
+        self._half_widths = np.array([table.size[:2] for table in tables], np.float32) / 2
+        first = {i: g[0] for g in _groups([(table.size, table.position[2]) for table in tables]) for i in g}
+        positions = np.array([table.position for table in tables], np.float32)
+        # From the first table of the same shape to each table: what is added to a pose.
+        self._offsets = np.zeros((len(tables), 7), np.float32)
+        self._offsets[:, :3] = positions - positions[[first[i] for i in range(len(tables))]]
+
+    def settle(self, released: Released) -> tuple[Float32[np.ndarray, "S B 7"], Bool[np.ndarray, "S"]]:
+        """Poses of all boxes at rest (metres, world; quaternion wxyz), and whether physics gave a sane answer."""
+        poses, ok = released.poses.copy(), np.ones(len(released.box), bool)
+        near = self._neighbours(released)
+        rows = np.flatnonzero(near.any(axis=1))
+        self.asked += len(rows)
+        if rows.size:
+            start, kit, present = released.poses[rows], released.world.kit[rows], released.present[rows]
+            table = self._nearest_table(released, rows)
+            centre, half, offset = self._centres[table], self._half_widths[table], self._offsets[table][:, None]
+            here = np.abs(kit[:, :2] - centre).max(axis=1) < half.min(axis=1)
+            local_kit = np.where(here[:, None], kit - offset[:, 0, :3], np.array([[AWAY, 0, 0]], np.float32))
+            rest, fine, reach = self._solve(local_kit, start - offset, near[rows])
+            rest = rest + offset
+            far = ~self._is_local(start, near[rows], present, reach, centre, half)
+            poses[rows], ok[rows] = np.where(near[rows][..., None], rest, start), fine
+            if far.any():
+                whole = rows[far]
+                poses[whole], ok[whole], _ = self._solve(kit[far], start[far], present[far])
+        return poses, ok
+
+    def _neighbours(self, released: Released) -> Bool[np.ndarray, "S B"]:
+        """Boxes that may move: those near the one that was let go, or, where one was taken, those that touched it."""
+        count = len(self.task.boxes)
+        rows = np.arange(len(released.box))
+        box = np.maximum(released.box, 0)
+        size = self._sizes[box]
+        taken = released.world.held == released.box
+        here = released.poses[rows, box, :3].copy()
+        here[:, 2] -= np.where(taken, LIFT * size, 0).astype(np.float32)
+        offset = released.poses[..., :3] - here[:, None]
+        flat = np.linalg.norm(offset[..., :2], axis=-1)
+        near = released.present & (flat < NEAR * np.maximum(size[:, None], self._sizes)) & (released.box >= 0)[:, None]
+        reach = (size[:, None] + self._sizes) / 2 * np.float32(1.05)
+        touches = (np.abs(offset).max(axis=-1) < reach) & (np.arange(count) != released.box[:, None])
+        tilted = np.abs(released.poses[..., 3]) < 0.999
+        loose = (touches | (near & tilted)).any(axis=1)
+        return near & (~taken | loose)[:, None]
+
+    def _nearest_table(self, released: Released, rows: np.ndarray) -> Int[np.ndarray, "S"]:
+        """Index of the table nearest to the handled box, for the given rows."""
+        here = released.poses[rows, released.box[rows], :2]
+        return np.argmin(np.linalg.norm(self._centres - here[:, None], axis=-1), axis=1)
+
+    def _is_local(self, start, near, present, reach, centre, half) -> Bool[np.ndarray, "S"]:
+        """Whether every box stays over its table and nothing that moved could have met a box that was left out."""
+        moved = near & (reach > STILL * self._sizes)
+        body = self._sizes * np.float32(0.87)  # half the diagonal of a cube
+        extent = np.abs(start[..., :2] - centre[:, None]) + (reach + body)[..., None]
+        leaves = near & (extent > half[:, None]).any(axis=-1)
+        gap = np.linalg.norm(start[:, :, None, :2] - start[:, None, :, :2], axis=-1)
+        meets = moved[:, :, None] & (present & ~near)[:, None] & (gap < (reach + body)[:, :, None] + body)
+        return ~leaves.any(axis=1) & ~meets.any(axis=(1, 2))
+
+    def _solve(
+        self, kit: Float32[np.ndarray, "S 3"], poses: Float32[np.ndarray, "S B 7"], present: Bool[np.ndarray, "S B"]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Poses, ok and reach; only problems that are new are simulated."""
+        records = _records(kit, poses, present)
+        order = self._canonical_order(records)
+        records = np.take_along_axis(records, order[..., None], axis=1)
+        keys = np.concatenate([np.rint(kit / POSITION_GRID).astype(np.int32), records.reshape(len(kit), -1)], axis=1)
+        names = row_names(keys)
+        new = {name: i for i, name in enumerate(names) if name not in self._solutions}
+        if new:
+            rows = np.array(list(new.values()))
+            each = order[rows]
+            sorted_present = np.take_along_axis(present[rows], each, axis=1)
+            sorted_poses = snap(np.take_along_axis(poses[rows], each[..., None], axis=1))
+            self._simulate(list(new), _snapped(kit[rows]), sorted_poses, sorted_present)
+        rest, ok, reach = map(np.array, zip(*[self._solutions[name] for name in names], strict=True))
+        back = np.argsort(order, axis=1)
+        return np.take_along_axis(rest, back[..., None], axis=1), ok, np.take_along_axis(reach, back, axis=1)
+
+    def _simulate(self, names: list[bytes], kit: np.ndarray, poses: np.ndarray, present: np.ndarray) -> None:
+        settled = self.physics.settle(kit, poses, present)
+        self.solved += len(names)
+        self.steps += int(np.asarray(settled.steps).sum())
+        solutions = zip(np.asarray(settled.poses), np.asarray(settled.ok), np.asarray(settled.reach), strict=True)
+        self._solutions.update(zip(names, solutions, strict=True))
+
+    def _canonical_order(self, records: Int32[np.ndarray, "S B 7"]) -> Int[np.ndarray, "S B"]:
+        """For each slot the box in it: equal boxes are sorted by their records."""
+        order = np.tile(np.arange(records.shape[1]), (len(records), 1))
+        for group in self._twins:
+            columns = np.moveaxis(records[:, group], 2, 0)
+            order[:, group] = np.array(group)[np.lexsort(columns[::-1], axis=1)]
+        return order
+
+
+def _records(kit: np.ndarray, poses: np.ndarray, present: np.ndarray) -> Int32[np.ndarray, "S B 7"]:
+    """Boxes as integers; all that are absent look alike."""
+    grid = np.array([POSITION_GRID] * 3 + [ROTATION_GRID] * 4)
+    absent = np.iinfo(np.int32).max
+    return np.where(present[..., None], np.rint(snap(poses) / grid).astype(np.int32), np.int32(absent))
+
+
+def _snapped(kit: Float32[np.ndarray, "S 3"]) -> Float32[np.ndarray, "S 3"]:
+    """On the grid of the key, so that the key says all that the solution depends on."""
+    return (np.rint(kit / POSITION_GRID) * POSITION_GRID).astype(np.float32)
+
+
+def _groups(features: list) -> list[list[int]]:
+    """Indices of equal features, in order of first appearance."""
+    return [[j for j, g in enumerate(features) if g == f] for i, f in enumerate(features) if f not in features[:i]]

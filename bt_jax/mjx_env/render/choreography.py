@@ -1,0 +1,264 @@
+"""How a playback looks: the gripper travels, grasps, carries and lets go, and what it lets go of really falls."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator, Sequence
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from bt_jax.mjx_env.episodes.playback import Playback, Tick
+from bt_jax.mjx_env.physics.protocol import MAX_STEPS
+from bt_jax.mjx_env.render.offscreen import GripperPose
+from bt_jax.mjx_env.scene.mjcf import GRAVITY, REFERENCE_SIZE, compile_scene
+from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.mjx_env.skills import Released, act
+from bt_jax.mjx_env.world import World
+from bt_jax.tasks import Task
+
+__all__ = ["Shot", "Stage", "shots"]
+
+WIDE = 1.25  # opening of the empty gripper, in sizes of the box that it is to take
+FINGER = 0.07  # half the thickness of a finger, in sizes of the largest box
+GRASP_SECONDS = 0.22
+RISE_SECONDS = 0.4
+PAUSE_SECONDS = 0.4
+END_SECONDS = 1.2
+
+Pose = Float[np.ndarray, "7"]
+Poses = Float[np.ndarray, "B 7"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Shot:
+    """One frame: poses of all boxes (metres, world; quaternion wxyz) and of the gripper."""
+
+    poses: Poses
+    gripper: GripperPose
+
+
+def shots(semantics: LeafSemantics, playback: Playback, *, fps: float) -> list[Shot]:
+    """The frames of a playback; motions of boxes run at their real pace."""
+    stage = Stage(semantics, playback.start, fps=fps)
+    stage.hold(PAUSE_SECONDS)
+    for i, tick in enumerate(playback.ticks):
+        stage.run(tick, playback.ticks[i + 1 :])
+    stage.leave()
+    stage.hold(END_SECONDS)
+    return stage.shots
+
+
+class Stage:
+    """The scene as it is in the last of its `shots`; every method adds some.
+
+    It begins in `start`, a batch of one state (NumPy), and with the gripper where it is, at home or at the box that it
+    holds unless told otherwise.
+    """
+
+    def __init__(
+        self, semantics: LeafSemantics, start: World, *, fps: float, gripper: GripperPose | None = None
+    ) -> None:
+        self.semantics, self.task, self.fps = semantics, semantics.task, fps
+        self.poses = start.poses[0].astype(float)
+        self.sizes = np.array([box.size for box in self.task.boxes])
+        self.scale = math.sqrt(self.sizes.max() / REFERENCE_SIZE)
+        self.top = max(table.top for table in self.task.tables)
+        self.home = self._home()
+        self.tip, self.yaw = self.home, 0.0
+        self.held: int | None = None
+        self.opening = WIDE * self.sizes.max() if start.gripper_open[0] else 0.0
+        if start.held[0] >= 0:
+            self.held = int(start.held[0])
+            self.tip, self.opening = self.poses[self.held, :3].copy(), self.sizes[self.held]
+            self.yaw = next(_face_yaws(self.poses[self.held]))
+        if gripper is not None:
+            self.tip, self.opening, self.yaw = np.array(gripper.position, float), gripper.opening, gripper.yaw
+        self.shots: list[Shot] = []
+        self.shoot()
+
+    def shoot(self) -> None:
+        x, y, z = map(float, self.tip)
+        self.shots.append(Shot(self.poses.copy(), GripperPose((x, y, z), float(self.opening), float(self.yaw))))
+
+    def hold(self, seconds: float) -> None:
+        self.shots += [self.shots[-1]] * round(seconds * self.fps)
+
+    def run(self, tick: Tick, later: Sequence[Tick]) -> None:
+        """The command of a tick, if there is one; `later` ticks tell where a box that is taken will be put."""
+        command = tick.command
+        if command is None:
+            return
+        released = self._released(tick)
+        motion = _fall(self.task, released, tick.after.poses[0].astype(float), self.fps)
+        box = None if command.object is None else self.task.box_names.index(command.object)
+        match command.name:
+            case "pick":
+                self.travel(tick.before.poses[0, box, :3], self._grasp_yaw(box, tick, later), WIDE * self.sizes[box])
+                self.grip(self.sizes[box])
+                self.held = box
+                self.move(self._line(released.poses[0, box, :3]), RISE_SECONDS * self.scale, motion=motion)
+            case "place":
+                self.travel(released.poses[0, box, :3], self.yaw, self.opening)
+                self.let_go(WIDE * self.sizes[box], motion)
+            case "open_gripper":
+                self.let_go(WIDE * self.sizes.max(), motion)
+            case "close_gripper":
+                self.grip(0.0)
+        self.poses = tick.after.poses[0].astype(float)
+
+    def leave(self) -> None:
+        """An empty gripper goes back to where it hides nothing."""
+        if self.held is None:
+            self.travel(self.home, self.yaw, self.opening)
+
+    def move(
+        self,
+        path: Callable[[float], np.ndarray],
+        seconds: float,
+        *,
+        yaw: float | None = None,
+        opening: float | None = None,
+        motion: Sequence[Poses] = (),
+    ) -> None:
+        """The tip follows `path` from 0 to 1; a held box comes along, the others follow `motion`."""
+        count = max(1, round(seconds * self.fps))
+        yaw_before, opening_before, tip_before = self.yaw, self.opening, self.tip
+        grasp = None if self.held is None else self.poses[self.held, :3] - tip_before
+        for k in range(1, max(count, len(motion)) + 1):
+            part = _ease(min(k / count, 1.0))
+            self.tip = path(part)
+            self.yaw = yaw_before if yaw is None else yaw_before + part * (yaw - yaw_before)
+            self.opening = opening_before if opening is None else opening_before + part * (opening - opening_before)
+            if len(motion):
+                held = None if self.held is None else self.poses[self.held].copy()
+                self.poses = motion[min(k, len(motion)) - 1].copy()
+                if held is not None:
+                    self.poses[self.held] = held
+            if self.held is not None:
+                self.poses[self.held, :3] = self.tip + grasp
+            self.shoot()
+
+    def travel(self, goal: np.ndarray, yaw: float, opening: float) -> None:
+        """An arch that leaves and arrives vertically and clears everything that stands on the tables."""
+        start, goal = self.tip, np.asarray(goal, float)
+        others = np.arange(len(self.sizes)) != self.held
+        high = np.max(self.poses[others, 2] + self.sizes[others] / 2, initial=self.top + self.task.kit.wall_height)
+        distance = float(np.linalg.norm(goal[:2] - start[:2]))
+        apex = max(high + 0.9 * self.sizes.max() + 0.07 * distance, goal[2], start[2])
+        rise = (8 * apex - start[2] - goal[2]) / 6
+        control = np.array([start, [*start[:2], rise], [*goal[:2], rise], goal])
+        turn = (yaw - self.yaw + math.pi / 2) % math.pi - math.pi / 2
+
+        def arch(s: float) -> np.ndarray:
+            return np.array([(1 - s) ** 3, 3 * s * (1 - s) ** 2, 3 * s**2 * (1 - s), s**3]) @ control
+
+        seconds = (0.5 + 0.6 * math.sqrt(distance / self.scale**2)) * self.scale
+        self.move(arch, seconds, yaw=self.yaw + turn, opening=opening)
+
+    def grip(self, opening: float) -> None:
+        """The fingers move."""
+        self.move(self._line(self.tip), GRASP_SECONDS, opening=opening)
+
+    def let_go(self, opening: float, motion: Sequence[Poses]) -> None:
+        """The fingers open, then the gripper rises; the boxes fall meanwhile."""
+        self.held = None
+        first = round(GRASP_SECONDS * self.fps)
+        self.move(self._line(self.tip), GRASP_SECONDS, opening=opening, motion=motion[:first])
+        above = self.tip + np.array([0, 0, 1.3 * self.sizes.max()])
+        self.move(self._line(above), RISE_SECONDS * self.scale, motion=motion[first:])
+
+    def _home(self) -> np.ndarray:
+        """Over the edge of the middle of the tables on the robot's side, where it hides nothing."""
+        middle = np.mean([table.position[:2] for table in self.task.tables], axis=0)
+        toward = np.array(self.task.robot_position[:2]) - middle
+        half = min(min(table.size[:2]) for table in self.task.tables) / 2
+        edge = middle + 0.8 * half * toward / max(float(np.linalg.norm(toward)), 1e-9)
+        return np.array([*edge, self.top + 2.4 * self.sizes.max()])
+
+    def _line(self, goal: np.ndarray) -> Callable[[float], np.ndarray]:
+        start = self.tip
+        return lambda s: start + s * (np.asarray(goal, float) - start)
+
+    def _released(self, tick: Tick) -> Released:
+        return act(self.semantics, tick.before, np.array([self.semantics.commands.index(tick.command)], np.int32))
+
+    def _grasp_yaw(self, box: int, tick: Tick, later: Sequence[Tick]) -> float:
+        """So that the fingers close on two faces, with most room where the box is taken and where it is put."""
+        scenes = [tick.before.poses[0]]
+        put = next((t for t in later if t.command is not None and t.command.name != "close_gripper"), None)
+        if put is not None:
+            scenes.append(self._released(put).poses[0])
+        return max(_face_yaws(scenes[0][box]), key=lambda yaw: min(self._room(box, scene, yaw) for scene in scenes))
+
+    def _room(self, box: int, poses: Poses, yaw: float) -> float:
+        """Distance of the fingers from the boxes beside, metres."""
+        reach = WIDE * self.sizes[box] / 2 + FINGER * self.sizes.max()
+        along = reach * np.array([math.cos(yaw), math.sin(yaw)])
+        beside = np.abs(poses[:, 2] - poses[box, 2]) < (self.sizes + self.sizes[box]) / 2
+        beside[box] = False
+        away = np.abs(poses[beside, None, :2] - (poses[box, :2] + np.array([along, -along]))).max(axis=-1)
+        return float(np.min(away - self.sizes[beside, None] / 2, initial=self.sizes.max()))
+
+
+def _ease(part: float) -> float:
+    """Minimum-jerk progress from 0 to 1 (Flash and Hogan 1985)."""
+    return part**3 * (10 - 15 * part + 6 * part**2)
+
+
+def _face_yaws(pose: Pose) -> Iterator[float]:
+    """Directions, about z, of the two axes of a box that are the most level."""
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, np.asarray(pose[3:], float))
+    axes = matrix.reshape(3, 3).T
+    for axis in sorted(axes, key=lambda a: abs(a[2]))[:2]:
+        yield math.atan2(axis[1], axis[0])
+
+
+def _fall(task: Task, released: Released, after: Poses, fps: float) -> list[Poses]:
+    """Poses of all boxes, frame by frame, from their release until they rest at `after`: what physics does, or, where
+    that leads elsewhere because the level has no dynamics, a glide."""
+    start, present = released.poses[0].astype(float), released.present[0]
+    if not present.any():
+        return []
+    size = min(box.size for box in task.boxes)
+    frames = _simulate(task, released.world.kit[0], start, present, fps)
+    if not _alike(frames[-1][present], after[present], size):
+        height = max(float((start[:, 2] - after[:, 2]).max()), 0.5 * size)
+        frames = [start] * max(2, round(1.2 * math.sqrt(2 * height / GRAVITY) * fps))
+    else:
+        moving = [k for k, poses in enumerate(frames) if np.abs(poses - frames[-1]).max() > 0.004 * size]
+        frames = frames[: 2 + max(moving, default=-1)]
+    return [_between(poses, after, _ease((k + 1) / len(frames))) for k, poses in enumerate(frames)]
+
+
+def _alike(a: Poses, b: Poses, size: float) -> bool:
+    away = np.linalg.norm(a[:, :3] - b[:, :3], axis=-1)
+    turned = 1 - np.abs((a[:, 3:] * b[:, 3:]).sum(axis=-1))
+    return bool(np.all(away < 0.2 * size) and np.all(turned < 0.02))
+
+
+def _simulate(task: Task, kit: np.ndarray, start: Poses, present: np.ndarray, fps: float) -> list[Poses]:
+    """What C MuJoCo does with the present boxes, sampled at `fps`; the others stay."""
+    model, ids = compile_scene(task, tuple(np.array(task.box_names)[present].tolist()))
+    data = mujoco.MjData(model)
+    data.qpos[:] = start[present].ravel()
+    data.mocap_pos[ids.kit_mocap] = kit
+    frames = []
+    for step in range(1, MAX_STEPS + 1):
+        mujoco.mj_step(model, data)
+        if step * model.opt.timestep * fps >= len(frames) + 1:
+            frames.append(start.copy())
+            frames[-1][present] = data.qpos.reshape(-1, 7)
+    return frames
+
+
+def _between(a: Poses, b: Poses, part: float) -> Poses:
+    """Poses on the way from a to b."""
+    sign = np.where((a[:, 3:] * b[:, 3:]).sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
+    aligned = np.concatenate([b[:, :3], sign * b[:, 3:]], axis=-1)
+    mixed = a + part * (aligned - a)
+    mixed[:, 3:] /= np.linalg.norm(mixed[:, 3:], axis=-1, keepdims=True)
+    return mixed

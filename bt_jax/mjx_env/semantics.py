@@ -1,0 +1,245 @@
+"""What every behavior returns in a state, for whole batches of states.
+
+In a memoryless tree a leaf's status depends on the state alone, and so does that of a gene, with the one action that it
+runs. So the outcome of every leaf is computed once for a state; a tick then only looks outcomes up. An action that has
+used up its ticks fails, which a second layer of outcomes answers: the status once the running action counts as failed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import numpy as np
+from jaxtyping import Bool, Int16
+
+from bt_jax._util.errors import UserError
+from bt_jax.behaviors import (
+    FIRST_LEAF,
+    NOTHING,
+    OPEN,
+    Behavior,
+    Control,
+    Kind,
+    Vocabulary,
+    check_names,
+    subgoal_conditions,
+)
+from bt_jax.encoding.tick import Status
+from bt_jax.mjx_env.world import Array, World, distances, frames, namespace, to_world
+from bt_jax.tasks import Task
+
+__all__ = ["COMMAND_BITS", "LeafSemantics", "reachable", "see_subgoals"]
+
+COMMAND_BITS = 2  # an outcome is command << COMMAND_BITS | status, in 16 bits
+MAX_COMMANDS = 1 << (15 - COMMAND_BITS)
+SEATED = 0.1  # how far below the table's top a box may be, in its own sizes, and still be within reach
+
+
+@dataclasses.dataclass(frozen=True)
+class LeafSemantics:
+    """What the leaves of a vocabulary mean in a task.
+
+    Commands, the actions that the world can be asked for, are numbered: open_gripper, close_gripper, `pick` of each box,
+    then `place` at each of the places (object, position, frame) that the leaves name.
+    """
+
+    task: Task
+    vocabulary: Vocabulary
+
+    def __post_init__(self) -> None:
+        for leaf in self.vocabulary.leaves:
+            check_names(leaf, self.task)
+        if len(self.commands) >= MAX_COMMANDS:
+            raise UserError(
+                f"{len(self.commands)} different actions are too many; use fewer genes, below {MAX_COMMANDS}"
+            )
+
+    @functools.cached_property
+    def places(self) -> tuple[Behavior, ...]:
+        """All distinct `at(object, position, frame)` that the leaves name, also inside genes."""
+        atoms = [atom for leaf in self.vocabulary.leaves for atom in _atoms(leaf)]
+        return tuple(dict.fromkeys(Behavior("at", atom.args) for atom in atoms if atom.position is not None))
+
+    @functools.cached_property
+    def place_object(self) -> np.ndarray:
+        """Index of the box of each place, int[n]."""
+        return np.array([self.task.box_names.index(place.object) for place in self.places], int)
+
+    @functools.cached_property
+    def place_frame(self) -> np.ndarray:
+        """Index of the frame of each place in `task.frames`, int[n]."""
+        return np.array([self.task.frames.index(place.frame) for place in self.places], int)
+
+    @functools.cached_property
+    def place_position(self) -> np.ndarray:
+        """Position of each place in its frame, float32[n, 3]."""
+        return np.array([place.position for place in self.places], np.float32).reshape(-1, 3)
+
+    @functools.cached_property
+    def commands(self) -> tuple[Behavior, ...]:
+        """The action behind each command."""
+        picks = [Behavior("pick", (name,)) for name in self.task.box_names]
+        places = [Behavior("place", place.args) for place in self.places]
+        return (Behavior("open_gripper"), Behavior("close_gripper"), *picks, *places)
+
+    @functools.cached_property
+    def conditions(self) -> tuple[Behavior, ...]:
+        """Every condition whose status is computed; `_condition_values` has one column for each."""
+        names = self.task.box_names
+        return (
+            *self.places,
+            *(Behavior("holding", (name,)) for name in (*names, NOTHING)),
+            Behavior("gripper", (OPEN,)),
+            Behavior("gripper", ("closed",)),
+            *(Behavior("reachable", (name,)) for name in names),
+            *(Behavior("clear", (name,)) for name in names),
+            *(Behavior("reached", (subgoal.name,)) for subgoal in self.task.subgoals),
+        )
+
+    @functools.cached_property
+    def _columns(self) -> dict[Behavior, int]:
+        """Column of each atom in `_atom_outcomes`: conditions first, then commands."""
+        return {atom: i for i, atom in enumerate((*self.conditions, *self.commands))}
+
+    @functools.cached_property
+    def _named(self) -> dict[str, list[int]]:
+        """Columns of all conditions of the same name."""
+        names = dict.fromkeys(condition.name for condition in self.conditions)
+        return {name: [i for i, condition in enumerate(self.conditions) if condition.name == name] for name in names}
+
+    @functools.cached_property
+    def _groups(self) -> list[tuple[np.ndarray, Behavior | Control, np.ndarray]]:
+        """Leaves with the same skeleton, evaluated together: (tokens [m], skeleton, columns of its atoms [atoms, m])."""
+        groups: dict[str, tuple[list[int], Behavior | Control, list[list[int]]]] = {}
+        for i, leaf in enumerate(self.vocabulary.leaves):
+            body = leaf.subtree or leaf
+            tokens, _, columns = groups.setdefault(_skeleton(body), ([], body, []))
+            tokens.append(FIRST_LEAF + i)
+            columns.append([self._columns[atom] for atom in _atoms(leaf)])
+        return [(np.array(tokens), body, np.array(columns).T) for tokens, body, columns in groups.values()]
+
+    @functools.cached_property
+    def _token_order(self) -> np.ndarray:
+        """Where to find each token when the columns of the groups stand side by side behind those of the control nodes."""
+        return np.argsort(np.concatenate([np.arange(FIRST_LEAF), *(tokens for tokens, _, _ in self._groups)]))
+
+    def outcomes(self, world: World) -> Int16[Array, "2 S V"]:
+        """Outcome of every token in every state: `command << COMMAND_BITS | status`. The second layer holds the outcomes
+        once the command that is running in the first counts as failed."""
+        xp = namespace(world.poses)
+        atoms = self._atom_outcomes(world)
+        layers = []
+        failed: list[Array | None] = [None] * len(self._groups)
+        for _ in range(2):
+            columns = [xp.zeros((atoms.shape[0], FIRST_LEAF), np.int16)]
+            for g, (_, body, atom_columns) in enumerate(self._groups):
+                outcome = self._evaluate(body, atoms, list(atom_columns), failed[g])
+                failed[g] = xp.where(outcome & 3 == Status.RUNNING, outcome, np.int16(-1))
+                columns.append(outcome)
+            layers.append(xp.concatenate(columns, axis=1)[:, self._token_order])
+        return xp.stack(layers)
+
+    def _evaluate(
+        self, node: Behavior | Control, atoms: Int16[Array, "S A"], columns: list[np.ndarray], failed: Array | None
+    ) -> Int16[Array, "S m"]:
+        """Outcome of a skeleton for m leaves at once, where the outcome `failed` counts as a failure; consumes `columns`."""
+        xp = namespace(atoms)
+        if isinstance(node, Behavior):
+            outcome = atoms[:, columns.pop(0)]
+            if failed is None or node.kind == Kind.CONDITION:
+                return outcome
+            return xp.where(outcome == failed, np.int16(Status.FAILURE), outcome)
+        proceed = Status.SUCCESS if node.kind == Kind.SEQUENCE else Status.FAILURE
+        outcome = self._evaluate(node.children[0], atoms, columns, failed)
+        for child in node.children[1:]:
+            outcome = xp.where(outcome == proceed, self._evaluate(child, atoms, columns, failed), outcome)
+        return outcome
+
+    def _atom_outcomes(self, world: World) -> Int16[Array, "S A"]:
+        """Outcomes of all conditions, then of all commands. An action succeeds when its postconditions hold, fails when
+        its preconditions cannot be met, and otherwise runs."""
+        xp = namespace(world.poses)
+        conditions = self._condition_values(world)
+        holding, can_hold = (conditions[:, self._named[name]] for name in ("holding", "clear"))
+        holding, empty = holding[:, :-1], holding[:, -1:]
+        opened, closed = world.gripper_open[:, None], ~world.gripper_open[:, None]
+        can_pick = opened & can_hold & conditions[:, self._named["reachable"]]
+        at = conditions[:, : len(self.places)]
+        done = xp.concatenate([opened & empty, closed, holding, at & empty], axis=1)
+        always = xp.ones((conditions.shape[0], 2), bool)
+        possible = xp.concatenate([always, can_pick, holding[:, self.place_object]], axis=1)
+        running = (np.arange(len(self.commands), dtype=np.int16) << COMMAND_BITS)[None] | np.int16(Status.RUNNING)
+        actions = xp.where(done, np.int16(Status.SUCCESS), xp.where(possible, running, np.int16(Status.FAILURE)))
+        return xp.concatenate([conditions.astype(np.int16), actions], axis=1)
+
+    def _condition_values(self, world: World) -> Bool[Array, "S conditions"]:
+        xp = namespace(world.poses)
+        goal = to_world(frames(world, self.task), self.place_frame, self.place_position)
+        away = distances(world.poses[:, self.place_object, :3], goal)
+        boxes = np.arange(len(self.task.boxes), dtype=np.int8)
+        holding = world.held[:, None] == np.append(boxes, np.int8(-1))[None]
+        gripper = xp.stack([world.gripper_open, ~world.gripper_open], axis=1)
+        carried = world.held[:, None] == self.place_object.astype(np.int8)[None]
+        return xp.concatenate(
+            [
+                (away < np.float32(self.task.episode.tolerance)) & ~carried,
+                holding,
+                gripper,
+                reachable(world, self.task),
+                ~xp.any(_rests_on(world, self.task), axis=-2),
+                world.reached,
+            ],
+            axis=1,
+        )
+
+
+def see_subgoals(task: Task, world: World) -> Bool[Array, "S G"]:
+    """Which of the task's subgoals hold in each state."""
+    xp = namespace(world.poses)
+    if not task.subgoals:
+        return xp.zeros((world.held.shape[0], 0), bool)
+    semantics, columns = _subgoal_columns(task)
+    holds = semantics._condition_values(world)
+    return xp.stack([xp.all(holds[:, column], axis=1) for column in columns], axis=1)
+
+
+@functools.lru_cache(maxsize=16)
+def _subgoal_columns(task: Task) -> tuple[LeafSemantics, list[np.ndarray]]:
+    """What computes the conditions of the task's subgoals, and for each subgoal the columns of its own."""
+    meanings = subgoal_conditions(task).values()
+    semantics = LeafSemantics(task, Vocabulary.of(condition for meaning in meanings for condition in meaning))
+    return semantics, [np.array([semantics._columns[condition] for condition in meaning]) for meaning in meanings]
+
+
+def reachable(world: World, task: Task) -> Bool[Array, "S B"]:
+    """The gripper reaches what is not below the lowest table's top, that is, what has not fallen to the floor."""
+    sizes = np.array([[box.size for box in task.boxes]], np.float32)
+    lowest = np.float32(min(table.top for table in task.tables))
+    return world.poses[..., 2] > lowest - np.float32(SEATED) * sizes
+
+
+def _rests_on(world: World, task: Task) -> Bool[Array, "S B B"]:
+    """[s, i, j]: box i stands over box j, close enough to rest on it; a held box rests on nothing."""
+    xp = namespace(world.poses)
+    sizes = np.array([box.size for box in task.boxes], np.float32)
+    middle = ((sizes[:, None] + sizes[None, :]) / 2)[None]
+    offset = world.poses[..., :, None, :3] - world.poses[..., None, :, :3]
+    # Centres of a tilted box are up to sqrt(3) apart; 0.6 to 1.3 of the mean size covers what lies on top and not beside.
+    above = (offset[..., 2] > np.float32(0.6) * middle) & (offset[..., 2] < np.float32(1.3) * middle)
+    over = xp.max(xp.abs(offset[..., :2]), axis=-1) < middle
+    held = world.held[..., None] == np.arange(len(sizes), dtype=np.int8)[None]
+    return above & over & ~held[..., :, None] & ~held[..., None, :]
+
+
+def _atoms(leaf: Behavior | Control) -> list[Behavior]:
+    """The conditions and actions of a leaf, in prefix order; those of its subtree for a gene."""
+    if isinstance(leaf, Control):
+        return [atom for child in leaf.children for atom in _atoms(child)]
+    return _atoms(leaf.subtree) if leaf.subtree else [leaf]
+
+
+def _skeleton(node: Behavior | Control) -> str:
+    if isinstance(node, Behavior):
+        return _skeleton(node.subtree) if node.subtree else node.kind.name
+    return f"{node.kind.name}({','.join(_skeleton(child) for child in node.children)})"

@@ -1,0 +1,121 @@
+"""Demonstrations from a script of what the person at the gripper does, in simulation.
+
+Steps are separated by semicolons or lines: `pick BOX; move (DX, DY, DZ); to (X, Y, Z) FRAME; release`. Positions are metres
+and mean the centre of the box.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from bt_jax._util.errors import UserError
+from bt_jax.behaviors import Tree, Vocabulary
+from bt_jax.encoding.walk import leaves
+from bt_jax.lfd import Demonstration
+from bt_jax.lfd.clustering import NEEDED
+from bt_jax.mjx_env.episodes.playback import play
+from bt_jax.mjx_env.physics.protocol import Physics
+from bt_jax.mjx_env.physics.settler import Settler
+from bt_jax.mjx_env.scene.layouts import sample_layouts
+from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.mjx_env.world import World
+from bt_jax.tasks import Task
+from bt_jax.teaching.teleoperation import Teleoperation
+
+__all__ = ["Input", "parse_script", "perform", "reached_by", "record"]
+
+DEMONSTRATED = 1 << 21  # seeds of layouts for demonstrations; neither training nor tests use them
+_INPUT = re.compile(
+    r"(?P<pick>pick)\s+(?P<object>\w+)|(?P<move>move)\s*\((?P<by>[^()]*)\)"
+    r"|(?P<to>to)\s*\((?P<at>[^()]*)\)\s*(?P<frame>\w+)|(?P<release>release)"
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Input:
+    """One thing that the person does; `position` is a vector in metres."""
+
+    kind: str
+    name: str = ""  # of the object for pick, of the frame for to
+    position: tuple[float, ...] = (0.0, 0.0, 0.0)
+
+
+def parse_script(text: str) -> list[Input]:
+    """Reads a script. Raises UserError, naming the step, where it cannot be meant."""
+    steps = [step.strip() for step in re.split(r"[;\n]", text) if step.split("#")[0].strip()]
+    found = []
+    for step in steps:
+        match = _INPUT.fullmatch(step.split("#")[0].strip())
+        if match is None:
+            raise UserError(f"'{step}' is no step; write pick BOX, move (X, Y, Z), to (X, Y, Z) FRAME, or release")
+        if match["pick"]:
+            found.append(Input("pick", match["object"]))
+        elif match["release"]:
+            found.append(Input("release"))
+        else:
+            found.append(
+                Input("to" if match["to"] else "move", match["frame"] or "", _vector(match["at"] or match["by"], step))
+            )
+    if not found:
+        raise UserError("the script is empty; write for instance pick BlueBox; to (0, 0, 0.12) GreenBox; release")
+    return found
+
+
+def _vector(text: str, step: str) -> tuple[float, ...]:
+    try:
+        values = tuple(float(x) for x in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) != 3 or not np.all(np.isfinite(values)):
+        raise UserError(f"'{step}': ({text}) is not three numbers; write metres, as (0, 0, 0.12)")
+    return values
+
+
+def perform(
+    session: Teleoperation, script: Sequence[Input], *, noise: float = 0.0, rng: np.random.Generator | None = None
+) -> Demonstration:
+    """Does what a script says in a session, missing each place by Gaussian `noise` [m], and returns the recording."""
+    for step in script:
+        off = rng.normal(0.0, noise, 3) if rng is not None and noise else np.zeros(3)
+        match step.kind:
+            case "pick":
+                session.pick(step.name)
+            case "move":
+                session.move(np.array(step.position) + off)
+            case "to":
+                session.move_to(np.array(step.position) + off, step.name)
+            case "release":
+                session.release()
+    return session.demonstration()
+
+
+def record(
+    task: Task,
+    physics: Physics,
+    script: Sequence[Input],
+    *,
+    count: int = NEEDED,
+    seed: int = 0,
+    noise: float = 0.0,
+    after: Tree | None = None,
+) -> list[Demonstration]:
+    """Demonstrations of one script in `count` layouts, numbered from `seed`; the tree `after` is executed first in each."""
+    found = []
+    for number in range(seed, seed + count):
+        start, rng = sample_layouts(task, [DEMONSTRATED, number], 1), np.random.default_rng([DEMONSTRATED, number])
+        session = Teleoperation(task, physics, start if after is None else reached_by(after, task, physics, start))
+        found.append(perform(session, script, noise=noise, rng=rng))
+    return found
+
+
+def reached_by(tree: Tree, task: Task, physics: Physics, start: World) -> World:
+    """The state in which a tree ends. Raises UserError where it leaves something in the gripper."""
+    semantics = LeafSemantics(task, Vocabulary.of(leaves(tree)))
+    final = play(semantics, Settler(task, physics), tree, start).final
+    if final.held[0] >= 0:
+        raise UserError("the tree ends with an object in the gripper; demonstrate from the start instead")
+    return final

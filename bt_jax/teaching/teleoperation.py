@@ -1,0 +1,255 @@
+"""A person at the gripper: pick an object, carry it where it should be, let go. What they do is recorded."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Float32
+from scipy.spatial.transform import Rotation
+
+from bt_jax._util.errors import UserError
+from bt_jax.behaviors import Behavior, Vocabulary
+from bt_jax.lfd.demonstration import END_EFFECTOR_HEIGHT, Action, Demonstration, Pose
+from bt_jax.mjx_env.physics.protocol import Physics
+from bt_jax.mjx_env.physics.settler import Settler
+from bt_jax.mjx_env.scene.surfaces import box_surfaces, fixed_surfaces, overlaps
+from bt_jax.mjx_env.semantics import LeafSemantics, reachable
+from bt_jax.mjx_env.skills import act, settled_world
+from bt_jax.mjx_env.world import World, frames, to_world
+from bt_jax.tasks import Task
+
+__all__ = ["Landing", "Teleoperation"]
+
+SUNK = 0.1  # part of its size by which an object may be inside another where it is let go; it is set down on that one
+
+Vector = Sequence[float] | Float[np.ndarray, "3"]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Moment:
+    """The scene between two inputs of the person, and what was recorded so far."""
+
+    world: World
+    position: Float[np.ndarray, "3"] | None  # of the carried object's centre, world [m]
+    actions: tuple[Action, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Landing:
+    """What is below a carried object: where its centre would come to rest (world, metres) and `on` what, None for the floor;
+    `inside` is the object that it would be let go in, if any."""
+
+    position: Float[np.ndarray, "3"]
+    on: str | None
+    inside: str | None
+
+
+class Teleoperation:
+    """A demonstration in the making, from a state at rest (a batch of one, NumPy; see `mjx_env.layouts.sample_layouts`).
+
+    Every input changes `world`; `undo` takes the last one back. Positions are metres. An input that raises UserError has
+    changed nothing.
+    """
+
+    def __init__(self, task: Task, physics: Physics, start: World) -> None:
+        self.task, self._settler = task, Settler(task, physics)
+        self._semantics = LeafSemantics(task, Vocabulary.of([Behavior("open_gripper")]))
+        self._past: list[_Moment] = []
+        self._now = _Moment(start, None, ())
+
+    @property
+    def world(self) -> World:
+        """The scene, a batch of one state; a carried object is where the person holds it."""
+        if self._now.position is None:
+            return self._now.world
+        poses = self._now.world.poses.copy()
+        poses[0, int(self._now.world.held[0]), :3] = self._now.position
+        return dataclasses.replace(self._now.world, poses=poses)
+
+    @property
+    def held(self) -> str | None:
+        """The object in the gripper."""
+        held = int(self._now.world.held[0])
+        return None if held < 0 else self.task.box_names[held]
+
+    @property
+    def actions(self) -> tuple[Action, ...]:
+        """What was recorded so far."""
+        return self._now.actions
+
+    def position(self, frame: str) -> Float[np.ndarray, "3"]:
+        """Where the carried object's centre is, in a frame. Raises UserError where nothing is held."""
+        return self._in_frame(self._carried(), frame)
+
+    def turn(self, frame: str) -> float:
+        """How far the carried object is turned about the vertical in a frame, degrees in (-180, 180]. Raises UserError where
+        nothing is held."""
+        self._carried()
+        poses = frames(self._now.world, self.task)[0].astype(float)
+        held, other = (
+            Rotation.from_quat(poses[self.task.frames.index(name), 3:], scalar_first=True)
+            for name in (self.held, frame)
+        )
+        (x, y, _) = (other.inv() * held).apply((1.0, 0.0, 0.0))
+        return float(np.degrees(np.arctan2(y, x)))
+
+    def pick(self, name: str) -> None:
+        """Takes an object and lifts it. Raises UserError where that is not possible."""
+        if name not in self.task.box_names:
+            raise UserError(f"there is no object '{name}' to pick; use one of {', '.join(self.task.box_names)}")
+        if self.held is not None:
+            raise UserError(f"the gripper holds {self.held}; release it before you pick {name}")
+        world = self._now.world
+        index = self.task.box_names.index(name)
+        pick = Behavior("pick", (name,))
+        semantics = LeafSemantics(self.task, Vocabulary.of([*pick.preconditions, pick]))
+        conditions = semantics.outcomes(world)[0, 0] & 3
+        for condition in pick.preconditions:
+            if condition.name != "gripper" and conditions[semantics.vocabulary.token(condition)] == 0:
+                why = "something stands on it" if condition.name == "clear" else "it lies out of reach"
+                raise UserError(f"{name} cannot be picked, {why}; pick another object first")
+        grasp = world.poses[0, index, :3].astype(float)
+        action = Action("pick", self._end_effector(world, grasp))
+        after, _ = self._done(semantics, world, pick)
+        self._push(_Moment(after, after.poses[0, index, :3].astype(float), (*self.actions, action)))
+
+    def move(self, by: Vector) -> None:
+        """Carries the held object by a vector in the world's axes; not below the floor. Raises UserError out of reach."""
+        self.move_to(
+            self._in_frame(self._carried() + np.asarray(by, float), self.task.robot_frame), self.task.robot_frame
+        )
+
+    def move_to(self, position: Vector, frame: str) -> None:
+        """Carries the held object's centre to a position in a frame. Raises UserError out of reach."""
+        self._carried()
+        if frame not in self.task.frames or frame == self.held:
+            others = ", ".join(name for name in self.task.frames if name != self.held)
+            raise UserError(f"there is no frame '{frame}' to carry {self.held} to; use one of {others}")
+        if not np.all(np.isfinite(position)):
+            raise UserError("the position is not finite; give three numbers in metres")
+        index = np.array([self.task.frames.index(frame)])
+        goal = to_world(frames(self._now.world, self.task), index, np.asarray([position], np.float32))[0, 0].astype(
+            float
+        )
+        size = self.task.boxes[self.task.box_names.index(self.held)].size
+        goal[2] = max(goal[2], self.task.floor + size / 2)
+        low, high = self._reach
+        if np.any(goal < low) or np.any(goal > high):
+            raise UserError(f"the gripper does not reach that far; carry {self.held} nearer to the tables")
+        self._push(dataclasses.replace(self._now, position=goal))
+
+    def landing(self) -> Landing:
+        """What is below the held object. Raises UserError where nothing is held."""
+        centre, world, task = self._carried(), self._now.world, self.task
+        held = int(world.held[0])
+        half = np.float32(task.boxes[held].size / 2)
+        fixed, boxes = fixed_surfaces(task, world.kit), box_surfaces(task, world.poses)
+        names = [None, *(table.name for table in task.tables)]
+        names += [task.kit.name] * (fixed.top.shape[1] - len(names)) + list(task.box_names)
+        tops = np.concatenate([fixed.top[0], boxes.top[0]])
+        xy, reach = centre[None, :2].astype(np.float32), np.array([half])
+        under = np.concatenate([overlaps(fixed, xy, reach)[0], overlaps(boxes, xy, reach)[0]])
+        under[len(names) - len(task.boxes) + held] = False
+        foot = np.concatenate([np.full(fixed.top.shape[1], -np.inf), 2 * world.poses[0, :, 2] - boxes.top[0]])
+        sunk = under & (tops > centre[2] - half + 2 * half * SUNK) & (foot < centre[2] + half - 2 * half * SUNK)
+        best = int(np.argmax(np.where(under, tops, -np.inf)))
+        inside = names[int(np.argmax(np.where(sunk, tops, -np.inf)))] if sunk.any() else None
+        return Landing(np.array([*centre[:2], float(tops[best] + half)]), names[best], inside)
+
+    def release(self, *, lowered: bool = False) -> None:
+        """Lowers the held object to where it is meant to be, or until it touches something, and lets go; it is meant to be
+        where it is now, or `lowered` on what is below. Raises UserError where it is inside another object, or where
+        something would fall to the floor."""
+        position, landing = self._carried(), self.landing()
+        if landing.inside is not None:
+            raise UserError(
+                f"{self.held} would be inside {landing.inside}; raise it or carry it aside, then release it"
+            )
+        if landing.on is None:
+            raise UserError(self._lost(self.held))
+        position = landing.position if lowered else position
+        place = self._in_frame(position, self.task.robot_frame)
+        action = Behavior("place", (self.held, tuple(float(x) for x in place), self.task.robot_frame))
+        held = int(self._now.world.held[0])
+        after, released = self._done(LeafSemantics(self.task, Vocabulary.of([action])), self._now.world, action)
+        known, now = (reachable(world, self.task)[0] for world in (self._now.world, after))
+        if np.any(known & ~now):
+            raise UserError(self._lost(self.task.box_names[int(np.argmax(known & ~now))]))
+        let_go = self._end_effector(self._now.world, released[held, :3].astype(float), moved=held)
+        self._push(_Moment(after, None, (*self.actions, Action("place", let_go))))
+
+    def undo(self, *, moves_together: bool = False) -> bool:
+        """Takes the last input back, or all moves since the pick at once; False where there is none."""
+        if not self._past:
+            return False
+        world, self._now = self._now.world, self._past.pop()
+        while moves_together and self._now.world is world and self._past and self._past[-1].world is world:
+            self._now = self._past.pop()
+        return True
+
+    def demonstration(self, name: str = "demo") -> Demonstration:
+        """What was recorded. Raises UserError where an object is still held or nothing was done."""
+        if self.held is not None:
+            raise UserError(f"the gripper still holds {self.held}; release it, then finish")
+        if not self.actions:
+            raise UserError("nothing was demonstrated yet; pick an object and place it")
+        return Demonstration(name, self.actions)
+
+    def _lost(self, name: str) -> str:
+        return f"{name} would fall to the floor, out of the gripper's reach; carry {self.held} over a table, then release it"
+
+    @functools.cached_property
+    def _reach(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+        """Lowest and highest coordinates [m]: the tables and the robot, and around them once the width of a table."""
+        task = self.task
+        width = max(max(table.size[:2]) for table in task.tables)
+        middles, sizes = (np.array([getattr(t, key)[:2] for t in task.tables]) for key in ("position", "size"))
+        corners = np.concatenate([middles - sizes / 2, middles + sizes / 2, [task.robot_position[:2]]])
+        highest = max(table.top for table in task.tables) + 2 * width
+        return np.array([*corners.min(0) - width, task.floor]), np.array([*corners.max(0) + width, highest])
+
+    def _push(self, moment: _Moment) -> None:
+        self._past.append(self._now)
+        self._now = moment
+
+    def _carried(self) -> Float[np.ndarray, "3"]:
+        if self._now.position is None:
+            raise UserError("the gripper holds nothing; pick an object first")
+        return self._now.position
+
+    def _done(
+        self, semantics: LeafSemantics, world: World, action: Behavior
+    ) -> tuple[World, Float32[np.ndarray, "B 7"]]:
+        """The state at rest after an action, and where the boxes were when the gripper had moved."""
+        command = np.array([semantics.commands.index(action)], np.int32)
+        released = act(semantics, world, command)
+        poses, ok = self._settler.settle(released)
+        if not ok[0]:
+            raise UserError("physics gave no number for this; undo and place it elsewhere")
+        return settled_world(self.task, released, poses), released.poses[0]
+
+    def _in_frame(self, point: Float[np.ndarray, "3"], frame: str) -> Float[np.ndarray, "3"]:
+        pose = frames(self._now.world, self.task)[0, self.task.frames.index(frame)].astype(float)
+        return _into(pose, point)
+
+    def _end_effector(self, world: World, centre: Float[np.ndarray, "3"], moved: int | None = None) -> dict[str, Pose]:
+        """Pose of the end effector, upright over an object's centre (world), in every frame; the frame of the box `moved`
+        is at that centre."""
+        if moved is not None:
+            poses = world.poses.copy()
+            poses[0, moved, :3] = centre
+            world = dataclasses.replace(world, poses=poses)
+        tip = centre + np.array([0, 0, END_EFFECTOR_HEIGHT])
+        found = {}
+        for name, pose in zip(self.task.frames, frames(world, self.task)[0].astype(float), strict=True):
+            turn = Rotation.from_quat(pose[3:], scalar_first=True).inv()  # of the upright end effector, in the frame
+            found[name] = Pose(tuple(_into(pose, tip).tolist()), tuple((turn.as_quat(canonical=True) + 0.0).tolist()))
+        return found
+
+
+def _into(pose: Float[np.ndarray, "7"], point: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+    """A point of the world in the frame that has this pose (position, quaternion wxyz)."""
+    return Rotation.from_quat(pose[3:], scalar_first=True).inv().apply(point - pose[:3])

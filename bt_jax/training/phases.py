@@ -1,0 +1,106 @@
+"""What demonstrations change in a training: more genes, a tree to breed from, other targets, a subgoal with its reward."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+
+from bt_jax._util.errors import UserError
+from bt_jax.behaviors import Tree
+from bt_jax.encoding.formats.files import read_tree
+from bt_jax.encoding.walk import leaves as tree_leaves
+from bt_jax.lfd import DemonstrationFolder, Lesson, learn, plan_task
+from bt_jax.tasks import Task, with_subgoal, with_targets
+from bt_jax.training.run_folder import RunConfig
+
+__all__ = ["Changes", "baseline_from", "choose_frames", "lesson_from", "subgoal_name"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Changes:
+    """What is new in a training, or in the next phase of one. `plan`: a planner's tree for the targets is the baseline."""
+
+    baseline: Tree | None = None
+    plan: bool = False
+    target_from: Path | None = None
+    subgoal_from: Path | None = None
+    baseline_index: int | None = None
+
+    def applied(self, config: RunConfig) -> RunConfig:
+        """The configuration with these changes.
+
+        Demonstrations of targets add their places to the targets and to the gene pool, and their tree is the baseline if no
+        other is given. Demonstrations of a subgoal become one gene, guarded by `reached(subgoal)`; the task rewards reaching
+        it, and the gene is the baseline if there is no other.
+        """
+        task, leaves, baseline = config.task, list(config.extra_leaves), self.baseline
+        if config.baseline is not None:
+            leaves += [leaf for leaf in tree_leaves(config.baseline) if leaf not in leaves]
+        if self.target_from is not None:
+            lesson = lesson_from(self.target_from, task)
+            try:
+                targets = lesson.targets
+            except UserError as error:
+                raise UserError(f"{self.target_from}: {error}") from None
+            task = with_targets(task, targets, source=str(self.target_from))
+            leaves += lesson.genes
+            baseline = baseline or lesson.tree
+        if self.subgoal_from is not None:
+            lesson, name = lesson_from(self.subgoal_from, task), subgoal_name(self.subgoal_from)
+            task = with_subgoal(task, lesson.subgoal(name), source=str(self.subgoal_from))
+            gene = lesson.subtask_gene(name)
+            leaves.append(gene)
+            baseline = baseline or gene
+        if self.plan:
+            if baseline is not None:
+                raise UserError("two baselines are given; leave out --plan, or --baseline and the demonstrations")
+            baseline = plan_task(task)
+        gp = dataclasses.replace(config.gp, baseline_index=self.baseline_index)
+        if baseline is None and self.baseline_index is not None:
+            raise UserError("--baseline-index says where a baseline enters; give one with --baseline or demonstrations")
+        return dataclasses.replace(
+            config, task=task, baseline=baseline, extra_leaves=tuple(dict.fromkeys(leaves)), gp=gp
+        )
+
+
+def lesson_from(folder: Path, task: Task) -> Lesson:
+    """Learns from a folder of demonstrations. Raises UserError, naming it, where that fails."""
+    demonstrations = DemonstrationFolder(folder).read()
+    try:
+        return learn(demonstrations, task)
+    except UserError as error:
+        raise UserError(f"{folder}: {error}") from None
+
+
+def choose_frames(folder: Path, lesson: Lesson, frames: Mapping[int, str | None]) -> Lesson:
+    """What is learnt from a folder once a person has chosen frames, by the index of an inference in what was learnt so far;
+    None leaves it to the demonstrations again. The choices are kept with the demonstrations.
+
+    Raises UserError, and keeps nothing, where they cannot be meant.
+    """
+    count = len(lesson.inferences)
+    if wrong := [index + 1 for index in frames if not 0 <= index < count]:
+        raise UserError(f"there is no action {wrong[0]} to choose a frame for; choose one from 1 to {count}")
+    learn(lesson.demonstrations, lesson.task, frames={i: frame for i, frame in frames.items() if frame is not None})
+    for index, frame in frames.items():
+        DemonstrationFolder(folder).choose(lesson.demonstrations, lesson.inferences[index].moments, frame)
+    return lesson_from(folder, lesson.task)
+
+
+def subgoal_name(folder: Path) -> str:
+    """A name for the subgoal that the demonstrations in a folder reach: that of the folder."""
+    name = "".join(letter if letter.isalnum() else "_" for letter in folder.resolve().name)
+    return name if name.isidentifier() else f"subgoal_{name}"
+
+
+def baseline_from(path: Path) -> Tree:
+    """A tree from a file, or the one in a folder that `train` or `learn` has written."""
+    if path.is_dir():
+        for name in ("best_tree.txt", "learnt_tree.txt"):
+            if (path / name).is_file():
+                return read_tree(path / name)
+        raise UserError(
+            f"{path} holds no tree; give a tree as .txt or .xml, or a folder that train or learn has written"
+        )
+    return read_tree(path)

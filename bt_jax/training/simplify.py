@@ -1,0 +1,99 @@
+"""Removing from a learnt tree what does nothing."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+
+from bt_jax.behaviors import Behavior, Control, Tree, Vocabulary
+from bt_jax.encoding.arrays import MAX_NODES, encode_all, violations
+from bt_jax.encoding.walk import leaves, prefix
+from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
+from bt_jax.mjx_env.physics.protocol import Physics
+from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.mjx_env.world import World
+from bt_jax.tasks import Task
+
+__all__ = ["Simplification", "simplify", "smaller_trees"]
+
+BATCH = 16  # trees evaluated together, so that trees of all sizes share compiled code
+SAME = 0.05  # fitness that counts as no change: 0.05 mm, below what the scene's states resolve
+
+
+@dataclasses.dataclass(frozen=True)
+class Simplification:
+    """The tree without what does nothing, and how many nodes went; both do the same in the layouts tried."""
+
+    tree: Tree
+    removed: int
+
+
+def smaller_trees(tree: Tree) -> list[Tree]:
+    """All trees that come of one removal and break no rule that the tree keeps, the smallest first.
+
+    A node with its subtree goes, or a control node makes way for one of its children. A control node left with one child
+    dissolves, as does one under its own kind.
+    """
+    found = dict.fromkeys(_tidy(other) for other in _removals(tree))
+    loose = bool(violations(tree, gene_under_fallback=False))
+    valid = [other for other in found if other is not None and not violations(other, gene_under_fallback=loose)]
+    return sorted(valid, key=lambda other: len(prefix(other)))
+
+
+def simplify(task: Task, physics: Physics, tree: Tree, layouts: World) -> Simplification:
+    """Removes whatever changes neither the fitness, apart from the cost of nodes, nor success in any of K layouts.
+
+    All single removals are tried in one batch, the smallest tree that is as good stays, until none is.
+    """
+    semantics = LeafSemantics(task, Vocabulary.of(leaves(tree)))
+    evaluator = TableEvaluator(semantics, physics, batch=BATCH)
+
+    def tried(trees: list[Tree]) -> Evaluation:
+        return evaluator(encode_all(trees, semantics.vocabulary, MAX_NODES), layouts)
+
+    known = tried([tree])
+    best, solved = tree, known.solved[0]
+    value = known.values[0] + _node_costs(task, tree)
+    while candidates := smaller_trees(best):
+        results = tried(candidates)
+        as_good = (
+            i
+            for i, other in enumerate(candidates)
+            if (results.solved[i] >= solved).all()
+            and (results.values[i] + _node_costs(task, other) >= value - SAME).all()
+        )
+        if (first := next(as_good, None)) is None:
+            break
+        best = candidates[first]
+    return Simplification(best, len(prefix(tree)) - len(prefix(best)))
+
+
+def _node_costs(task: Task, tree: Tree) -> float:
+    return task.weights.node * len(prefix(tree))
+
+
+def _removals(tree: Tree) -> Iterator[Tree]:
+    """The tree with one removal; a control node may be left with a single child, or with none of its own."""
+    if isinstance(tree, Behavior):
+        return
+    yield from tree.children
+    for i, child in enumerate(tree.children):
+        rest = (tree.children[:i], tree.children[i + 1 :])
+        yield Control(tree.kind, (*rest[0], *rest[1]))
+        for other in _removals(child):
+            yield Control(tree.kind, (*rest[0], other, *rest[1]))
+
+
+def _tidy(tree: Tree) -> Tree | None:
+    """Without control nodes of one child, or under their own kind; None for a tree without leaves."""
+    if isinstance(tree, Behavior):
+        return tree
+    flat: list[Tree] = []
+    for child in map(_tidy, tree.children):
+        if isinstance(child, Control) and child.kind == tree.kind:
+            flat += child.children
+        elif child is not None:
+            flat.append(child)
+    if not flat:
+        return None
+    return flat[0] if len(flat) == 1 else Control(tree.kind, tuple(flat))

@@ -1,0 +1,255 @@
+"""Evolving a Behavior Tree for a task: what `python -m bt_jax.train` does, as a library."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable, Sequence
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float32, Int32
+
+from bt_jax._util.errors import UserError
+from bt_jax.behaviors import FIRST_LEAF, Behavior, Tree, gene_pool
+from bt_jax.encoding.arrays import Trees, decode, encode, violations
+from bt_jax.encoding.formats.text import one_line
+from bt_jax.encoding.walk import leaves
+from bt_jax.gp.alphabet import Alphabet
+from bt_jax.gp.config import GPConfig
+from bt_jax.gp.evolution import Evolution, Generation, State, best_of
+from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
+from bt_jax.mjx_env.episodes.playback import play
+from bt_jax.mjx_env.episodes.rollout import RolloutEvaluator, Settle
+from bt_jax.mjx_env.physics import kinematic
+from bt_jax.mjx_env.physics.factory import make_physics
+from bt_jax.mjx_env.physics.kinematic import Kinematic
+from bt_jax.mjx_env.physics.protocol import Physics
+from bt_jax.mjx_env.render.film import solved_picture
+from bt_jax.mjx_env.scene.layouts import sample_layouts
+from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.mjx_env.world import concatenate, take
+from bt_jax.tasks import Task
+
+__all__ = ["Backend", "Evaluator", "Level", "Result", "Settings", "Test", "Training", "evolve", "make_level"]
+
+Level = Literal["physics", "kinematic"]
+Backend = Literal["auto", "mujoco", "mjx"]
+Evaluator = Literal["table", "rollout"]
+UNSEEN = 1 << 20  # seeds of layouts for tests; training uses the seeds of its runs
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """How individuals are measured."""
+
+    level: Level = "physics"
+    """physics: rigid bodies and contacts; kinematic: boxes drop to their support, for a quick look"""
+    backend: Backend = "auto"
+    """engine of the physics level; auto takes mjx on a GPU and mujoco on a CPU"""
+    implementation: Literal["jax", "warp"] = "jax"
+    """of mjx; warp needs an NVIDIA GPU and has never been tried"""
+    evaluator: Evaluator = "table"
+    """table: simulate each distinct transition once; rollout: simulate every transition, in one compiled loop (mjx or
+    kinematic)"""
+    layouts: int = 1
+    """layouts K in which every individual of a run is measured; its fitness is the mean"""
+    test_layouts: int = 100
+    """unseen layouts in which the learnt tree is tested at the end"""
+
+    def check(self) -> None:
+        """Raises UserError for a setting that cannot work."""
+        for name in ("layouts", "test_layouts"):
+            if getattr(self, name) < 1:
+                raise UserError(f"{name} is {getattr(self, name)}; choose 1 or more")
+
+
+@dataclasses.dataclass(frozen=True)
+class Test:
+    """A tree in layouts that it never saw."""
+
+    solved: Bool[np.ndarray, "K"]
+    fitness: Float32[np.ndarray, "K"]
+
+    @property
+    def success_rate(self) -> float:
+        return float(self.solved.mean())
+
+
+@dataclasses.dataclass(frozen=True)
+class Result:
+    """What an evolution has found, and how it went."""
+
+    tree: Tree
+    fitness: float
+    test: Test
+    trees: list[Tree]  # the best of each run
+    history: list[Generation]
+
+    @property
+    def lines(self) -> list[str]:
+        """The best tree of each run, on one line each."""
+        return [one_line(tree) for tree in self.trees]
+
+
+def make_level(task: Task, settings: Settings) -> Physics:
+    """What lets boxes fall at the chosen level."""
+    return (
+        Kinematic(task)
+        if settings.level == "kinematic"
+        else make_physics(task, settings.backend, implementation=settings.implementation)
+    )
+
+
+def make_settle(task: Task, level: Physics, settings: Settings) -> Settle:
+    """The same as a pure JAX function. Raises UserError for the C engine, which has none."""
+    if level.name == "kinematic":
+        return functools.partial(kinematic.settle, task)
+    if level.name == "mujoco":
+        raise UserError("the rollout evaluator cannot call the C engine; use --backend mjx, or --evaluator table")
+    from bt_jax.mjx_env.physics.mjx import settle_fn
+
+    return settle_fn(task, implementation=settings.implementation)
+
+
+class Training:
+    """An evolution bound to a task: individuals are trees over the task's gene pool, fitness comes from episodes.
+
+    `extra_leaves` join the pool; `baseline` is a tree that the population starts from and keeps for crossover, and its
+    leaves join as well. Run r uses layouts of its own, drawn from seed + r, the same in every generation.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        config: GPConfig = GPConfig(),  # noqa: B008
+        settings: Settings = Settings(),
+        *,
+        baseline: Tree | None = None,
+        extra_leaves: tuple[Behavior, ...] = (),
+    ) -> None:
+        config.check()
+        settings.check()
+        self.task, self.config, self.settings = task, config, settings
+        own = [] if baseline is None else _checked_leaves(baseline, config)
+        self.vocabulary = gene_pool(task).extended([*extra_leaves, *own])
+        self.level = make_level(task, settings)
+        batch = config.runs * max(config.population, config.num_offspring)
+        semantics = LeafSemantics(task, self.vocabulary)
+        table = TableEvaluator(semantics, self.level, batch=batch)
+        self.table = table.table
+        use_table = settings.evaluator == "table"
+        self.evaluator = (
+            table if use_table else RolloutEvaluator(semantics, make_settle(task, self.level, settings), batch=batch)
+        )
+        self.layouts = concatenate(
+            [sample_layouts(task, config.seed + run, settings.layouts) for run in range(config.runs)]
+        )
+        self.evolution = Evolution(
+            config,
+            Alphabet.of(self.vocabulary),
+            self._measure if config.niches else self._fitness,
+            baseline=None if baseline is None else encode(baseline, self.vocabulary, config.max_nodes),
+            episodes_per_tree=settings.layouts,
+        )
+
+    def _fitness(self, trees: Trees) -> Float32[np.ndarray, "R P"]:
+        return self._evaluation(trees).fitness.reshape(trees.tokens.shape[:2])
+
+    def _measure(self, trees: Trees) -> tuple[Float32[np.ndarray, "R P"], Int32[np.ndarray, "R P"]]:
+        """Fitness, and what was achieved: the targets within the tolerance at the end, in every layout, as bits, above
+        them the number of subgoals missed in the worst."""
+        result, shape = self._evaluation(trees), trees.tokens.shape[:2]
+        met = (result.distance < self.task.episode.tolerance).all(axis=1)
+        achieved = (result.subgoals_missed.max(axis=1) << met.shape[1]) | met @ (1 << np.arange(met.shape[1]))
+        return result.fitness.reshape(shape), achieved.astype(np.int32).reshape(shape)
+
+    def _evaluation(self, trees: Trees) -> Evaluation:
+        runs, population, _ = trees.tokens.shape
+        count = self.settings.layouts
+        own = np.arange(runs * count, dtype=np.int32).reshape(runs, 1, count)
+        which = np.broadcast_to(own, (runs, population, count)).reshape(-1, count)
+        flat = jax.tree.map(lambda leaf: leaf.reshape(-1, leaf.shape[-1]), jax.device_get(trees))
+        return self.evaluator(flat, self.layouts, which)
+
+    def carried(self, state: State, vocabulary: Sequence[Behavior]) -> State:
+        """The populations of a training with that vocabulary, measured for this one's task: how evolution goes
+        on with another target, more genes or a baseline. Raises UserError where a leaf is not in this vocabulary."""
+        tokens = np.array([*range(FIRST_LEAF), *(self.vocabulary.token(leaf) for leaf in vocabulary)], np.int16)
+        old = jax.device_get(state.population.trees)
+        trees = Trees(jnp.asarray(tokens[old.tokens]), jnp.asarray(old.sizes))
+        return self.evolution.adopt(trees, generation=state.generation, earlier=state.episodes)
+
+    def best_trees(self, state: State) -> list[Tree]:
+        """The best tree of each run."""
+        trees, _ = best_of(state)
+        return [decode(trees[run], self.vocabulary) for run in range(self.config.runs)]
+
+    def best_tree(self, state: State) -> Tree:
+        """The best tree over all runs."""
+        return self.best_trees(state)[int(best_of(state)[1].argmax())]
+
+    @property
+    def num_broken(self) -> int:
+        """How often physics gave no number: transitions with the table, episodes with the rollout."""
+        return self.evaluator.num_broken
+
+    def result(self, state: State, history: list[Generation]) -> Result:
+        """The best tree over all runs, tested."""
+        trees, fitness = self.best_trees(state), best_of(state)[1]
+        best = int(fitness.argmax())
+        test = self.test(trees[best])
+        return Result(trees[best], float(fitness[best]), test, trees, history)
+
+    def test(self, tree: Tree, *, count: int | None = None) -> Test:
+        """Runs a tree in layouts that no run of this training has seen."""
+        count = self.settings.test_layouts if count is None else count
+        layouts = sample_layouts(self.task, [UNSEEN, self.config.seed], count)
+        per_tree = self.settings.layouts
+        copies = -(-count // per_tree)
+        one = encode(tree, self.vocabulary, self.config.max_nodes)
+        trees = jax.tree.map(lambda leaf: np.tile(leaf, (copies, 1)), one)
+        which = np.minimum(np.arange(copies * per_tree, dtype=np.int32), count - 1).reshape(copies, per_tree)
+        result = self.evaluator(trees, layouts, which)
+        return Test(result.solved.reshape(-1)[:count], result.values.reshape(-1)[:count])
+
+    def picture(self, tree: Tree) -> bytes | None:
+        """PNG of the scene after an episode in the first training layout; None where there is no renderer."""
+        playback = play(self.table.semantics, self.table.settler, tree, take(self.layouts, slice(1)))
+        return solved_picture(self.task, playback)
+
+
+def _checked_leaves(baseline: Tree, config: GPConfig) -> list[Behavior]:
+    """The leaves of a baseline. Raises UserError where it breaks a rule of evolved trees."""
+    broken = violations(baseline, gene_under_fallback=config.gene_under_fallback)
+    if broken:
+        remedy = "allow it with --gene-under-fallback" if "directly under a Fallback" in broken[0] else "mend the tree"
+        raise UserError(f"the baseline cannot be bred from: {broken[0]}; {remedy}")
+    return leaves(baseline)
+
+
+def evolve(
+    task: Task,
+    config: GPConfig = GPConfig(),  # noqa: B008
+    settings: Settings = Settings(),
+    *,
+    baseline: Tree | None = None,
+    target: float | None = None,
+    time_limit: float | None = None,
+    hook: Callable[[Training, State], None] | None = None,
+    extra_leaves: tuple[Behavior, ...] = (),
+) -> Result:
+    """Evolves a tree for a task and tests it in unseen layouts.
+
+    `baseline` is a tree to start from, `extra_leaves` join the gene pool. `target` stops once every run has that fitness,
+    `time_limit` [s] after that time; `hook` is called after each generation.
+    """
+    training = Training(task, config, settings, baseline=baseline, extra_leaves=extra_leaves)
+    history: list[Generation] = []
+    for state in training.evolution.run(target=target, time_limit=time_limit):
+        history += training.evolution.describe(state)
+        if hook is not None:
+            hook(training, state)
+    return training.result(state, history)

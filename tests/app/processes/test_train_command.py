@@ -1,0 +1,41 @@
+"""What the page wants reaches the command line of training unchanged."""
+
+from pathlib import Path
+
+import pytest
+
+from bt_jax.app.processes.train_command import TrainCommand
+from bt_jax.encoding.formats.files import read_tree
+from bt_jax.encoding.formats.text import parse_tree
+from bt_jax.gp.config import GPConfig, Selection
+from bt_jax.tasks import load_task, task_names
+from bt_jax.train import parse
+from bt_jax.training.phases import Changes
+from bt_jax.training.run_folder import RunConfig, RunFolder
+from bt_jax.training.training import Settings
+
+TREE = parse_tree("Sequence(pick(YellowBox), place(YellowBox, (0, 0, 0.052), KittingBox))")
+
+
+@pytest.mark.parametrize("name", task_names())
+def test_task_settings_and_folder(tmp_path, name):
+    orders, task = TrainCommand(), load_task(name)
+    gp = GPConfig(
+        population=24, generations=7, seed=3, max_nodes=32, baseline_keep=False, niches=True, p_add=0.2, p_change=0.3,
+        parent_selection=Selection.RANK, elites=3,
+    )  # fmt: skip
+    found = parse(orders.start(task, gp, tmp_path / "run"))
+    assert (found.gp, load_task(found.task), found.out) == (gp, task, tmp_path / "run")
+    assert parse(orders.start(task, GPConfig())).gp == GPConfig()
+
+
+def test_going_on_with_what_was_taught(tmp_path):
+    folder = RunFolder.create(tmp_path / "run", RunConfig(load_task("stack"), GPConfig(seed=3), Settings()))
+    orders = TrainCommand()
+    plain = parse(orders.go_on(folder.path, 70))
+    assert (plain.resume, plain.gp) == (folder.path, GPConfig(seed=3, generations=70))
+    changes = Changes(TREE, target_from=tmp_path / "top", subgoal_from=Path("way"), baseline_index=0)
+    taught = parse(orders.go_on(folder.path, 70, changes))
+    assert read_tree(taught.baseline) == TREE
+    assert (taught.add_target_from, taught.add_subgoal_from) == (tmp_path / "top", Path("way").resolve())
+    assert taught.gp.baseline_index == 0

@@ -1,0 +1,129 @@
+import itertools
+
+import numpy as np
+import pytest
+
+from bt_jax._util.errors import UserError
+from bt_jax.app.state.player import Player
+from bt_jax.behaviors import Vocabulary, expand
+from bt_jax.encoding.formats.text import parse_tree
+from bt_jax.encoding.status import Status
+from bt_jax.encoding.walk import leaves
+from bt_jax.mjx_env.episodes.fitness import Ending
+from bt_jax.mjx_env.episodes.playback import play
+from bt_jax.mjx_env.physics.mujoco import MujocoPhysics
+from bt_jax.mjx_env.physics.settler import Settler
+from bt_jax.mjx_env.scene.layouts import sample_layouts
+from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.tasks import load_task
+
+TASK = load_task("stack")
+PHYSICS = MujocoPhysics(TASK, threads=1)
+START = sample_layouts(TASK, 0, 1)
+TREE = parse_tree("""
+Sequence
+  move(YellowBox, (0, 0, 0.055), KittingBox)
+  move(GreenBox, (0, 0, 0.1), YellowBox)
+""")
+
+
+@pytest.fixture
+def player():
+    return Player(TASK, PHYSICS, TREE, START)
+
+
+def run(player, most=40):
+    for _ in range(most):
+        if player.ending != Ending.OPEN:
+            return
+        player.tick()
+    raise AssertionError("the episode does not end")
+
+
+def at(player, name):
+    return player.world.poses[0, TASK.box_names.index(name), :3].astype(float)
+
+
+def test_it_plays_what_play_plays(player):
+    run(player)
+    written = expand(TREE)
+    semantics = LeafSemantics(TASK, Vocabulary.of(leaves(written)))
+    expected = play(semantics, Settler(TASK, PHYSICS), written, START)
+    assert player.ending == expected.ending == Ending.SUCCESS
+    assert [moment.tick.command for moment in player.moments[1:]] == [tick.command for tick in expected.ticks]
+    assert [moment.tick.statuses for moment in player.moments[1:]] == [tick.statuses for tick in expected.ticks]
+    np.testing.assert_array_equal(player.world.poses, expected.final.poses)
+    np.testing.assert_allclose(list(player.distances.values()), expected.distance, atol=1e-6)
+
+
+def test_statuses_have_the_ids_of_the_drawing(player):
+    assert set(player.statuses.values()) == {None}
+    player.tick()
+    assert player.statuses["node-0"] == player.statuses["node-1"] == Status.RUNNING
+    assert player.statuses["node-2"] is None
+    assert player.statuses["node-1-1"] == Status.FAILURE  # it is not there yet
+    run(player)
+    assert {player.statuses[name] for name in ("node-0", "node-1", "node-2")} == {Status.SUCCESS}
+
+
+def test_stepping_back_and_forth_repeats_what_was_seen(player):
+    run(player)
+    last = len(player.moments) - 1
+    assert player.seek(-3) is player.moments[0]
+    np.testing.assert_array_equal(player.world.poses, START.poses)
+    assert player.tick() is player.moments[1]
+    assert player.seek(99) is player.moments[last]
+    assert player.tick() is player.moments[last]
+    assert len(player.moments) == last + 1
+
+
+def test_the_motion_is_continuous_and_ends_in_the_state(player):
+    run(player)
+    taken = [shot for moment in player.moments for shot in moment.shots]
+    for before, after in itertools.pairwise(taken):
+        assert np.abs(np.subtract(after.gripper.position, before.gripper.position)).max() < 0.18
+        assert np.abs(after.poses[:, :3] - before.poses[:, :3]).max() < 0.2
+    for moment in player.moments:
+        np.testing.assert_allclose(moment.shots[-1].poses, moment.episode.world.poses[0], atol=1e-6)
+        assert 0.3 < moment.seconds < 6
+
+
+def test_the_tree_reacts_to_a_box_that_a_person_moves(player):
+    run(player)
+    ticks = len(player.moments)
+    player.put("GreenBox", START.poses[0, 1, :3].astype(float))
+    assert player.ending == Ending.OPEN
+    assert player.now.moved == "GreenBox"
+    assert player.distances["GreenBox"] > 0.1
+    run(player)
+    assert player.ending == Ending.SUCCESS
+    assert max(player.distances.values()) < TASK.episode.tolerance
+    commands = [str(m.tick.command).split("(")[0] for m in player.moments[ticks + 1 :] if m.tick.command]
+    assert commands == ["pick", "place"]
+
+
+def test_the_future_is_forgotten_when_a_box_is_moved_in_the_past(player):
+    run(player)
+    player.seek(2)
+    kit = START.kit[0].astype(float)
+    player.put("BlueBox", kit + np.array([0.12, 0.12, 0.055]))
+    assert len(player.moments) == player.at + 1 == 4
+    run(player)
+    assert player.ending == Ending.SUCCESS
+    assert np.linalg.norm(at(player, "BlueBox") - kit) < 0.2
+
+
+def test_what_cannot_be_put_changes_nothing(player):
+    player.tick()
+    before = list(player.moments)
+    with pytest.raises(UserError, match="in the gripper"):
+        player.put("YellowBox", at(player, "YellowBox"))
+    with pytest.raises(UserError, match="no table there"):
+        player.put("BlueBox", np.array([0.0, 3.0, 1.0]))
+    assert player.moments == before
+    assert player.at == 1
+
+
+def test_a_tree_of_another_task_is_refused():
+    with pytest.raises(UserError, match="RedBox"):
+        Player(TASK, PHYSICS, parse_tree("pick(RedBox)"), START)

@@ -1,0 +1,120 @@
+"""Names come from the browser: whatever they are, no path leaves the workspace."""
+
+import dataclasses
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bt_jax._util.errors import UserError
+from bt_jax.app.state.workspace import Workspace
+from bt_jax.gp.config import GPConfig
+from bt_jax.lfd import Frames
+from bt_jax.tasks import load_task
+from bt_jax.training.run_folder import RunConfig, RunFolder
+from bt_jax.training.training import Settings
+
+STACK = load_task("stack")
+OUTSIDE = [
+    "..",
+    ".",
+    "",
+    "../runs",
+    "/etc",
+    "a/b",
+    "a\\..\\b",
+    "a/../../b",
+    "\x00",
+    ".hidden",
+    "-option",
+    "x" * 200,
+    "a\n",
+]
+
+
+def run_in(workspace, name="one"):
+    return RunFolder.create(workspace.runs / name, RunConfig(STACK, GPConfig(), Settings()))
+
+
+@pytest.mark.parametrize("name", OUTSIDE)
+def test_a_name_that_leads_out_is_refused(tmp_path, name):
+    workspace = Workspace(tmp_path)
+    for read in (workspace.run, workspace.delete_run, workspace.demonstration_set, workspace.task):
+        with pytest.raises(UserError, match="choose"):
+            read(name)
+    with pytest.raises(UserError):
+        workspace.save_task(name, STACK)
+    assert list(tmp_path.iterdir()) == []
+
+
+@given(
+    name=st.text(max_size=30) | st.lists(st.sampled_from(["..", ".", "/", "\\", "a", "runs"]), max_size=6).map("".join)
+)
+def test_whatever_the_name_no_path_leaves_its_folder(tmp_path_factory, name):
+    folder = tmp_path_factory.getbasetemp() / "workspace" / "runs"
+    workspace = Workspace(folder.parent)
+    try:
+        path = workspace.inside(folder, name)
+    except UserError:
+        return
+    assert path.resolve().parent == folder.resolve()
+
+
+def test_a_link_to_elsewhere_is_neither_listed_nor_followed(tmp_path):
+    workspace, elsewhere = Workspace(tmp_path / "mine"), Workspace(tmp_path / "other")
+    kept = run_in(elsewhere)
+    run_in(workspace, "two")
+    (workspace.runs / "link").symlink_to(kept.path)
+    assert workspace.run_names() == ["two"]
+    for use in (workspace.run, workspace.delete_run):
+        with pytest.raises(UserError, match="leads out"):
+            use("link")
+    assert (kept.path / "config.json").is_file()
+
+
+def test_runs_and_demonstrations_are_listed_and_found(tmp_path):
+    workspace = Workspace(tmp_path)
+    assert (workspace.run_names(), workspace.demonstration_sets()) == ([], [])
+    run_in(workspace, "stack-1")
+    (workspace.runs / "no run").mkdir()
+    assert workspace.run_names() == ["stack-1"]
+    assert workspace.run("stack-1").config().task == STACK
+    workspace.demonstration_set("top").create(Frames.of(STACK))
+    assert workspace.demonstration_sets() == ["top"]
+    workspace.delete_run("stack-1")
+    with pytest.raises(UserError, match="no longer there"):
+        workspace.run("stack-1")
+
+
+def test_a_saved_task_is_read_back(tmp_path):
+    workspace = Workspace(tmp_path)
+    target = dataclasses.replace(STACK.targets[0], position=(0.1, 0.05, 0.052))
+    task = dataclasses.replace(STACK, targets=(target,))
+    workspace.save_task("mine", task)
+    assert workspace.task("mine") == dataclasses.replace(task, name="mine")
+    assert "mine" in workspace.task_names()
+    with pytest.raises(UserError, match="another name"):
+        workspace.save_task("stack", task)
+
+
+@pytest.mark.parametrize("text", ["targets: [", "- a list", "extends: nothing", "extends: stack\nboxes: 3\n", "\x00"])
+def test_a_broken_task_file_is_a_sentence(tmp_path, text):
+    workspace = Workspace(tmp_path)
+    workspace.tasks.mkdir(parents=True)
+    (workspace.tasks / "broken.yaml").write_text(text)
+    with pytest.raises(UserError, match=r"broken\.yaml"):
+        workspace.task("broken")
+
+
+def test_trees_that_were_learnt_on_the_command_line_are_found(tmp_path):
+    workspace = Workspace(tmp_path)
+    run_in(workspace)
+    folder = workspace.runs / "learn-demos"
+    folder.mkdir()
+    (folder / "learnt_tree.txt").write_text("pick(YellowBox)\n")
+    assert workspace.learnt_names() == ["learn-demos"]
+    assert str(workspace.learnt_tree("learn-demos")) == "pick(YellowBox)"
+    with pytest.raises(UserError):
+        workspace.learnt_tree("../one")
+    with pytest.raises(UserError, match="no file"):
+        workspace.learnt_tree("gone")

@@ -1,0 +1,116 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bt_jax._util.errors import UserError
+from bt_jax.behaviors import FIRST_LEAF, Behavior, Control, Kind, Vocabulary, check_names, gene_pool, parse_behavior
+from bt_jax.tasks import load_task, task_names
+from tests.helpers.strategies import ATOMS, GENES
+
+numbers = st.floats(-10, 10, allow_nan=False).map(lambda x: x + 0.0)
+positions = st.tuples(numbers, numbers, numbers)
+
+
+@given(st.sampled_from((*ATOMS, *GENES)))
+def test_text_is_read_back(behavior):
+    assert parse_behavior(str(behavior)) == behavior
+
+
+@given(positions)
+def test_positions_are_read_back_exactly(position):
+    behavior = Behavior("place", ("A", position, "B"))
+    assert parse_behavior(str(behavior)) == behavior
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "fly(Box)",
+        "pick",
+        "pick(A, B)",
+        "pick((0, 0, 1))",
+        "at(A, (0, 0), B)",
+        "at(A, (0, 0, x), B)",
+        "at(A, (0, 0, nan), B)",
+        "at(A, B, (0, 0, 0))",
+        "gripper(ajar)",
+        "pick(A) place",
+        "pick(A) extra",
+        "pick(YellowBox,,)",
+        "pick(YellowBox,)",
+        "at(Box (0,0,0.1) Frame)",
+        "at(Box (0, 0, 0.1), Frame)",
+        "at(A, (0, 0, 0, 0), B)",
+    ],
+)
+def test_what_is_no_behavior_is_refused(text):
+    with pytest.raises(UserError):
+        parse_behavior(text)
+
+
+@pytest.mark.parametrize("position", [(0.0, 0.0), (0.0, 0.0, np.nan), (0.0, 0.0, "x"), ()])
+def test_a_position_has_three_finite_numbers(position):
+    with pytest.raises(UserError, match="three numbers in metres"):
+        Behavior("place", ("A", position, "B"))
+
+
+def test_the_gene_of_the_paper():
+    gene = Behavior("move", ("A", (0.0, 0.0, 0.1), "B"))
+    opened = Control.fallback(Behavior("gripper", ("open",)), Behavior("open_gripper"))
+    picked = Control.fallback(Behavior("holding", ("A",)), Control.sequence(opened, Behavior("pick", ("A",))))
+    at, place = (Behavior(name, gene.args) for name in ("at", "place"))
+    assert gene.subtree == Control.fallback(at, Control.sequence(picked, place))
+
+
+def test_the_published_pool():
+    pool = gene_pool(load_task("stack"))
+    genes = [leaf for leaf in pool.leaves if leaf.kind == Kind.GENE]
+    assert len(genes) == 57
+    assert len(pool.leaves) == 57 + 5
+    on_box = [gene for gene in genes if gene.frame == "YellowBox" and gene.object == "GreenBox"]
+    assert {gene.position for gene in on_box} == {
+        (-0.12, 0.0, 0.0),
+        (0.12, 0.0, 0.0),
+        (0.0, -0.12, 0.0),
+        (0.0, 0.12, 0.0),
+        (0.0, 0.0, 0.1),
+    }
+    in_kit = {gene.position for gene in genes if gene.frame == "KittingBox" and gene.object == "BlueBox"}
+    assert in_kit == {(x, y, 0.055) for x in (-0.133, 0.0, 0.133) for y in (-0.133, 0.0, 0.133)}
+    assert Behavior("reached", ("unstacked",)) in gene_pool(load_task("restack")).leaves
+
+
+@pytest.mark.parametrize("name", task_names())
+def test_every_pool_fits_its_task(name):
+    task = load_task(name)
+    for leaf in gene_pool(task).leaves:
+        check_names(leaf, task)
+
+
+def test_tokens_stand_for_leaves():
+    vocabulary = Vocabulary.of((*GENES, *ATOMS, *GENES))
+    assert len(vocabulary.leaves) == len({*GENES, *ATOMS})
+    for i, leaf in enumerate(vocabulary.leaves):
+        assert vocabulary.token(leaf) == FIRST_LEAF + i
+        assert vocabulary.leaf(FIRST_LEAF + i) == leaf
+        assert vocabulary.kinds[FIRST_LEAF + i] == leaf.kind
+    extra = Behavior("pick", ("RedBox",))
+    assert set(vocabulary.extended([extra]).leaves) == {*vocabulary.leaves, extra}
+
+
+@pytest.mark.parametrize(
+    ("leaf", "remedy"),
+    [
+        (Behavior("pick", ("RedBox",)), "use one of YellowBox"),
+        (Behavior("at", ("GreenBox", (0.0, 0.0, 0.1), "RedBox")), "use one of YellowBox"),
+        (Behavior("at", ("GreenBox", (0.0, 0.0, 0.1), "GreenBox")), "use one of YellowBox"),
+        (Behavior("reached", ("tidy",)), "add it under subgoals"),
+        (Behavior("subtask", ("rest", Behavior("pick", ("RedBox",)))), "use one of YellowBox"),
+        (Behavior("pick", ("nothing",)), "use one of YellowBox"),
+    ],
+)
+def test_names_that_a_task_does_not_have(leaf, remedy):
+    with pytest.raises(UserError, match=remedy):
+        check_names(leaf, load_task("stack"))

@@ -1,0 +1,142 @@
+"""The robot's program cannot be run here: what can be checked is that it is whole, and that it is what our side expects."""
+
+import io
+import re
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from bt_jax._util.errors import UserError
+from bt_jax.deploy.commands.rapid import RapidArguments, rapid_command, rapid_module
+from bt_jax.deploy.commands.run import FASTEST
+from bt_jax.deploy.link import rws, yumi_link
+from bt_jax.deploy.link.egm import CYCLE
+from bt_jax.deploy.link.rws import EGM_MOTION, MODULE, TASKS, Motion, Rws, symbol
+from bt_jax.deploy.link.yumi_link import LinkConfig, YumiLink
+from bt_jax.deploy.planning.trajectory import Trajectory
+from bt_jax.deploy.twin.controller import Controller
+from tests.helpers.cells import ARMS, RULES, cell, free_ports, run_for
+
+CODE = "\n".join(re.sub(r'("[^"]*")|!.*', r"\1", line) for line in rapid_module().splitlines())  # without comments
+STATEMENT = re.sub(r"\s+", " ", CODE)
+NUMBERS = [getattr(rws, name) for name in ("EGM_MOTION", "GRIP_TARGET", "GRIP_FORCE", "GRIP_ACTUAL")]
+
+
+def constant(name):
+    return float(re.search(rf"CONST num {name}:=([^;]+);", CODE)[1])
+
+
+def test_every_number_that_we_ask_for_is_there_for_each_arm():
+    assert re.match(rf"\s*MODULE {MODULE}\s", CODE)
+    for arm in ARMS:
+        for name in NUMBERS:
+            _, task, module, variable = symbol(arm, name).split("/")
+            assert module == MODULE
+            assert re.search(rf"^\s*TASK PERS num {variable}:=", CODE, re.MULTILINE), (
+                "a PERS alone is shared by both arms"
+            )
+            assert task in TASKS.values()
+    assert len(re.findall(r"\bPERS\b", CODE)) == len(NUMBERS)
+
+
+def test_the_values_of_the_motion_are_ours():
+    assert {name: constant(name) for name in Motion.__members__} == {each.name: each for each in Motion}
+
+
+def test_the_left_arm_is_told_by_its_task_and_each_has_a_device_of_its_own():
+    setups = re.findall(r'EGMSetupUC ROB_ID,egm_id,"default","(\w+)"\\Joint', STATEMENT)
+    assert setups == ["BtJax_L", "BtJax_R"]
+    assert f'IF GetTaskName()="{TASKS["left"]}" THEN EGMSetupUC ROB_ID,egm_id,"default","BtJax_L"' in STATEMENT
+
+
+def test_all_seven_axes_are_guided():
+    for instruction, axis in [("EGMActJoint", r"\\J(\d):=NEAR"), ("EGMRunJoint", r"\\J(\d)")]:
+        found = re.search(rf"{instruction} ([^;]+);", STATEMENT)[1]
+        assert re.findall(axis, found) == list("1234567"), instruction
+    assert constant("SAMPLE") == 1000 * CYCLE
+
+
+def test_the_controller_limits_the_speed_but_not_below_ours():
+    assert np.degrees(FASTEST) * 1.05 < constant("MAX_SPEED") < 1.5 * np.degrees(FASTEST)
+
+
+def test_we_hold_the_arms_until_guided_motion_has_ended():
+    assert constant("PERIOD") + constant("RAMP") < yumi_link.RAMP < constant("SILENT")
+
+
+def test_egm_is_set_up_in_order():
+    followed = re.search(r"PROC follow_setpoints\(\)(.*?)ENDPROC", STATEMENT)[1]
+    order = [
+        followed.index(word) for word in ("connect_egm", "EGMActJoint", "EGMRunJoint", "GUIDED", "EGMStop", "EGMReset")
+    ]
+    assert order == sorted(order)
+    connected = re.search(r"PROC connect_egm\(num silence\)(.*?)ENDPROC", STATEMENT)[1]
+    assert connected.index("EGMReset") < connected.index("EGMGetId") < connected.index("EGMSetupUC")
+    main = re.search(r"PROC main\(\)(.*?)ENDPROC", STATEMENT)[1]
+    assert (
+        main.index("LISTEN") < main.index("stand_still") < main.index("tell_position") < main.index("follow_setpoints")
+    )
+
+
+def test_no_hand_moves_before_it_is_calibrated():
+    prepared = re.search(r"PROC prepare_hand\(\)(.*?)ENDPROC", STATEMENT)[1]
+    loop = re.search(r"WHILE NOT Hand_IsCalibrated\(\) DO (.*?) ENDWHILE (.*)", prepared)
+    assert loop[1].endswith("Stop;")
+    assert "PP to main" in loop[1]
+    assert loop[2].startswith("Hand_Initialize")
+
+
+def test_blocks_are_closed_and_what_is_called_is_there():
+    for begin, end in [("MODULE", "ENDMODULE"), ("PROC", "ENDPROC"), ("WHILE", "ENDWHILE")]:
+        assert len(re.findall(rf"\b{begin}\b", CODE)) == len(re.findall(rf"\b{end}\b", CODE)), begin
+    assert len(re.findall(r"\bTHEN\b", CODE)) == len(re.findall(r"\bENDIF\b", CODE))
+    assert CODE.count("(") == CODE.count(")")
+    assert all(line.isascii() and len(line) <= 130 for line in rapid_module().splitlines())
+    procedures = set(re.findall(r"PROC (\w+)\(", CODE))
+    names = set(re.findall(r"(?:num|egm_minmax|egmident|jointtarget) (\w+)", CODE))
+    statements = re.sub(r"\b(DO|THEN|ENDIF|ENDWHILE|ELSE)\b|\)", ";", STATEMENT).split(";")
+    called = {words.split()[0] for words in statements if re.match(r" *[a-z]+_[a-z]+( [\w]+)? *$", words)}
+    assert called - names == procedures - {"main"}
+    assert all(len(name) <= 32 for name in names | procedures)
+
+
+def test_it_says_that_it_was_never_tried():
+    assert "never run on a controller" in rapid_module()
+    assert "never run on a controller" in re.sub(r"\s+", " ", RapidArguments.__doc__)
+
+
+def test_the_command_writes_it_and_says_what_next(tmp_path):
+    console = Console(file=io.StringIO(), width=200)
+    assert rapid_command(RapidArguments(out=tmp_path / "new"), console) == 0
+    written = (tmp_path / "new" / "BtJax.mod").read_bytes()
+    assert written.replace(b"\r\n", b"\n").decode() == rapid_module()
+    said = console.file.getvalue()
+    for word in ("never run on a controller", "UDPUC", "6511", "6512", "T_ROB_L", "emergency stop"):
+        assert word in said
+
+
+def test_where_it_cannot_be_written_a_sentence_says_so(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UserError, match="cannot be written"):
+        rapid_command(RapidArguments(out=tmp_path / "file"), Console(file=io.StringIO()))
+
+
+@pytest.mark.parametrize("realtime", [True, False])
+def test_a_program_that_runs_already_is_asked_to_follow(realtime):
+    ports = free_ports()
+    with Controller(cell(), ports=ports, realtime=realtime) as controller:
+        rws = Rws("127.0.0.1", controller.rws_port, "Default User", "robotics")
+        rws.start()
+        config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
+        with YumiLink(config, RULES, controller) as link:
+            run_for(link, 0.2)
+            assert not any(link.arm(arm).running for arm in ARMS)
+            assert rws.number(symbol("left", EGM_MOTION)) == Motion.LISTEN
+            link.start()
+            assert [rws.number(symbol(arm, EGM_MOTION)) for arm in ARMS] == [Motion.GUIDED] * 2
+            start = link.arm("left").commanded
+            link.follow("left", Trajectory(np.array([0.0, 0.5]), np.stack([start, start + 0.1])))
+            run_for(link, 1.0)
+            assert link.stopped() is None
+            np.testing.assert_allclose(link.arm("left").joints, start + 0.1, atol=5e-3)

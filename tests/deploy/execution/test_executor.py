@@ -1,0 +1,386 @@
+import dataclasses
+import os
+import random
+import signal
+import threading
+
+import numpy as np
+import pytest
+
+from bt_jax.behaviors import Behavior, Control, gene_pool
+from bt_jax.deploy.execution.attempts import SETTLED
+from bt_jax.deploy.execution.executor import Executor, Exit, Limits
+from bt_jax.deploy.execution.log import Log, read_log
+from bt_jax.deploy.execution.program import Program
+from bt_jax.encoding.formats.text import parse_tree
+from bt_jax.encoding.status import Status
+from bt_jax.mjx_env.episodes.playback import play
+from bt_jax.mjx_env.physics.kinematic import Kinematic
+from bt_jax.mjx_env.physics.settler import Settler
+from bt_jax.mjx_env.scene.layouts import sample_layouts
+from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.tasks import load_task
+from tests.helpers.ideal import IdealSkills, SimulatedTime, observe
+
+TASK = load_task("stack3")
+SEMANTICS = LeafSemantics(TASK, gene_pool(TASK))
+SETTLER = Settler(TASK, Kinematic(TASK))
+STACK3 = parse_tree("""
+Sequence
+  move(YellowBox, (0, 0, 0.055), KittingBox)
+  move(GreenBox, (0, 0, 0.1), YellowBox)
+  move(BlueBox, (0, 0, 0.1), GreenBox)
+""")
+PICK = {name: Behavior("pick", (name,)) for name in TASK.box_names}
+
+
+class Cell:
+    """An executor with ideal skills; `hide` are objects that are not seen, `image` the age of images."""
+
+    def __init__(self, tree=STACK3, *, seed=0, log=None, **options):
+        self.skills = IdealSkills(SEMANTICS, SETTLER, sample_layouts(TASK, seed, 1))
+        self.link, self.hide, self.image = SimulatedTime(), set(), 0.0
+        self.lost = ""
+        self.shown = []
+        self.on_tick = lambda shown: None
+        self.executor = Executor(
+            Program(TASK, tree),
+            skills=self.skills,
+            link=self.link,
+            observe=self.observe,
+            log=log or Log(None),
+            on_tick=self.tick,
+            **options,
+        )
+
+    def observe(self):
+        hide = tuple(self.hide)
+        seen = observe(TASK, self.skills.world, self.link.now(), hide)
+        return dataclasses.replace(seen, image=seen.time - self.image, lost=self.lost)
+
+    def tick(self, shown):
+        self.shown.append(shown)
+        self.on_tick(shown)
+
+    def move(self, name, position):
+        """As a person does."""
+        poses = self.skills.world.poses.copy()
+        poses[0, TASK.box_names.index(name), :3] = position
+        self.skills.world = dataclasses.replace(self.skills.world, poses=poses)
+
+
+def random_tree(rng, leaves, depth=2):
+    if depth == 0 or rng.random() < 0.3:
+        return rng.choice(leaves)
+    kind = rng.choice((Control.sequence, Control.sequence, Control.fallback))
+    return kind(*(random_tree(rng, leaves, depth - 1) for _ in range(rng.randint(1, 3))))
+
+
+def test_does_what_the_simulation_does():
+    rng = random.Random(1)
+    solved = 0
+    for seed in range(16):
+        tree = STACK3 if seed < 3 else random_tree(rng, SEMANTICS.vocabulary.leaves)
+        cell = Cell(tree, seed=seed, limits=Limits(run=12.0, patience=1.0))
+        expected = play(SEMANTICS, SETTLER, tree, cell.skills.world)
+        commands = [tick.command for tick in expected.ticks if tick.command is not None]
+        outcome = cell.executor.run()
+        count = min(len(commands), len(cell.skills.started), 9)
+        assert cell.skills.started[:count] == commands[:count]
+        if expected.ticks[-1].status == Status.SUCCESS:
+            assert outcome.exit_code == Exit.DONE
+            assert cell.skills.started == commands
+            solved += 1
+        elif len(commands) < 9 and expected.ticks[-1].status == Status.FAILURE:
+            assert outcome.exit_code == Exit.FAILED
+    assert 3 < solved < 16
+
+
+def test_redoes_what_a_person_undoes():
+    cell = Cell()
+    done = []
+
+    def undo(shown):
+        if len(cell.skills.started) == 4 and not done:
+            done.append(shown.seen.time)
+            cell.move("YellowBox", (1.3, 0.2, 0.8))
+
+    cell.on_tick = undo
+    outcome = cell.executor.run()
+    assert outcome.exit_code == Exit.DONE
+    assert done
+    assert cell.skills.started.count(PICK["YellowBox"]) == 2
+    assert play(SEMANTICS, SETTLER, STACK3, cell.skills.world).solved
+
+
+def test_an_attempt_is_broken_off_when_the_tree_wants_something_else():
+    cell = Cell()
+    goal = cell.skills.world.kit[0] + np.array([0, 0, 0.055])
+
+    def help_out(shown):
+        if shown.phase == "acting" and cell.skills.action == PICK["YellowBox"]:
+            cell.move("YellowBox", goal)
+
+    cell.on_tick = help_out
+    assert cell.executor.run().exit_code == Exit.DONE
+    assert cell.skills.cancelled[0] == PICK["YellowBox"]
+    assert Behavior("place", STACK3.children[0].args) not in cell.skills.started
+
+
+def test_a_tree_that_believes_what_is_not_so_has_failed(tmp_path):
+    with Log(tmp_path / "log.jsonl") as log:
+        outcome = Cell(log=log, verify=lambda: "YellowBox is a picture").executor.run()
+    assert (outcome.exit_code, outcome.status) == (Exit.FAILED, Status.SUCCESS)
+    end = list(read_log(tmp_path / "log.jsonl"))[-1]
+    assert end["exit_code"] == Exit.FAILED
+    assert end["reason"] == "the tree has succeeded, but YellowBox is a picture"
+
+
+def test_a_committed_phase_is_not_broken_off():
+    cell = Cell()
+    goal = cell.skills.world.kit[0] + np.array([0, 0, 0.055])
+    cell.skills.committed = True
+    cell.on_tick = lambda shown: cell.move("YellowBox", goal) if len(cell.skills.started) == 1 else None
+    assert cell.executor.run().exit_code == Exit.DONE
+    assert not [action for action in cell.skills.cancelled if action is not None]
+    assert any(shown.phase == "committed" and shown.statuses is None for shown in cell.shown)
+
+
+def test_what_is_not_seen_is_looked_for_before_anything_is_done():
+    cell = Cell()
+    cell.hide.add("YellowBox")
+
+    def uncover(shown):
+        if cell.skills.looks:
+            cell.hide.clear()
+
+    cell.on_tick = uncover
+    assert cell.executor.run().exit_code == Exit.DONE
+    assert cell.shown[0].phase == "looking"
+    assert cell.skills.started[0] == PICK["YellowBox"]
+
+
+def test_a_box_is_not_picked_from_under_one_that_is_out_of_sight_for_a_moment():
+    cell = Cell(PICK["YellowBox"], limits=Limits(patience=1.0))
+    yellow = cell.skills.world.poses[0, TASK.box_names.index("YellowBox"), :3]
+    cell.move("GreenBox", yellow + np.array([0, 0, 0.1]))
+
+    def hide(shown):
+        cell.hide = set() if cell.skills.looks else {"GreenBox"}
+
+    cell.on_tick = hide
+    assert cell.executor.run().exit_code == Exit.FAILED
+    assert cell.skills.looks
+    assert not cell.skills.started
+
+
+def test_hiding_a_box_does_not_break_off_an_attempt_at_another():
+    cell = Cell()
+
+    def hide(shown):
+        cell.hide = {"YellowBox"} if shown.phase in ("acting", "acting unseen") else set()
+
+    cell.on_tick = hide
+    assert cell.executor.run().exit_code == Exit.DONE
+    assert "acting unseen" in {shown.phase for shown in cell.shown}
+    assert not [action for action in cell.skills.cancelled if action is not None]
+
+
+def test_a_box_that_never_comes_fails_and_says_so():
+    cell = Cell()
+    cell.hide.add("BlueBox")
+    outcome = cell.executor.run()
+    assert (outcome.exit_code, outcome.status) == (Exit.FAILED, Status.FAILURE)
+    assert "BlueBox" in outcome.reason
+    assert PICK["BlueBox"] not in cell.skills.started
+    assert cell.link.stopped() is None
+
+
+def test_a_box_out_of_reach_fails_and_says_so():
+    cell = Cell()
+    cell.skills.out_of_reach.add("GreenBox")
+    outcome = cell.executor.run()
+    assert outcome.exit_code == Exit.FAILED
+    assert "GreenBox is out of reach" in outcome.reason
+    assert PICK["GreenBox"] not in cell.skills.started
+
+
+def test_retries_are_bounded(monkeypatch):
+    cell = Cell(Control.sequence(PICK["YellowBox"], Behavior("open_gripper")))
+    monkeypatch.setattr(cell.skills, "poll", lambda seen: Status.FAILURE)
+    cell.skills.reason = "the fingers closed on nothing"
+    outcome = cell.executor.run()
+    assert cell.skills.started == [PICK["YellowBox"]] * TASK.episode.action_ticks
+    assert outcome.exit_code == Exit.FAILED
+    assert "pick(YellowBox) failed 5 times" in outcome.reason
+
+
+def test_an_attempt_has_a_time_out(tmp_path):
+    log = Log(tmp_path / "log.jsonl")
+    cell = Cell(limits=Limits(action=2.0), log=log)
+    cell.skills.polls = 10**6
+    outcome = cell.executor.run()
+    log.close()
+    assert outcome.exit_code == Exit.FAILED
+    events = [entry for entry in read_log(tmp_path / "log.jsonl") if entry["kind"] == "action"]
+    assert sum(entry["event"] == "TIMEOUT" for entry in events) == TASK.episode.action_ticks
+
+
+def test_a_run_that_fails_during_a_look_brings_the_arms_to_rest_first():
+    """A box is looked for, seen at last and found out of reach, while the arms are still on their way home."""
+    cell = Cell(Control.sequence(PICK["YellowBox"], Behavior("open_gripper")), limits=Limits(patience=1.0))
+    cell.skills.polls = 10**6
+    cell.hide.add("YellowBox")
+    cell.skills.out_of_reach.add("YellowBox")
+    cell.on_tick = lambda shown: cell.hide.clear() if cell.skills.looks else None
+    cancel = cell.skills.cancel
+    cancelled = []
+    cell.skills.cancel = lambda: (cancel(), cancelled.append(cell.link.time))
+    outcome = cell.executor.run()
+    assert outcome.exit_code == Exit.FAILED
+    assert "out of reach" in outcome.reason
+    assert cell.skills.cancelled == [None], "the look was under way"
+    assert cell.link.time >= cancelled[0] + SETTLED
+
+
+def test_a_run_has_a_time_limit():
+    cell = Cell(limits=Limits(run=1.0))
+    cell.skills.polls = 10**6
+    outcome = cell.executor.run()
+    assert outcome.exit_code == Exit.FAILED
+    assert "time is up" in outcome.reason
+    assert cell.skills.cancelled == [PICK["YellowBox"]]
+
+
+def break_camera(cell):
+    cell.image = 2.0
+
+
+def pull_out_camera(cell):
+    cell.image, cell.lost = 2.0, "its cable is out"
+
+
+def raise_in_skills(cell):
+    def poll(seen):
+        raise RuntimeError("no plan survives")
+
+    cell.skills.poll = poll
+
+
+def press_ctrl_c(cell):
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def terminate(cell):
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+def stop_robot(cell):
+    cell.link.stop("left: no feedback")
+
+
+@pytest.mark.parametrize(
+    ("fault", "code", "word"),
+    [
+        (break_camera, Exit.STOPPED, "camera: no new image for 2.0 s"),
+        (pull_out_camera, Exit.STOPPED, "its cable is out"),
+        (raise_in_skills, Exit.STOPPED, "no plan survives"),
+        (press_ctrl_c, Exit.INTERRUPTED, "interrupted"),
+        (terminate, Exit.INTERRUPTED, "interrupted"),
+        (stop_robot, Exit.STOPPED, "no feedback"),
+    ],
+)
+def test_every_fault_ends_in_a_hold_that_the_log_explains(tmp_path, fault, code, word):
+    log = Log(tmp_path / "log.jsonl")
+    cell = Cell(log=log)
+    cell.on_tick = lambda shown: fault(cell) if len(cell.shown) == 5 else None
+    outcome = cell.executor.run()
+    log.close()
+    entries = list(read_log(tmp_path / "log.jsonl"))
+    assert outcome.exit_code == entries[-1]["exit_code"] == code
+    assert word in outcome.reason
+    assert entries[-1]["reason"] == outcome.reason
+    assert word in cell.link.stopped()
+    assert fault is stop_robot or set(cell.link.halted) == {"left", "right"}
+
+
+def test_ctrl_c_many_times_is_as_once():
+    cell = Cell()
+
+    def press(shown):
+        for _ in range(3):
+            os.kill(os.getpid(), signal.SIGINT)
+
+    cell.on_tick = press
+    assert cell.executor.run().exit_code == Exit.INTERRUPTED
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_ctrl_c_while_the_arms_come_to_rest_is_as_once():
+    cell = Cell()
+    cell.on_tick = lambda shown: os.kill(os.getpid(), signal.SIGINT)
+    wait = cell.link.wait
+
+    def press(until):
+        os.kill(os.getpid(), signal.SIGINT)
+        wait(until)
+
+    cell.link.wait = press
+    assert cell.executor.run().exit_code == Exit.INTERRUPTED
+    assert cell.link.stopped() == "interrupted"
+
+
+def test_the_arms_hold_also_where_the_log_cannot_be_written(tmp_path):
+    class Full(Log):
+        def write(self, kind, **fields):
+            if kind != "start":
+                raise OSError(28, "No space left on device")
+
+    with Full(tmp_path / "log.jsonl") as log:
+        cell = Cell(log=log)
+        outcome = cell.executor.run()
+    assert outcome.exit_code == Exit.STOPPED
+    assert "No space left" in outcome.reason
+    assert cell.link.stopped() == outcome.reason
+
+
+def test_slow_ticks_are_counted():
+    cell = Cell(PICK["YellowBox"])
+    look = cell.executor.observe
+
+    def slow():
+        cell.link.time += 0.12 if len(cell.shown) % 2 else 0.05
+        return look()
+
+    cell.executor.observe = slow
+    outcome = cell.executor.run()
+    assert outcome.overruns == outcome.ticks // 2 > 0
+
+
+def test_runs_in_a_thread_too():
+    cell = Cell()
+    outcomes = []
+    thread = threading.Thread(target=lambda: outcomes.append(cell.executor.run()))
+    thread.start()
+    thread.join()
+    assert outcomes[0].exit_code == Exit.DONE
+
+
+def test_a_dry_run_starts_nothing(tmp_path):
+    log = Log(tmp_path / "log.jsonl")
+    cell = Cell(limits=Limits(run=5.0), dry=True, log=log)
+    cell.skills.start = lambda action, seen: cell.skills.started.append(action)
+    cell.skills.poll = lambda seen: Status.RUNNING
+    cell.executor.run()
+    log.close()
+    assert cell.skills.started == [PICK["YellowBox"]]
+    assert {shown.phase for shown in cell.shown} == {"would start pick(YellowBox)"}
+    assert cell.skills.cancelled
+
+
+def test_boxes_are_asked_for_reach_only_where_they_moved():
+    cell = Cell()
+    asked = []
+    cell.skills.reachable = lambda name, seen: asked.append(name) is None
+    cell.executor.run()
+    assert len(asked) <= 6 * len(TASK.box_names) < cell.executor.ticks

@@ -1,0 +1,138 @@
+import io
+import json
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from bt_jax._util.errors import UserError
+from bt_jax.deploy.commands.replay import ReplayArguments, replay, replay_command
+from bt_jax.deploy.execution.log import Log, read_log
+from tests.deploy.execution.test_executor import Cell
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """The log of a run in which a box was hidden for a while and another was moved."""
+    path = tmp_path_factory.mktemp("log") / "log.jsonl"
+    with Log(path) as log:
+        cell = Cell(log=log)
+
+        def disturb(shown):
+            cell.hide = {"GreenBox"} if 30 < len(cell.shown) < 40 else set()
+            if len(cell.shown) == 15:
+                cell.move("YellowBox", (1.3, 0.2, 0.8))
+
+        cell.on_tick = disturb
+        cell.executor.run()
+    return path
+
+
+def test_a_log_replays_as_it_was(written):
+    ticks = list(replay(written))
+    assert len(ticks) > 30
+    assert all(tick.same for tick in ticks)
+    assert len({tick.statuses for tick in ticks}) > 5
+
+
+def test_a_log_says_what_was_run(written):
+    entries = list(read_log(written))
+    start, end = entries[0], entries[-1]
+    assert {"tree", "digest", "task", "limits", "settings", "versions"} <= set(start)
+    assert start["versions"]["mujoco"]
+    assert end["kind"] == "end"
+    assert end["exit_code"] == 0
+    events = [(entry["action"], entry["event"]) for entry in entries if entry["kind"] == "action"]
+    assert events[0] == ("pick(YellowBox)", "start")
+    assert ("pick(YellowBox)", "SUCCESS") in events
+
+
+def test_the_command_tells_the_story(written):
+    console = Console(record=True, width=120, file=io.StringIO())
+    assert replay_command(ReplayArguments(written), console) == 0
+    text = console.export_text()
+    assert "pick(YellowBox) SUCCESS" in text
+    assert "the tree has succeeded" in text
+    assert "decided as they were" in text
+
+
+def test_another_decision_is_noticed(written, tmp_path):
+    lines = written.read_text().splitlines()
+    index = next(i for i, line in enumerate(lines) if json.loads(line)["kind"] == "tick")
+    entry = json.loads(lines[index])
+    entry["seen"]["holding"] = "YellowBox"
+    lines[index] = json.dumps(entry)
+    changed = tmp_path / "changed.jsonl"
+    changed.write_text("\n".join(lines))
+    assert [tick.same for tick in replay(changed)].count(False) == 1
+    assert replay_command(ReplayArguments(changed), Console(file=io.StringIO())) == 1
+
+
+def test_a_log_that_breaks_off_is_read_up_to_there(written, tmp_path):
+    text = written.read_text()
+    broken = tmp_path / "broken.jsonl"
+    broken.write_text(text[: len(text) // 2])
+    assert 0 < len(list(replay(broken))) < len(list(replay(written)))
+    console = Console(record=True, width=120, file=io.StringIO())
+    replay_command(ReplayArguments(broken), console)
+    assert "breaks off" in console.export_text()
+
+
+def test_a_tree_that_was_changed_is_refused(written, tmp_path):
+    changed = tmp_path / "changed.jsonl"
+    changed.write_text(written.read_text().replace("move(BlueBox, (0, 0, 0.1)", "move(BlueBox, (0, 0, 0.2)", 1))
+    with pytest.raises(UserError, match="digest"):
+        list(replay(changed))
+
+
+@pytest.mark.parametrize("text", ["", "hello", '{"kind": "tick"}', '{"kind": "start", "format": 99}'])
+def test_what_is_no_log_is_refused(tmp_path, text):
+    path = tmp_path / "log.jsonl"
+    path.write_text(text)
+    with pytest.raises(UserError, match=r"log|empty"):
+        list(read_log(path))
+    with pytest.raises(UserError, match="cannot be read"):
+        list(read_log(tmp_path / "nowhere.jsonl"))
+
+
+def test_a_log_is_never_overwritten(tmp_path):
+    path = tmp_path / "log.jsonl"
+    with Log(path) as log:
+        log.write("start", format=1)
+    with pytest.raises(UserError, match="exists"):
+        Log(path)
+
+
+def test_motion_is_thinned_by_cycle_and_keeps_arms_apart(tmp_path):
+    records = np.zeros((20, 17))
+    records[:, 0] = np.tile([0, 1], 10)
+    records[:, 16] = np.repeat(np.arange(10), 2)
+    records[:, 2:9] = records[:, :1] + 0.5
+    with Log(tmp_path / "log.jsonl") as log:
+        log.write("start", format=1)
+        log.motion(("left", "right"), records, every=5)
+    entries = list(read_log(tmp_path / "log.jsonl"))[1:]
+    assert [entry["arm"] for entry in entries] == ["left", "right"]
+    assert entries[1]["setpoint"] == [[1.5] * 7] * 2
+
+
+def test_a_measurement_that_is_no_number_is_null(tmp_path):
+    records = np.zeros((1, 17))
+    records[:, 9:16] = np.nan
+    with Log(tmp_path / "log.jsonl") as log:
+        log.write("start", format=1)
+        log.motion(("left", "right"), records, every=1)
+    assert list(read_log(tmp_path / "log.jsonl"))[1]["measured"] == [[None] * 7]
+
+
+@pytest.mark.parametrize(("measured", "told"), [([None] * 7, ""), ([None] * 6 + [0.1], "setpoint 5.73 deg")])
+def test_a_log_with_unknown_measurements_is_told(written, tmp_path, measured, told):
+    entry = {"kind": "motion", "arm": "left", "time": [0.0], "setpoint": [[0.0] * 7], "measured": [measured]}
+    *lines, end = written.read_text().splitlines()
+    path = tmp_path / "log.jsonl"
+    path.write_text("\n".join([*lines, json.dumps(entry), end]))
+    console = Console(record=True, width=120, file=io.StringIO())
+    assert replay_command(ReplayArguments(path), console) == 0
+    text = console.export_text()
+    assert ("motion  " in text) == bool(told)
+    assert told in text

@@ -1,0 +1,99 @@
+import pytest
+from scipy.spatial.transform import RigidTransform
+
+from bt_jax.deploy.execution.observer import Observer
+from bt_jax.tasks import load_task
+from tests.helpers.cells import run_for, running
+
+TASK = load_task("yumi_stack")
+AT_HAND = RigidTransform.from_translation([0.3, 0.1, 0.02])
+
+
+class Seeing:
+    """Sees one box, or nothing."""
+
+    def __init__(self):
+        self.image, self.lost, self.box = 0.0, "", AT_HAND
+
+    def update(self):
+        self.image += 1.0
+
+    def poses(self, now):
+        return {} if self.box is None else {"YellowBox": self.box}
+
+
+@pytest.fixture(scope="module")
+def link():
+    with running(realtime=False) as (_, link):
+        yield link
+
+
+@pytest.fixture
+def cell(link):
+    claims, seeing = {"left": "YellowBox"}, Seeing()
+    observer = Observer(TASK, link=link, perception=seeing, grasped=lambda: claims, tcp=lambda arm, joints: AT_HAND)
+    link.grip("left", 0.05)
+    run_for(link, 1.5)
+    return observer, claims, seeing
+
+
+def settle_at(link, opening, target):
+    """Fingers that stop at an opening although they were told to close further, as on a box."""
+    link.grip("left", opening)
+    run_for(link, 1.5)
+    link._target["left"] = target
+
+
+def test_holding_needs_a_claim_blocked_fingers_and_the_box_between_them(cell, link):
+    observer, claims, seeing = cell
+    assert observer().holding is None, "open fingers"
+    settle_at(link, 0.04, 0.03)
+    observer()
+    assert observer().holding == "YellowBox"
+    seeing.box = None
+    assert observer().holding == "YellowBox", "the hand hides it"
+    seeing.box = AT_HAND * RigidTransform.from_translation([0, 0, 0.1])
+    assert observer().holding is None, "it is seen elsewhere: dropped"
+    seeing.box = AT_HAND
+    claims.clear()
+    assert observer().holding is None, "nobody grasped it"
+
+
+def test_a_pose_that_lags_behind_a_moving_hand_is_no_dropped_box(cell, link):
+    observer, _, _ = cell
+    settle_at(link, 0.04, 0.03)
+    observer()
+    observer.tcp = lambda arm, joints: AT_HAND * RigidTransform.from_translation([0, 0, 0.2])
+    assert observer().holding == "YellowBox", "the hand was there just now"
+    for _ in range(16):
+        run_for(link, 0.1)
+        seen = observer()
+    assert seen.holding is None, "it went on without the box"
+
+
+def test_fingers_that_close_on_nothing_hold_nothing(cell, link):
+    observer, _, _ = cell
+    settle_at(link, 0.03, 0.03)
+    observer()
+    assert observer().holding is None
+
+
+def test_fingers_that_pass_the_size_on_their_way_hold_nothing(cell, link):
+    observer, _, _ = cell
+    link.grip("left", 0.02)
+    seen = []
+    for _ in range(30):
+        run_for(link, 0.05)
+        seen.append(observer())
+    assert any(abs(s.opening["left"] - 0.04) < 0.004 for s in seen)
+    assert all(s.holding is None for s in seen)
+
+
+def test_tells_time_openings_and_images(cell, link):
+    observer, _, seeing = cell
+    first = observer()
+    run_for(link, 0.5)
+    second = observer()
+    assert second.time - first.time == pytest.approx(0.5)
+    assert second.opening["left"] == pytest.approx(0.05, abs=1e-3)
+    assert second.image == seeing.image == first.image + 1

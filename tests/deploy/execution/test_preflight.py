@@ -1,0 +1,184 @@
+"""Preflight against the small cell: every item is made to fail once, everything else real."""
+
+import contextlib
+import dataclasses
+import io
+import json
+
+import mujoco
+import numpy as np
+import pytest
+from rich.console import Console
+from scipy.spatial.transform import RigidTransform
+
+from bt_jax.deploy.execution import preflight as module
+from bt_jax.deploy.execution.log import Log
+from bt_jax.deploy.execution.preflight import Cell, passed, preflight, show
+from bt_jax.deploy.execution.program import Program
+from bt_jax.mjx_env.scene.layouts import sample_layouts
+from tests.deploy.execution.test_executor import STACK3, TASK
+from tests.deploy.execution.test_executor import Cell as IdealCell
+from tests.helpers.cells import RULES, XML, running
+from tests.helpers.ideal import observe
+
+OFF = RigidTransform.from_translation([0, 0, 0.01])
+MODEL = mujoco.MjModel.from_xml_string(XML)
+
+
+def flange(arm, joints):
+    """MuJoCo's forward kinematics of the small cell."""
+    data = mujoco.MjData(MODEL)
+    for i, value in enumerate(joints, start=1):
+        data.joint(f"{arm}_{i}").qpos[0] = value
+    mujoco.mj_kinematics(MODEL, data)
+    matrix = np.eye(4)
+    matrix[:3, :3] = data.site(f"{arm}_flange").xmat.reshape(3, 3)
+    matrix[:3, 3] = data.site(f"{arm}_flange").xpos
+    return RigidTransform.from_matrix(matrix)
+
+
+class Seeing:
+    """Sees what is in a start layout, with images of now."""
+
+    def __init__(self, link):
+        self.link, self.image, self.lost, self.frozen, self.hidden = link, 0.0, "", False, ()
+
+    def update(self):
+        if not self.frozen:
+            self.image = self.link.now()
+
+    def poses(self, now):
+        return observe(TASK, sample_layouts(TASK, 0, 1), unknown=self.hidden).poses
+
+
+@pytest.fixture(scope="module")
+def twin_log(tmp_path_factory):
+    path = tmp_path_factory.mktemp("twin") / "log.jsonl"
+    with Log(path) as log:
+        IdealCell(log=log, settings={"robot": "twin"}).executor.run()
+    return path
+
+
+@pytest.fixture(scope="module")
+def rig():
+    with running(realtime=True, start=False) as (controller, link):
+        yield controller, link
+
+
+@pytest.fixture
+def good(rig, twin_log, monkeypatch):
+    monkeypatch.setattr(module, "LISTEN", 0.6)
+    _, link = rig
+    return Cell(
+        program=Program(TASK, STACK3),
+        link=link,
+        flange=flange,
+        perception=Seeing(link),
+        intrinsics_error=0.2,
+        camera_residual=0.001,
+        reachable=lambda name, seen: name in seen.poses,
+        twin_log=twin_log,
+    )
+
+
+def test_a_good_cell_passes(good):
+    items = list(preflight(good))
+    assert passed(items), [item for item in items if not item.passed]
+    assert len(items) == 13
+    out = io.StringIO()
+    for item in items:
+        show(Console(file=out, width=120), item)
+    assert out.getvalue().count("✓") == 13
+
+
+def failing(cell):
+    return {
+        item.name.split(":")[0] + ":" + item.name.split(": ")[1].split()[0]: item
+        for item in preflight(cell)
+        if not item.passed
+    }
+
+
+@pytest.mark.parametrize(
+    ("change", "name", "word"),
+    [
+        ({"twin_log": None}, "twin:this", "--twin-log"),
+        ({"program": Program(TASK, STACK3.children[0])}, "twin:this", "another tree"),
+        ({"flange": lambda arm, q: flange(arm, q) * OFF}, "arms:feedback", "10.0 mm"),
+        ({"intrinsics_error": None}, "camera:intrinsics", "calibrate"),
+        ({"intrinsics_error": 3.0}, "camera:intrinsics", "pixels"),
+        ({"camera_residual": None}, "camera:pose", "calibrate"),
+        ({"camera_residual": 0.02}, "camera:pose", "20.0 mm"),
+        ({"perception": None}, "camera:images", "--camera"),
+        ({"reachable": lambda name, seen: name != "BlueBox"}, "arms:every", "BlueBox"),
+    ],
+)  # fmt: skip
+def test_each_item_fails_with_its_remedy(good, change, name, word):
+    found = failing(dataclasses.replace(good, **change))
+    assert name in found
+    assert word in found[name].detail
+    assert all(item.passed is None for key, item in found.items() if key != name)
+
+
+def test_a_frozen_camera_and_a_hidden_box_fail(good):
+    good.perception.frozen = True
+    found = failing(good)
+    assert "old" in found["camera:images"].detail
+    assert found["markers:everything"].passed is None
+    good.perception.frozen, good.perception.hidden = False, ("GreenBox",)
+    assert "GreenBox" in failing(good)["markers:everything"].detail
+
+
+def test_a_camera_that_raises_does_not_end_the_other_looks(good):
+    def lost():
+        raise OSError("no such device")
+
+    good.perception.update = lost
+    items = list(preflight(good))
+    assert len(items) == 13
+    assert any("no such device" in item.detail for item in items)
+
+
+def test_a_joint_near_its_limit_fails(good, monkeypatch):
+    tight = dataclasses.replace(RULES, upper=(0.11,) * 7)
+    monkeypatch.setattr(good.link, "rules", tight)
+    assert "jog" in failing(good)["arms:joints"].detail
+
+
+def test_a_twin_run_that_failed_does_not_count(good, twin_log, tmp_path):
+    lines = twin_log.read_text().splitlines()
+    end = json.loads(lines[-1])
+    end["exit_code"] = 1
+    path = tmp_path / "log.jsonl"
+    path.write_text("\n".join([*lines[:-1], json.dumps(end)]))
+    found = failing(dataclasses.replace(good, twin_log=path))
+    assert "did not succeed" in found["twin:this"].detail
+
+
+def test_a_run_on_a_robot_is_none_in_the_twin(good, twin_log, tmp_path):
+    path = tmp_path / "log.jsonl"
+    path.write_text(
+        twin_log.read_text().replace('"robot": "twin"', '"preflight": []').replace('"robot":"twin"', '"preflight":[]')
+    )
+    found = failing(dataclasses.replace(good, twin_log=path))
+    assert "not of the twin" in found["twin:this"].detail
+
+
+def test_a_silent_controller_fails(good, rig):
+    controller, _ = rig
+    controller.fault("drop", share=0.3)
+    try:
+        assert "lost" in failing(good)["link:feedback"].detail
+    finally:
+        controller.fault("heal")
+
+
+def test_a_controller_that_is_not_ready_fails(twin_log, monkeypatch):
+    monkeypatch.setattr(module, "LISTEN", 0.3)
+    with contextlib.ExitStack() as stack:
+        controller, link = stack.enter_context(running(realtime=True, start=False))
+        controller.fault("emergency_stop")
+        cell = Cell(Program(TASK, STACK3), link, flange, Seeing(link), 0.1, 0.001, lambda n, s: True, twin_log)
+        found = failing(cell)
+        assert "emergencystop" in found["controller:state"].detail
+        assert found["link:feedback"].passed is None

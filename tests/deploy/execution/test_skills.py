@@ -1,0 +1,224 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from bt_jax.behaviors import parse_behavior
+from bt_jax.deploy import yumi
+from bt_jax.deploy.execution.skills import YumiSkills
+from bt_jax.deploy.planning.planner import Unplannable
+from bt_jax.encoding.status import Status
+from bt_jax.tasks import load_task
+from tests.helpers.following import FollowingLink, carried_out
+
+TASK = load_task("yumi_stack")
+PICK = parse_behavior("pick(YellowBox)")
+PLACE = parse_behavior("place(YellowBox, (0, 0, 0.022), KittingBox)")
+
+
+def at(x: float, y: float, turn: float = 0.0) -> RigidTransform:
+    return RigidTransform.from_components([x, y, 0.02], Rotation.from_euler("z", turn))
+
+
+@pytest.fixture
+def link():
+    kit = RigidTransform.from_translation([0.3, 0.0, 0.001])
+    boxes = {"YellowBox": at(0.3, 0.24, 0.3), "GreenBox": at(0.3, -0.24), "BlueBox": at(0.33, -0.15)}
+    return FollowingLink(TASK, boxes | {TASK.kit.name: kit})
+
+
+@pytest.fixture
+def skills(link):
+    return YumiSkills(TASK, link)
+
+
+def once(when, what):
+    """For `each`: does something once, as soon as `when()`."""
+    done = []
+
+    def each():
+        if not done and when():
+            done.append(what())
+
+    return each
+
+
+def test_a_box_is_picked_and_put_where_it_should_be(link, skills):
+    assert carried_out(skills, link, PICK) == Status.SUCCESS
+    assert link.seen().holding == "YellowBox"
+    assert link.boxes["YellowBox"].translation[2] > 0.08
+    assert carried_out(skills, link, PLACE) == Status.SUCCESS
+    goal = link.boxes[TASK.kit.name].apply([0, 0, 0.022])
+    assert np.linalg.norm(link.boxes["YellowBox"].translation - goal) < 0.0015
+    assert link.seen().holding is None
+
+
+def test_a_box_that_is_moved_meanwhile_is_followed(link, skills):
+    def move():
+        link.boxes["YellowBox"] = at(0.26, 0.2)
+
+    each = once(lambda: link.arm("left").moving and link.time > 0.5, move)
+    assert carried_out(skills, link, PICK, each=each) == Status.SUCCESS, skills.reason
+    assert link.halted
+    assert link.seen().holding == "YellowBox"
+
+
+def test_what_comes_into_the_way_has_the_way_planned_anew(link, skills):
+    assert carried_out(skills, link, PICK) == Status.SUCCESS
+
+    def push():
+        link.boxes["GreenBox"] = at(0.3, 0.12)
+
+    started = link.time
+    each = once(lambda: link.arm("left").moving and link.time > started + 0.3, push)
+    assert carried_out(skills, link, PLACE, seconds=started + 60, each=each) == Status.SUCCESS, skills.reason
+    assert "left" in link.halted
+
+
+def test_a_box_goes_where_the_kit_is_now(link, skills):
+    """The kit is moved while the right arm goes home, before there is a plan for the left one."""
+    assert carried_out(skills, link, PICK) == Status.SUCCESS
+    link.joints["right"][0] += 0.3
+    started = link.time
+    moved = RigidTransform.from_translation([0.31, 0.015, 0.001])
+    each = once(lambda: link.arm("right").moving and link.time > started, lambda: link.boxes.update(KittingBox=moved))
+    assert carried_out(skills, link, PLACE, seconds=started + 60, each=each) == Status.SUCCESS, skills.reason
+    assert np.linalg.norm(link.boxes["YellowBox"].translation - moved.apply([0, 0, 0.022])) < 0.0015
+
+
+def test_nothing_is_put_down_where_something_was_once(link, skills):
+    assert carried_out(skills, link, PICK) == Status.SUCCESS
+    link.hidden.add(TASK.kit.name)
+    assert carried_out(skills, link, PLACE) == Status.FAILURE
+    assert "KittingBox is not seen" in skills.reason
+    assert link.seen().holding == "YellowBox"
+
+
+def test_what_was_out_of_sight_is_waited_for_and_looked_at_anew(link, skills):
+    assert carried_out(skills, link, PICK) == Status.SUCCESS
+    link.hidden.add(TASK.kit.name)
+    moved = RigidTransform.from_translation([0.31, 0.06, 0.001])
+    link.boxes[TASK.kit.name] = moved
+    at_home = lambda: np.abs(link.joints["left"] - yumi.HOME["left"]).max() < 0.05  # noqa: E731
+    assert carried_out(skills, link, PLACE, each=once(at_home, link.hidden.clear)) == Status.SUCCESS, skills.reason
+    assert np.linalg.norm(link.boxes["YellowBox"].translation - moved.apply([0, 0, 0.022])) < 0.0015
+
+
+def descends(link, place):
+    """Is the left hand straight above a place, and low?"""
+    tip = yumi.forward("left", link.joints["left"]).translation
+    return link.arm("left").moving and np.linalg.norm(tip[:2] - place) < 0.003 and tip[2] < 0.08
+
+
+def test_a_box_that_leaves_under_the_descending_hand_is_followed(link, skills):
+    each = once(lambda: descends(link, [0.3, 0.24]), lambda: link.boxes.update(YellowBox=at(0.3, 0.21, 0.3)))
+    assert carried_out(skills, link, PICK, each=each) == Status.SUCCESS, skills.reason
+    assert "left" in link.halted
+    assert link.grips.count(("left", yumi.OPENING)) == 2, "one approach was broken off before the fingers closed"
+
+
+def test_a_box_that_seems_to_wander_under_the_hand_is_grasped(link, skills):
+    each = once(lambda: descends(link, [0.3, 0.24]), lambda: link.boxes.update(YellowBox=at(0.302, 0.244, 0.3)))
+    assert carried_out(skills, link, PICK, each=each) == Status.SUCCESS, skills.reason
+    assert not link.halted
+
+
+def test_the_way_home_is_planned_anew_around_what_comes_into_it(link, skills):
+    link.joints["left"] = yumi.HOME["left"] + 0.3
+    skills.look()
+    for _ in range(200):
+        if skills.poll(link.seen()) != Status.RUNNING:
+            break
+        if link.time > 0.25:
+            link.boxes["GreenBox"] = at(0.3, 0.1)
+        link.wait(link.time + 0.1)
+    assert link.halted == ["left"]
+    assert np.abs(link.joints["left"] - yumi.HOME["left"]).max() < 0.05
+
+
+def test_a_box_that_slipped_out_is_no_longer_carried_after_a_look(link, skills):
+    assert carried_out(skills, link, PICK) == Status.SUCCESS
+    skills.look()
+    assert skills.grasped == {"left": "YellowBox"}
+
+    def slip():
+        del link.held["left"]
+        link.boxes["YellowBox"] = at(0.3, 0.24)
+
+    started = link.time
+    each = once(lambda: link.arm("left").moving and link.time > started + 0.3, slip)
+    assert carried_out(skills, link, PLACE, seconds=started + 60, each=each) == Status.FAILURE
+    link.wait(link.time + 1.0)
+    skills.poll(link.seen())
+    skills.look()
+    assert skills.grasped == {}
+
+
+def test_where_one_arm_finds_no_way_home_it_is_the_one_that_picks(link, skills, monkeypatch):
+    link.boxes["YellowBox"] = at(0.3, 0.1)
+    link.joints["right"][0] += 0.3
+
+    def home(arm, *_):
+        raise Unplannable(f"the {arm} arm finds no way home")
+
+    monkeypatch.setattr(skills._moves.planner, "home", home)
+    assert carried_out(skills, link, PICK) == Status.SUCCESS, skills.reason
+    assert link.held["right"][0] == "YellowBox"
+
+
+@pytest.mark.parametrize("place", [(0.3, -0.46), (0.35, -0.45)])
+def test_a_box_is_set_down_where_both_arms_reach_it_though_that_is_far(place):
+    """Tables so far apart that the nearest places are the right arm's alone."""
+    apart = [
+        dataclasses.replace(table, position=(table.position[0], 1.75 * table.position[1], table.position[2]))
+        for table in TASK.tables
+    ]
+    task = dataclasses.replace(TASK, tables=tuple(apart))
+    kit = RigidTransform.from_translation([0.3, 0.42, 0.001])
+    link = FollowingLink(task, {"YellowBox": at(*place), TASK.kit.name: kit})
+    skills = YumiSkills(task, link)
+    assert carried_out(skills, link, PICK) == Status.SUCCESS, skills.reason
+    assert link.held["right"][0] == "YellowBox"
+    assert carried_out(skills, link, PLACE) == Status.SUCCESS, skills.reason
+    assert carried_out(skills, link, PICK, seconds=120) == Status.SUCCESS, skills.reason
+    assert link.held["left"][0] == "YellowBox"
+
+
+def test_an_arm_that_is_halted_has_not_arrived(link, skills):
+    assert carried_out(skills, link, PICK) == Status.SUCCESS
+    started = link.time
+    each = once(lambda: link.arm("left").moving and link.time > started + 0.3, lambda: link.halt("left"))
+    assert carried_out(skills, link, PLACE, seconds=started + 60, each=each) == Status.FAILURE
+    assert "halted" in skills.reason
+    assert link.seen().holding == "YellowBox"
+
+
+def test_fingers_that_close_on_nothing_are_a_failure(link, skills):
+    def vanish():
+        link.boxes["YellowBox"] = at(0.25, -0.3)
+
+    gone = once(lambda: skills.committed, vanish)
+    assert carried_out(skills, link, PICK, each=gone) == Status.FAILURE
+    assert "nothing" in skills.reason
+    assert link.openings["left"] == pytest.approx(yumi.OPENING, abs=0.002)
+
+
+def test_slow_readings_of_the_fingers_are_no_grasp(link, skills, monkeypatch):
+    """Fingers that tell for 0.2 s after a command where they were before it."""
+    told = []
+    true_arm = FollowingLink.arm
+
+    def late(self, arm):
+        state = true_arm(self, arm)
+        told.append((self.time, arm, state.opening))
+        old = [o for t, a, o in told if a == arm and t <= self.time - 0.2]
+        return dataclasses.replace(state, opening=old[-1] if old else state.opening)
+
+    monkeypatch.setattr(FollowingLink, "arm", late)
+    lifted_open = []
+    each = lambda: lifted_open.append(  # noqa: E731
+        skills.committed and link.arm("left").moving and link.openings["left"] > 0.045
+    )
+    assert carried_out(skills, link, PICK, each=each) == Status.SUCCESS
+    assert not any(lifted_open)

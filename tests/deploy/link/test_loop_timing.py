@@ -1,0 +1,69 @@
+import mmap
+import os
+import signal
+import time
+
+import numpy as np
+
+from bt_jax.deploy.link.loop_timing import KEPT, NEAR, Watch
+from tests.helpers.cells import running
+
+
+def test_only_late_rounds_are_kept_with_what_was_done_before():
+    watch = Watch(("think", "write"))
+    watch.begin(0.0)
+    time.sleep(0.02)
+    watch.done("think")
+    watch.done("write")
+    watch.end(time.monotonic() - 0.01)
+    assert watch.read() == []
+    watch.begin(2 * NEAR)
+    (late,) = watch.read()
+    assert late.late == 2 * NEAR
+    assert -0.1 < late.slack <= -0.01
+    assert late.parts["think"] > 0.019
+    assert late.parts["think"] + late.parts["write"] <= late.time
+    watch.begin(0.5 * NEAR)
+    watch.begin(3 * NEAR)
+    assert [each.late for each in watch.read()] == [2 * NEAR, 3 * NEAR]
+    assert set(watch.read()[-1].parts.values()) == {0.0}, "parts are those of one round"
+
+
+def test_parts_that_are_done_often_add_up():
+    watch = Watch(("talk",))
+    watch.begin(0.0)
+    for _ in range(3):
+        time.sleep(0.005)
+        watch.done("talk")
+    watch.begin(1.0)
+    assert watch.read()[0].parts["talk"] > 0.0149
+
+
+def test_the_newest_are_kept():
+    watch = Watch(())
+    for number in range(KEPT + 10):
+        watch.begin(1.0 + number)
+    np.testing.assert_array_equal([each.late for each in watch.read()], 1.0 + np.arange(10, KEPT + 10))
+
+
+def test_page_faults_are_counted():
+    watch = Watch(())
+    watch.begin(0.0)
+    with mmap.mmap(-1, 2**24) as fresh:
+        fresh[:: mmap.PAGESIZE] = bytes(2**24 // mmap.PAGESIZE)
+    watch.begin(1.0)
+    assert watch.read()[0].faults >= 4, "more where pages are small"
+
+
+def test_a_process_that_was_kept_from_running_says_so():
+    with running(realtime=True) as (controller, link):
+        time.sleep(0.3)
+        began = time.monotonic()
+        os.kill(controller.pid, signal.SIGSTOP)
+        time.sleep(0.08)
+        os.kill(controller.pid, signal.SIGCONT)
+        time.sleep(0.3)
+        since = [late for late in controller.late_cycles() if late.time > began]
+        assert max(late.late for late in since) > 0.07
+        assert controller.stats().missed >= 17
+        assert isinstance(link.late_rounds(), list)

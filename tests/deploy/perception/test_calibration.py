@@ -1,0 +1,183 @@
+import os
+
+os.environ.setdefault("MUJOCO_GL", "egl")
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from bt_jax._util.errors import UserError
+from bt_jax.deploy.commands.calibrate import CalibrateArguments, calibrate_command
+from bt_jax.deploy.perception.calibration import (
+    CameraPose,
+    Intrinsics,
+    calibrate_lens,
+    charuco_board,
+    load_camera,
+    load_intrinsics,
+    locate_camera,
+    save_camera,
+)
+from bt_jax.deploy.perception.markers import task_markers
+from tests.helpers.rendered import PLACEMENT, TASK, fresh_scene
+
+LENS = Intrinsics(
+    np.array([[600.0, 0, 322], [0, 598, 236], [0, 0, 1]]), np.array([-0.2, 0.05, 0.001, -0.0005, 0]), 640, 480, 0.1
+)
+POSE = RigidTransform.from_components([0.7, 0.02, 0.55], Rotation.from_quat([0.653, 0.653, -0.271, -0.271]))
+
+
+def views_of_the_board(count: int, noise: float = 0.05):
+    """Corners of the board as the lens would show them from random sides."""
+    rng, board = np.random.default_rng(0), charuco_board()
+    points = np.asarray(board.getChessboardCorners(), np.float32)
+    for _ in range(count):
+        turn = Rotation.from_euler("xyz", rng.uniform(-0.5, 0.5, 3)).as_rotvec()
+        place = np.array([-0.09, -0.12, 0.0]) + rng.uniform([-0.08, -0.05, 0.4], [0.08, 0.05, 0.7])
+        pixels = cv2.projectPoints(points, turn, place, LENS.matrix, LENS.distortion)[0].reshape(-1, 2)
+        yield points, (pixels + rng.normal(0, noise, pixels.shape)).astype(np.float32)
+
+
+def drawn_board(turn, place) -> np.ndarray:
+    """An image of the board through a lens without distortion: its print, seen in perspective."""
+    board, scale = charuco_board(), 2000
+    size = np.array(board.getChessboardSize()) * 0.035
+    image = board.generateImage(tuple((size * scale).astype(int)), marginSize=0)
+    rotation = Rotation.from_rotvec(turn).as_matrix()
+    flat = LENS.matrix @ np.column_stack([rotation[:, 0], rotation[:, 1], place])
+    to_metres = np.array([[1 / scale, 0, 0.5 / scale], [0, 1 / scale, 0.5 / scale], [0, 0, 1]])
+    return cv2.warpPerspective(image, flat @ to_metres, (640, 480), flags=cv2.INTER_AREA, borderValue=200)
+
+
+def test_the_lens_is_recovered():
+    lens, errors = calibrate_lens(list(views_of_the_board(15)), 640, 480)
+    assert lens.error < 0.1
+    assert errors.max() < 0.15
+    np.testing.assert_allclose(lens.matrix, LENS.matrix, atol=3)
+
+
+def test_too_few_views_are_refused():
+    with pytest.raises(UserError, match="take more"):
+        calibrate_lens(list(views_of_the_board(3)), 640, 480)
+
+
+def test_the_command_calibrates_from_pictures(tmp_path, capsys):
+    rng = np.random.default_rng(1)
+    for i in range(10):
+        turn = Rotation.from_euler("xyz", rng.uniform(-0.45, 0.45, 3)).as_rotvec()
+        place = np.array([-0.09, -0.12, 0.45]) + rng.uniform([-0.05, -0.03, 0], [0.05, 0.03, 0.2])
+        cv2.imwrite(str(tmp_path / f"{i}.png"), drawn_board(turn, place))
+    file = tmp_path / "camera.yaml"
+    assert calibrate_command(CalibrateArguments("intrinsics", camera=str(tmp_path), file=file)) == 0
+    lens = load_intrinsics(file)
+    assert lens.error < 0.5
+    assert lens.matrix[0, 0] == pytest.approx(600, rel=0.02)
+    assert (lens.width, lens.height) == (640, 480)
+    assert "residual" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.2])
+def test_the_place_is_recovered(noise):
+    rng = np.random.default_rng(2)
+    points = rng.uniform([0.2, -0.3, 0], [0.4, 0.3, 0.15], (8, 3))
+    seen = POSE.inv()
+    pixels = cv2.projectPoints(points, seen.rotation.as_rotvec(), seen.translation, LENS.matrix, LENS.distortion)[0]
+    pixels = pixels.reshape(-1, 2) + rng.normal(0, 1, (8, 2)) * noise
+    place, distances = locate_camera(points, pixels, LENS)
+    assert len(distances) == place.points == 8
+    if noise:
+        assert 0 < place.residual < 0.001
+    else:
+        assert place.residual < 1e-6
+    np.testing.assert_allclose(place.pose.translation, POSE.translation, atol=1e-6 if not noise else 0.01)
+    assert (place.pose.rotation.inv() * POSE.rotation).magnitude() < (1e-6 if not noise else 0.01)
+
+
+def test_a_wrong_point_shows_in_the_residual():
+    rng = np.random.default_rng(3)
+    points = rng.uniform([0.2, -0.3, 0], [0.4, 0.3, 0.15], (8, 3))
+    seen = POSE.inv()
+    pixels = cv2.projectPoints(points, seen.rotation.as_rotvec(), seen.translation, LENS.matrix, LENS.distortion)[0]
+    points[2] += [0.0, 0.03, 0.0]
+    place, _ = locate_camera(points, pixels.reshape(-1, 2), LENS)
+    assert place.residual > 0.003
+
+
+@pytest.mark.parametrize("points", [np.zeros((3, 3)), np.outer(np.arange(5.0), [0.1, 0.2, 0.0])])
+def test_points_that_do_not_tell_are_refused(points):
+    with pytest.raises(UserError, match=r"needed|line"):
+        locate_camera(points, np.zeros((len(points), 2)), LENS)
+
+
+def test_the_command_locates_the_camera_of_the_scene(tmp_path, capsys):
+    scene = fresh_scene()
+    cv2.imwrite(str(tmp_path / "0.png"), cv2.cvtColor(scene.image(), cv2.COLOR_RGB2BGR))
+    file, known = tmp_path / "camera.yaml", tmp_path / "points.yaml"
+    save_camera(file, Intrinsics(PLACEMENT.matrix, np.zeros(5), 640, 480, 0.1))
+    centres = {
+        marker.id: (scene.truth(marker.body) * marker.pose).translation.tolist() for marker in task_markers(TASK)
+    }
+    known.write_text(yaml.safe_dump(centres))
+    assert calibrate_command(CalibrateArguments("base", camera=str(tmp_path), file=file, points=known)) == 0
+    _, place = load_camera(file)
+    assert place.points >= 6
+    assert place.residual < 0.001
+    assert np.linalg.norm(place.pose.translation - PLACEMENT.pose.translation) < 0.005
+    assert "residual" in capsys.readouterr().out
+
+
+def test_what_is_saved_is_loaded(tmp_path):
+    file = tmp_path / "camera.yaml"
+    save_camera(file, LENS, CameraPose(POSE, 0.0012, 7))
+    lens, place = load_camera(file)
+    np.testing.assert_array_equal(lens.matrix, LENS.matrix)
+    np.testing.assert_array_equal(lens.distortion, LENS.distortion)
+    np.testing.assert_allclose(place.pose.as_matrix(), POSE.as_matrix(), atol=1e-12)
+    assert (place.residual, place.points, lens.error) == (0.0012, 7, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("text", "remedy"),
+    [
+        (None, "calibrate"),
+        ("{", "make it again"),
+        ("[]", "calibrate"),
+        ("intrinsics: {matrix: [[1]]}", "calibrate"),
+        (
+            "intrinsics: {matrix: [[0, 0, 0], [0, 0, 0], [0, 0, 1]], distortion: [0], width: 6, height: 4, error_px: 0}",
+            "again",
+        ),
+    ],
+)
+def test_bad_files_are_told(tmp_path, text, remedy):
+    file = tmp_path / "camera.yaml"
+    if text is not None:
+        file.write_text(text)
+    with pytest.raises(UserError, match=remedy):
+        load_camera(file)
+
+
+def test_a_lens_alone_is_no_camera(tmp_path):
+    save_camera(tmp_path / "camera.yaml", LENS)
+    with pytest.raises(UserError, match="calibrate base"):
+        load_camera(tmp_path / "camera.yaml")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"step": "intrinsics", "square": 35.0}, "metres"),
+        ({"step": "intrinsics"}, "no pictures"),
+        ({"step": "base"}, "--points"),
+        ({"step": "base", "points": "bad"}, "one line"),
+    ],
+)
+def test_bad_arguments_are_told(tmp_path, arguments, message):
+    save_camera(tmp_path / "camera.yaml", LENS)
+    (tmp_path / "bad").write_text("3: [1, 2]")
+    if "points" in arguments:
+        arguments = {**arguments, "points": tmp_path / arguments["points"]}
+    with pytest.raises(UserError, match=message):
+        calibrate_command(CalibrateArguments(camera=str(tmp_path), file=tmp_path / "camera.yaml", **arguments))

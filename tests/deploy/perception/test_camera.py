@@ -1,0 +1,176 @@
+import time
+
+import cv2
+import numpy as np
+import pytest
+
+from bt_jax._util.errors import UserError
+from bt_jax.deploy.perception.camera import Camera, CameraError, Frame, RecordedCamera, Recorder, UvcCamera, open_camera
+from bt_jax.deploy.twin.rendered_camera import RenderedCamera, cell_camera
+from bt_jax.tasks import load_task, task_names
+from tests.helpers.rendered import PLACEMENT, TASK, fresh_scene
+
+
+class Pictures:
+    """A camera that gives images of its own, or none."""
+
+    def __init__(self, count: int) -> None:
+        rng = np.random.default_rng(0)
+        self.images = [rng.integers(0, 256, (48, 64, 3), np.uint8) for _ in range(count)]
+        self.index = 0
+
+    def read(self) -> Frame:
+        image = self.images[min(self.index, len(self.images) - 1)]
+        self.index += 1
+        return Frame(image, 10.0 + 0.1 * min(self.index, len(self.images)), np.eye(3), np.arange(5.0))
+
+    def close(self) -> None:
+        self.images = []
+
+
+def film(path, count: int = 12) -> None:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 30, (64, 48))
+    for i in range(count):
+        writer.write(np.full((48, 64, 3), 20 * i, np.uint8))
+    writer.release()
+
+
+def test_what_was_recorded_is_played_back(tmp_path):
+    pictures = Pictures(3)
+    recorder = Recorder(pictures, tmp_path)
+    assert isinstance(recorder, Camera)
+    for _ in range(5):
+        recorder.read()
+    played = RecordedCamera(tmp_path)
+    for i, image in enumerate(pictures.images):
+        frame = played.read()
+        np.testing.assert_array_equal(frame.image, image)
+        np.testing.assert_array_equal(frame.distortion, np.arange(5.0))
+        assert frame.time == pytest.approx(10.1 + 0.1 * i)
+    with pytest.raises(CameraError, match="end"):
+        played.read()
+
+
+def test_a_recording_plays_by_the_clock(tmp_path):
+    pictures, now = Pictures(3), [50.0]
+    recorder = Recorder(pictures, tmp_path)
+    for _ in range(3):
+        recorder.read()
+    played = RecordedCamera(tmp_path, lambda: now[0])
+    for passed, index in [(0.0, 0), (0.09, 0), (0.11, 1), (5.0, 2)]:
+        now[0] = 50.0 + passed
+        frame = played.read()
+        np.testing.assert_array_equal(frame.image, pictures.images[index])
+        assert frame.time == pytest.approx(50.0 + 0.1 * index)
+
+
+def test_bad_recordings_are_refused(tmp_path):
+    with pytest.raises(UserError, match="no recorded images"):
+        RecordedCamera(tmp_path)
+    (tmp_path / "000000.json").write_text("{}")
+    with pytest.raises(UserError, match="record again"):
+        RecordedCamera(tmp_path)
+
+
+def test_a_film_is_a_camera_until_its_end(tmp_path):
+    film(tmp_path / "film.avi")
+    camera = UvcCamera(str(tmp_path / "film.avi"), np.eye(3), np.zeros(5), width=64, height=48)
+    assert isinstance(camera, Camera)
+    assert camera._newest[0].shape == (48, 64, 3)  # `read` may come too late: a film is read as fast as it goes
+    camera._thread.join(timeout=5)
+    with pytest.raises(CameraError, match="no more"):
+        camera.read()
+    camera.close()
+
+
+class Capture:
+    """A device that sends one image for ever."""
+
+    def __init__(self, _) -> None:
+        self.image = np.full((48, 64, 3), 100, np.uint8)
+
+    def isOpened(self) -> bool:
+        return True
+
+    def set(self, *_) -> None: ...
+
+    def release(self) -> None: ...
+
+    def read(self):
+        time.sleep(0.002)
+        return True, self.image.copy()
+
+
+def test_a_frozen_camera_grows_old(monkeypatch):
+    monkeypatch.setattr(cv2, "VideoCapture", Capture)
+    camera = UvcCamera(0, np.eye(3), np.zeros(5), width=64, height=48)
+    first = camera.read().time
+    time.sleep(0.05)
+    assert camera.read().time == first
+    camera._capture.image = np.full((48, 64, 3), 101, np.uint8)
+    deadline = time.monotonic() + 5
+    while camera.read().time == first and time.monotonic() < deadline:
+        time.sleep(0.005)
+    assert camera.read().time > first
+    camera.close()
+
+
+def test_a_camera_of_another_size_is_refused(tmp_path):
+    film(tmp_path / "film.avi")
+    with pytest.raises(UserError, match="64 x 48 instead of 640 x 480"):
+        UvcCamera(str(tmp_path / "film.avi"), np.eye(3), np.zeros(5), width=640, height=480)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_no_camera_is_told(tmp_path):
+    with pytest.raises(UserError, match="cannot be opened"):
+        open_camera(str(tmp_path / "none.avi"), None)
+
+
+def test_rendered_images_freeze_and_are_lost():
+    scene = fresh_scene()
+    camera = RenderedCamera(scene.model, lambda: (scene.time, scene.data.qpos))
+    assert isinstance(camera, Camera)
+    first = camera.read()
+    assert first.image.std() > 10
+    np.testing.assert_allclose(first.matrix, PLACEMENT.matrix, rtol=1e-6)
+    camera.freeze()
+    scene.time += 1
+    assert camera.read().time == first.time
+    camera.lose()
+    with pytest.raises(CameraError):
+        camera.read()
+    camera.close()
+
+
+def test_a_covered_body_shows_no_markers_until_it_is_uncovered():
+    scene = fresh_scene()
+    camera = RenderedCamera(scene.model, lambda: (scene.time, scene.data.qpos))
+    before = camera.read().image
+    camera.cover("YellowBox")
+    camera.cover("YellowBox")
+    covered = camera.read().image
+    assert np.any(covered != before)
+    camera.uncover("YellowBox")
+    np.testing.assert_array_equal(camera.read().image, before)
+    camera.close()
+
+
+@pytest.mark.parametrize("name", task_names())
+def test_the_placed_camera_sees_every_table(name):
+    task = load_task(name)
+    camera = cell_camera(task)
+    for table in task.tables:
+        for x in (-0.5, 0.5):
+            for y in (-0.5, 0.5):
+                corner = [table.position[0] + x * table.size[0], table.position[1] + y * table.size[1], table.top]
+                pixel = camera.matrix @ camera.pose.inv().apply(corner)
+                assert pixel[2] > 0
+                assert 0 < pixel[0] / pixel[2] < camera.width - 1
+                assert 0 < pixel[1] / pixel[2] < camera.height - 1
+
+
+def test_the_placed_camera_stands_across_the_tables_from_the_robot():
+    position = cell_camera(TASK).pose.translation
+    assert position[0] > max(table.position[0] + table.size[0] / 2 for table in TASK.tables)
+    assert position[2] > 0.3

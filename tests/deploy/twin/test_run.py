@@ -1,0 +1,55 @@
+import dataclasses
+
+import pytest
+
+from bt_jax.deploy.commands.replay import replay
+from bt_jax.deploy.execution.executor import Exit
+from bt_jax.deploy.execution.log import read_log
+from bt_jax.deploy.execution.program import Program
+from bt_jax.deploy.twin.run import run_twin
+from bt_jax.encoding.formats.text import parse_tree
+from bt_jax.mjx_env.render.offscreen import available
+from bt_jax.tasks import load_task
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(available() is not True, reason=f"the twin's camera needs a renderer: {available()}"),
+]
+STACK = """Sequence
+  move(YellowBox, (0, 0, 0.022), KittingBox)
+  move(GreenBox, (0, 0, 0.04), YellowBox)
+  move(BlueBox, (0, 0, 0.04), GreenBox)"""
+
+
+@pytest.mark.parametrize("disturbances", [0, 1])
+def test_the_twin_stacks_three_boxes_and_its_log_replays(tmp_path, disturbances):
+    log = tmp_path / "twin.jsonl"
+    run = run_twin(Program(load_task("yumi_stack"), parse_tree(STACK)), 0, disturbances=disturbances, log=log)
+    assert run.exit_code == Exit.DONE
+    assert run.solved
+    assert max(run.distances) < 0.005
+    assert len(run.touches) >= disturbances
+    assert list(read_log(log))[-1]["exit_code"] == Exit.DONE
+    assert all(tick.same for tick in replay(log))
+
+
+def test_a_box_is_handed_over_where_no_arm_reaches_both_ends():
+    """Tables so far apart that the box is the right arm's and the kit the left one's: it goes by the middle table."""
+    task = load_task("yumi_stack")
+    apart = [
+        dataclasses.replace(table, position=(table.position[0], 1.75 * table.position[1], table.position[2]))
+        for table in task.tables
+    ]
+    task = dataclasses.replace(
+        task, tables=tuple(apart), layout=dataclasses.replace(task.layout, kit="TableLeft"), targets=task.targets[:1]
+    )
+    hands: dict[str, None] = {}
+
+    def look(moment):
+        if moment.shown.seen.holding == "YellowBox":
+            hands.update(dict.fromkeys(arm for arm, gap in moment.shown.seen.opening.items() if gap < 0.045))
+
+    run = run_twin(Program(task, parse_tree("move(YellowBox, (0, 0, 0.022), KittingBox)")), 1, on_tick=look)
+    assert run.exit_code == Exit.DONE
+    assert run.solved
+    assert list(hands) == ["right", "left"]

@@ -1,0 +1,69 @@
+from hypothesis import given
+from hypothesis import strategies as st
+from py_trees.common import Status
+from py_trees.composites import Selector, Sequence
+
+from bt_jax.behaviors import Behavior, Control, Kind, expand
+from bt_jax.encoding.formats.py_trees import Leaf, to_py_trees
+from bt_jax.encoding.walk import prefix
+from tests.helpers.strategies import trees
+
+STATUSES = (Status.SUCCESS, Status.FAILURE, Status.RUNNING)
+
+
+def evaluate(node, status_of):
+    """The definition of memoryless Sequences and Fallbacks, as a recursion."""
+    if isinstance(node, Behavior):
+        return status_of(node)
+    going_on = Status.SUCCESS if node.kind == Kind.SEQUENCE else Status.FAILURE
+    for child in node.children:
+        status = evaluate(child, status_of)
+        if status != going_on:
+            return status
+    return going_on
+
+
+@given(trees(max_leaves=20), st.booleans(), st.data())
+def test_ticks_as_defined_without_memory(tree, expand_genes, data):
+    written = expand(tree) if expand_genes else tree
+    leaves = [node for node in prefix(written) if isinstance(node, Behavior)]
+    table: dict[Behavior, Status] = {}
+    ticked: list[Behavior] = []
+
+    def status_of(behavior):
+        ticked.append(behavior)
+        return table[behavior]
+
+    root = to_py_trees(tree, status_of, expand_genes=expand_genes)
+    for _ in range(3):
+        table.update({leaf: data.draw(st.sampled_from(STATUSES)) for leaf in dict.fromkeys(leaves)})
+        ticked.clear()
+        expected = evaluate(written, status_of)
+        expected_leaves = list(ticked)
+        ticked.clear()
+        root.tick_once()
+        assert root.status == expected
+        assert ticked == expected_leaves
+
+
+@given(trees(), st.booleans())
+def test_nodes_are_those_of_the_tree(tree, expand_genes):
+    root = to_py_trees(tree, lambda _: Status.SUCCESS, expand_genes=expand_genes)
+    found = []
+
+    def visit(node):
+        found.append(node)
+        for child in node.children:
+            visit(child)
+
+    visit(root)
+    nodes = prefix(expand(tree) if expand_genes else tree)
+    assert len(found) == len(nodes)
+    for ours, theirs in zip(nodes, found, strict=True):
+        if isinstance(ours, Control):
+            assert type(theirs) is (Sequence if ours.kind == Kind.SEQUENCE else Selector)
+            assert not theirs.memory
+        else:
+            assert isinstance(theirs, Leaf)
+            assert theirs.behavior == ours
+            assert theirs.name == ours.label

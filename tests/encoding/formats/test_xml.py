@@ -1,0 +1,176 @@
+from xml.etree import ElementTree
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bt_jax._util.errors import UserError
+from bt_jax.behaviors import Behavior, Control, Kind, expand
+from bt_jax.encoding.formats.xml import from_xml, to_xml
+from bt_jax.encoding.walk import prefix
+from tests.helpers.strategies import GENES, trees
+
+PICK = Behavior("pick", ("YellowBox",))
+MOVE = '<SubTree ID="Move" object="YellowBox" position="0;0;0.1" frame="KittingBox"/>'
+
+
+def document(body: str, rest: str = "", main: str = "Main") -> str:
+    start = f'<root BTCPP_format="4" main_tree_to_execute="{main}">\n<BehaviorTree ID="Main">'
+    return f"{start}\n{body}\n</BehaviorTree>{rest}</root>"
+
+
+@given(trees())
+def test_genes_round_trip(tree):
+    assert from_xml(to_xml(tree)) == tree
+
+
+@given(trees())
+def test_expanded_genes_round_trip_to_the_expanded_tree(tree):
+    assert from_xml(to_xml(tree, expand_genes=True)) == expand(tree)
+
+
+@given(trees(GENES))
+def test_the_tree_of_a_gene_does_what_the_gene_does(tree):
+    other_name = to_xml(tree).replace('ID="Move"', 'ID="Shift"')
+    assert from_xml(other_name) == expand(tree)
+
+
+@given(trees(), st.booleans())
+def test_documents_keep_the_rules_of_behaviortree_cpp(tree, expand_genes):
+    root = ElementTree.fromstring(to_xml(tree, name="Kit-1", expand_genes=expand_genes))
+    assert root.tag == "root"
+    assert root.attrib == {"BTCPP_format": "4", "main_tree_to_execute": "Kit-1"}
+    (models,) = root.findall("TreeNodesModel")
+    ports = {model.get("ID"): {port.get("name") for port in model.findall("input_port")} for model in models}
+    kinds = {model.get("ID"): model.tag for model in models}
+    definitions = {element.get("ID"): element for element in root.findall("BehaviorTree")}
+    assert "Kit-1" in definitions
+    assert set(definitions) - {"Kit-1"} == {e.get("ID") for e in root.iterfind(".//BehaviorTree//SubTree")}
+    for definition in definitions.values():
+        assert len(definition) == 1
+        for element in definition.iterfind(".//*"):
+            name = element.get("ID", element.tag)
+            if name.startswith("Reactive"):
+                assert name in ("ReactiveSequence", "ReactiveFallback")
+                assert len(element) > 0
+                assert not element.attrib
+            else:
+                assert len(element) == 0
+                assert (element.tag == "SubTree") == (kinds[name] == "SubTree")
+                assert set(element.attrib) - {"ID"} == ports[name]
+    if expand_genes:
+        assert set(definitions) == {"Kit-1"}
+
+
+def test_number_of_nodes_is_kept():
+    gene = GENES[-1]
+    tree = Control.sequence(gene, PICK)
+    root = ElementTree.fromstring(to_xml(tree, expand_genes=True))
+    assert len(list(root.find("BehaviorTree").iter())) - 1 == len(prefix(expand(tree))) == 2 + len(prefix(gene.subtree))
+
+
+def test_reads_a_file(tmp_path):
+    path = tmp_path / "tree.xml"
+    path.write_text(to_xml(GENES[-1]), encoding="utf-8")
+    assert from_xml(path) == from_xml(str(path)) == GENES[-1]
+
+
+def test_subtrees_are_inlined_with_their_ports():
+    rest = """
+      <BehaviorTree ID="Fetch"><ReactiveSequence>
+        <Holding object="{what}"/><SubTree ID="Leave" object="{what}"/>
+        <SubTree ID="Leave" _autoremap="true" object="{=}"/>
+      </ReactiveSequence></BehaviorTree>
+      <BehaviorTree ID="Leave"><Pick object="{object}"/></BehaviorTree>"""
+    tree = from_xml(document('<SubTree ID="Fetch" what="YellowBox" object="BlueBox"/>', rest))
+    assert tree == Control.sequence(Behavior("holding", ("YellowBox",)), PICK, Behavior("pick", ("BlueBox",)))
+
+
+def test_a_gene_that_was_edited_is_read_as_edited():
+    definition = '<BehaviorTree ID="Move"><Pick object="{object}"/></BehaviorTree>'
+    assert from_xml(document(MOVE, definition)) == PICK
+    assert from_xml(document(MOVE)).kind == Kind.GENE
+
+
+def test_explicit_tags_and_names_are_read():
+    body = '<Control ID="ReactiveFallback" name="x"><Action ID="Pick" name="y" object=" YellowBox "/></Control>'
+    assert from_xml(document(body)) == Control.fallback(PICK)
+
+
+def test_the_only_tree_is_the_main_one():
+    assert from_xml('<root BTCPP_format="4"><BehaviorTree><Pick object="YellowBox"/></BehaviorTree></root>') == PICK
+
+
+@given(trees(max_leaves=6), st.data())
+def test_damaged_documents_are_read_or_refused_for_the_user(tree, data):
+    text = to_xml(tree)
+    start = data.draw(st.integers(0, len(text)))
+    end = data.draw(st.integers(start, len(text)))
+    try:
+        damaged = from_xml(text[:start] + text[end:])
+    except UserError:
+        return
+    assert from_xml(to_xml(damaged)) == damaged
+
+
+TWICE = '<SubTree ID="{0}"/><SubTree ID="{0}"/>'
+BOMB = (
+    "".join(
+        f'<BehaviorTree ID="T{i}"><ReactiveSequence>{TWICE.format(f"T{i + 1}")}</ReactiveSequence></BehaviorTree>'
+        for i in range(14)
+    )
+    + '<BehaviorTree ID="T14"><OpenGripper/></BehaviorTree>'
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("no/such.xml", "cannot be read as a file; check the path"),
+        ("<root>\n<a></b></root>", "XML, line 2: not XML (mismatched tag); mend"),
+        ("<root/>", 'must start with <root BTCPP_format="4">'),
+        ('<root BTCPP_format="3"/>', 'must start with <root BTCPP_format="4">'),
+        ('<root BTCPP_format="4"/>', "there is no <BehaviorTree>; add one"),
+        (
+            document("<OpenGripper/>", main="Other"),
+            "line 1: there is no main tree 'Other'; set main_tree_to_execute to",
+        ),
+        (
+            '<root BTCPP_format="4"><BehaviorTree ID="A"/><BehaviorTree ID="B"/></root>',
+            "which tree is the main one? set main_tree_to_execute to one of A, B",
+        ),
+        (document("", '<BehaviorTree ID="Main"/>'), "a second <BehaviorTree> has the ID 'Main'; rename"),
+        (document("", '<include path="x"/>'), "<include> is not supported; copy"),
+        (document(""), "line 2: <BehaviorTree ID='Main'> has 0 nodes at its top; it must have one"),
+        (document("<Jump/>"), "line 3: unknown node <Jump>; use one of ReactiveSequence"),
+        (document("<Sequence><OpenGripper/></Sequence>"), "which our trees do not; use <ReactiveSequence>"),
+        (document("<Fallback><OpenGripper/></Fallback>"), "which our trees do not; use <ReactiveFallback>"),
+        (document("<ReactiveSequence/>"), "line 3: <ReactiveSequence> has no children; add"),
+        (document("<OpenGripper><OpenGripper/></OpenGripper>"), "<OpenGripper> cannot have children; delete"),
+        (document("<Pick/>"), 'line 3: <Pick> lacks the port object; add object="..."'),
+        (document('<Pick object="A" color="red"/>'), "<Pick> has no port color; delete it or use object"),
+        (document('<OpenGripper _skipIf="x"/>'), "the script in _skipIf is not supported; write"),
+        (document("<Action/>"), "<Action> has no ID; add it"),
+        (document('<Gripper opening="ajar"/>'), "line 3: gripper(ajar) is unknown; write"),
+        (document('<At object="A" position="0,0,1" frame="B"/>'), "'0,0,1' is not a position; write three numbers"),
+        (document('<At object="A" position="0;0;inf" frame="B"/>'), "'0;0;inf' is not a position"),
+        (document('<Pick object="{box}"/>'), 'no value for object="{box}"; give'),
+        (document('<SubTree ID="Other"/>'), "there is no <BehaviorTree ID='Other'>; add it"),
+        (document('<SubTree ID="Main"/>'), "the tree Main contains itself (Main > Main); break the circle"),
+        (document('<SubTree ID="T0"/>', BOMB), "nodes, SubTrees written out; make it smaller"),
+        (
+            document("<ReactiveSequence>" * 3000 + "</ReactiveSequence>" * 3000),
+            "the tree is nested too deeply; make it flatter",
+        ),
+    ],
+)
+def test_errors_say_where_why_and_what_to_do(text, message):
+    with pytest.raises(UserError) as error:
+        from_xml(text)
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["", "Pick", "Move", "ReactiveSequence", "a b", "1st", "x/y"])
+def test_names_that_behaviortree_cpp_refuses(name):
+    with pytest.raises(UserError, match="cannot name a tree"):
+        to_xml(PICK, name=name)

@@ -1,0 +1,86 @@
+import jax
+import numpy as np
+import pytest
+from hypothesis import given
+
+from bt_jax._util.errors import UserError
+from bt_jax.behaviors import Behavior, Control, Kind, Vocabulary
+from bt_jax.encoding.arrays import MAX_NODES, decode, encode, encode_all, length, violations
+from bt_jax.encoding.walk import prefix
+from tests.helpers.samples import random_trees
+from tests.helpers.strategies import ATOMS, GENES, SUBTASKS, trees
+
+VOCABULARY = Vocabulary.of((*ATOMS, *GENES, *SUBTASKS))
+C = Behavior("holding", ("nothing",))
+A, B = Behavior("pick", ("YellowBox",)), Behavior("open_gripper")
+GENE = GENES[-1]
+
+
+@given(trees(max_leaves=12))
+def test_arrays_hold_the_tree(tree):
+    encoded = encode(tree, VOCABULARY, 40)
+    nodes = prefix(tree)
+    assert encoded.tokens.dtype == np.int16
+    assert encoded.sizes.dtype == np.uint8
+    assert length(encoded) == len(nodes)
+    assert list(encoded.sizes[: len(nodes)]) == [len(prefix(node)) for node in nodes]
+    assert not encoded.tokens[len(nodes) :].any()
+    assert not encoded.sizes[len(nodes) :].any()
+    assert decode(encoded, VOCABULARY) == tree
+
+
+def test_batches_are_stacked_and_sliced():
+    several = random_trees(0, (*ATOMS, *GENES), 50, most_leaves=10)
+    batch = encode_all(several, VOCABULARY, 64)
+    assert batch.num_nodes == 64
+    for i, tree in enumerate(several):
+        assert decode(batch[i], VOCABULARY) == tree
+    leaves, structure = jax.tree.flatten(batch)
+    assert jax.tree.unflatten(structure, leaves).tokens is batch.tokens
+
+
+def test_the_biggest_tree_fits_and_one_node_more_does_not():
+    biggest = Control.sequence(*([A, B] * MAX_NODES)[: MAX_NODES - 1])
+    assert decode(encode(biggest, VOCABULARY, MAX_NODES), VOCABULARY) == biggest
+    with pytest.raises(UserError, match=f"{MAX_NODES} nodes and {MAX_NODES - 1} fit; raise --max-nodes"):
+        encode(biggest, VOCABULARY, MAX_NODES - 1)
+
+
+def test_a_leaf_outside_the_vocabulary_is_named():
+    with pytest.raises(UserError, match=r"pick\(YellowBox\)"):
+        encode(A, Vocabulary.of(GENES), 8)
+
+
+@given(trees(max_leaves=12))
+def test_the_strategy_breaks_no_rule(tree):
+    assert violations(tree) == []
+
+
+@pytest.mark.parametrize(
+    ("tree", "words"),
+    [
+        (C, "single condition"),
+        (Control.sequence(A), "has 1 children"),
+        (Control.sequence(), "has 0 children"),
+        (Control.sequence(A, Control.sequence(C, B)), "under its own kind"),
+        (Control.fallback(Control.sequence(C, A), Control.fallback(C, B)), "under its own kind"),
+        (Control.sequence(A, A), "twice side by side"),
+        (Control.sequence(A, C, B), "directly follows"),
+        (Control.sequence(C, Control.fallback(A, B), C), "last child"),
+    ],
+)
+def test_each_rule_is_checked(tree, words):
+    assert any(words in violation for violation in violations(tree))
+
+
+def test_genes_under_a_fallback_are_an_option():
+    tree = Control.fallback(C, GENE)
+    assert violations(tree) == []
+    assert len(violations(tree, gene_under_fallback=False)) == 1
+    assert violations(Control.sequence(C, GENE), gene_under_fallback=False) == []
+
+
+def test_kinds_of_tokens_are_ranges():
+    kinds = VOCABULARY.kinds
+    assert list(kinds[:3]) == [Kind.PAD, Kind.SEQUENCE, Kind.FALLBACK]
+    assert (np.diff(kinds) >= 0).all()

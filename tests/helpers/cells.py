@@ -1,0 +1,85 @@
+"""A small cell for the link's tests: two arms of seven joints, fingers, and a box that falls."""
+
+import contextlib
+import socket
+
+import numpy as np
+
+from bt_jax.deploy.link.safety import Rules
+from bt_jax.deploy.link.yumi_link import LinkConfig, YumiLink
+from bt_jax.deploy.twin.controller import Cell, Controller
+
+ARMS = ("left", "right")
+RULES = Rules(lower=(-2.0,) * 7, upper=(2.0,) * 7, speed=(3.0,) * 7, stale=0.3)  # a shared machine may stall
+
+
+def _arm(name: str, y: float) -> str:
+    axes = ("0 0 1", "0 1 0", "0 0 1", "0 1 0", "0 0 1", "0 1 0", "0 0 1")
+    body = ""
+    for i, axis in enumerate(axes):
+        position = f"0 {y} 0.2" if i == 0 else "0 0 0.08"
+        title = f' name="{name}_link"' if i == 6 else ""
+        body += (
+            f'<body{title} pos="{position}" gravcomp="1"><joint name="{name}_{i + 1}" axis="{axis}" range="-2.2 2.2" '
+            f'armature="0.05" damping="1"/><geom type="capsule" fromto="0 0 0 0 0 0.08" size="0.02" mass="0.3"/>'
+        )
+    for finger, sign in (("a", 1), ("b", -1)):
+        body += (
+            f'<body pos="0 {0.006 * sign} 0.1" gravcomp="1"><joint name="{name}_{finger}" type="slide" axis="0 {sign} 0" '
+            f'range="0 0.025" damping="5"/><geom type="box" size="0.008 0.005 0.02" mass="0.03"/></body>'
+        )
+    return body + f'<site name="{name}_flange" pos="0 0 0.08"/>' + "</body>" * 7
+
+
+def _actuators(name: str) -> str:
+    arms = "".join(f'<position name="{name}_{i}" joint="{name}_{i}" kp="400" kv="20"/>' for i in range(1, 8))
+    return arms + "".join(f'<position name="{name}_{f}" joint="{name}_{f}" kp="2000" kv="20"/>' for f in "ab")
+
+
+XML = f"""<mujoco><compiler angle="radian"/><option timestep="0.002"/>
+<default><geom contype="0" conaffinity="0"/></default><worldbody>
+<geom type="plane" size="2 2 1" contype="1" conaffinity="1"/>
+<body name="box" pos="0.5 0 0.05"><freejoint/><geom type="box" size=".02 .02 .02" contype="1" conaffinity="1"/></body>
+{_arm("left", 0.3)}{_arm("right", -0.3)}</worldbody>
+<actuator>{_actuators("left")}{_actuators("right")}</actuator></mujoco>"""
+
+
+def cell() -> Cell:
+    return Cell(
+        xml=XML,
+        assets={},
+        qpos=np.array([0.5, 0, 0.05, 1, 0, 0, 0] + ([0.1] * 7 + [0.025] * 2) * 2),
+        joints={arm: tuple(f"{arm}_{i}" for i in range(1, 8)) for arm in ARMS},
+        actuators={arm: tuple(f"{arm}_{i}" for i in range(1, 8)) for arm in ARMS},
+        finger_joints={arm: (f"{arm}_a", f"{arm}_b") for arm in ARMS},
+        finger_actuators={arm: (f"{arm}_a", f"{arm}_b") for arm in ARMS},
+        flanges={arm: f"{arm}_flange" for arm in ARMS},
+    )
+
+
+def free_ports() -> dict[str, int]:
+    """Two UDP ports that nobody uses."""
+    with contextlib.ExitStack() as stack:
+        sockets = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in ARMS]
+        for each in sockets:
+            each.bind(("", 0))
+        return {arm: each.getsockname()[1] for arm, each in zip(ARMS, sockets, strict=True)}
+
+
+@contextlib.contextmanager
+def running(*, realtime: bool, rules: Rules = RULES, start: bool = True):
+    """A controller and a link to it: (controller, link)."""
+    ports = free_ports()
+    with Controller(cell(), ports=ports, realtime=realtime) as controller:
+        config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
+        with YumiLink(config, rules, controller) as link:
+            if start:
+                link.start()
+            yield controller, link
+
+
+def run_for(link, seconds: float, *, tick: float = 0.05, until=lambda: False) -> None:
+    """Lets time pass in ticks."""
+    end = link.now() + seconds
+    while link.now() < end - 1e-6 and not until():
+        link.wait(min(link.now() + tick, end))

@@ -1,0 +1,54 @@
+"""Trees that are run and demonstrations that are made, for the tests of learning from demonstration."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from bt_jax.behaviors import Behavior, Tree, Vocabulary
+from bt_jax.encoding.walk import leaves
+from bt_jax.lfd import Action, Demonstration, Demonstrations, Pose
+from bt_jax.lfd.evaluation.synthetic import demonstration_set
+from bt_jax.mjx_env.episodes.playback import Playback, play
+from bt_jax.mjx_env.physics.kinematic import Kinematic
+from bt_jax.mjx_env.physics.settler import Settler
+from bt_jax.mjx_env.scene.layouts import sample_layouts
+from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.tasks import Target, Task, load_task
+
+STACK3 = load_task("stack3")
+RESTACK = load_task("restack")
+UNSTACKING = (
+    Target("GreenBox", (-1.0, -0.64, 0.75), "base_link"),
+    Target("BlueBox", (-1.0, -1.36, 0.75), "base_link"),
+)
+STACKING = (
+    Target("YellowBox", (0.0, 0.0, 0.052), "KittingBox"),
+    Target("GreenBox", (0.0, 0.0, 0.1), "YellowBox"),
+    Target("BlueBox", (0.0, 0.0, 0.1), "GreenBox"),
+)
+
+
+def demonstrations(
+    task: Task, placements: Sequence[Target], *, count: int = 3, seed: int = 0, noise: float = 0.005
+) -> Demonstrations:
+    return demonstration_set(task, placements, count=count, rng=np.random.default_rng(seed), noise=noise)
+
+
+def run(tree: Tree, task: Task, *, seed: int = 0, max_ticks: int = 60) -> Playback:
+    """An episode at the kinematic level in a random layout of the task."""
+    task = dataclasses.replace(task, episode=dataclasses.replace(task.episode, max_ticks=max_ticks))
+    semantics = LeafSemantics(task, Vocabulary.of(leaves(tree)))
+    return play(semantics, Settler(task, Kinematic(task)), tree, sample_layouts(task, seed, 1))
+
+
+def at(thing: str, position: Sequence[float], frame: str) -> Behavior:
+    return Behavior("at", (thing, tuple(map(float, position)), frame))
+
+
+def one_demonstration(task: Task, *, actions: Sequence[str] = ("pick", "place"), x: float = 0.0) -> Demonstration:
+    """Actions with the same pose in all frames, `x` metres away."""
+    frames = (task.kit.name, *task.box_names, task.robot_frame)
+    return Demonstration(
+        "demo1", tuple(Action(kind, {name: Pose((x, 0.0, 0.12)) for name in frames}) for kind in actions)
+    )

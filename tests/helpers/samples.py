@@ -1,0 +1,114 @@
+"""Random trees, states and episodes that the tests share; NumPy generators, so that thousands are cheap."""
+
+import functools
+import subprocess
+import sys
+from collections.abc import Sequence
+
+import jax
+import numpy as np
+
+from bt_jax.behaviors import Behavior, Control, Kind, Tree, gene_pool
+from bt_jax.mjx_env.physics.kinematic import Kinematic
+from bt_jax.mjx_env.physics.protocol import Physics
+from bt_jax.mjx_env.scene.layouts import sample_layouts
+from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.mjx_env.skills import Released, act, settled_world
+from bt_jax.mjx_env.world import World, concatenate, take
+from bt_jax.tasks import Task, load_task
+from tests.helpers.strategies import ATOMS, SUBTASKS
+
+
+def random_tree(rng: np.random.Generator, leaves: Sequence[Behavior], num_leaves: int) -> Tree:
+    """Any tree of control nodes with at least one child each, valid for evolution or not."""
+    if num_leaves == 1 and rng.random() < 0.9:
+        return leaves[rng.integers(len(leaves))]
+    parts = int(rng.integers(1, num_leaves + 1))
+    cuts = np.sort(rng.choice(num_leaves - 1, parts - 1, replace=False)) + 1
+    counts = np.diff([0, *cuts, num_leaves])
+    kind = Kind.SEQUENCE if rng.random() < 0.5 else Kind.FALLBACK
+    return Control(kind, tuple(random_tree(rng, leaves, int(count)) for count in counts))
+
+
+def random_trees(seed: int, leaves: Sequence[Behavior], count: int, *, most_leaves: int) -> list[Tree]:
+    """Trees of 1 to `most_leaves` leaves; the first is a single leaf."""
+    rng = np.random.default_rng(seed)
+    return [leaves[0], *(random_tree(rng, leaves, int(rng.integers(1, most_leaves + 1))) for _ in range(count - 1))]
+
+
+@functools.cache
+def semantics_of(task_name: str, *, atoms: bool = True) -> LeafSemantics:
+    """The gene pool of a task, and with `atoms` single conditions and actions as well."""
+    task = load_task(task_name)
+    vocabulary = gene_pool(task)
+    if atoms:
+        known = [leaf for leaf in (*ATOMS, *SUBTASKS) if task.subgoals or "reached" not in str(leaf)]
+        vocabulary = vocabulary.extended(known)
+    return LeafSemantics(task, vocabulary)
+
+
+def walk(semantics: LeafSemantics, physics: Physics, *, seed: int, count: int, steps: int) -> tuple[World, Released]:
+    """`count` episodes of `steps` random possible commands: all states on the way, and all releases in mid-command."""
+    rng = np.random.default_rng(seed)
+    task = semantics.task
+    world = sample_layouts(task, seed, count)
+    worlds, releases = [world], []
+    for _ in range(steps):
+        released = act(semantics, world, random_commands(semantics, world, rng))
+        settled = physics.settle(released.world.kit, released.poses, released.present & (released.box >= 0)[:, None])
+        world = settled_world(task, released, np.asarray(settled.poses))
+        worlds.append(world)
+        releases.append(released)
+    return concatenate(worlds), _join(releases)
+
+
+def random_commands(semantics: LeafSemantics, world: World, rng: np.random.Generator) -> np.ndarray:
+    """For each state a command that could run there; opening the gripper where nothing could."""
+    statuses = semantics._atom_outcomes(world)[:, len(semantics.conditions) :] & 3
+    weights = (statuses == 2) * rng.random(statuses.shape)
+    return weights.argmax(axis=1).astype(np.int32)
+
+
+def kinematic_walk(
+    task_name: str, *, seed: int, count: int = 40, steps: int = 10
+) -> tuple[LeafSemantics, World, Released]:
+    semantics = semantics_of(task_name)
+    return semantics, *walk(semantics, Kinematic(semantics.task), seed=seed, count=count, steps=steps)
+
+
+def one(world: World, index: int) -> World:
+    return take(world, slice(index, index + 1))
+
+
+def _join(releases: list[Released]) -> Released:
+    return Released(
+        world=concatenate([release.world for release in releases]),
+        poses=np.concatenate([release.poses for release in releases]),
+        present=np.concatenate([release.present for release in releases]),
+        box=np.concatenate([release.box for release in releases]),
+    )
+
+
+def command(module: str, *arguments: object, **options) -> subprocess.CompletedProcess:
+    """Runs one of the package's commands to its end."""
+    words = [sys.executable, "-m", module, *map(str, arguments)]
+    return subprocess.run(words, capture_output=True, text=True, timeout=300, **options)
+
+
+def train_command(*arguments: object) -> list[str]:
+    return [sys.executable, "-m", "bt_jax.train", *map(str, arguments)]
+
+
+def train(*arguments: object, **options) -> subprocess.CompletedProcess:
+    """Runs the command line of training to its end."""
+    return command("bt_jax.train", *arguments, **options)
+
+
+def sized(task: Task) -> np.ndarray:
+    return np.array([box.size for box in task.boxes], np.float32)
+
+
+def assert_same(a, b) -> None:
+    """Two pytrees with equal arrays."""
+    for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True):
+        np.testing.assert_array_equal(x, y)

@@ -1,0 +1,178 @@
+"""The transition table and the plain rollout are two ways to the same episodes."""
+
+import dataclasses
+import functools
+
+import jax
+import numpy as np
+import pytest
+
+from bt_jax.behaviors import Behavior, Control
+from bt_jax.encoding.arrays import encode_all
+from bt_jax.encoding.walk import prefix
+from bt_jax.mjx_env.episodes.evaluator import MANY, TableEvaluator
+from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS, Ending
+from bt_jax.mjx_env.episodes.rollout import RolloutEvaluator
+from bt_jax.mjx_env.episodes.table import TransitionTable
+from bt_jax.mjx_env.physics import kinematic
+from bt_jax.mjx_env.physics.kinematic import Kinematic
+from bt_jax.mjx_env.physics.mujoco import MujocoPhysics
+from bt_jax.mjx_env.scene.layouts import sample_layouts
+from bt_jax.mjx_env.world import take
+from bt_jax.tasks import task_names
+from tests.helpers.samples import assert_same, random_trees, semantics_of
+
+NODES, BATCH, LAYOUTS = 32, 100, 3
+
+
+def trees_for(semantics, seed, count):
+    """Half of them from genes alone, which act; half from all leaves, which often fail."""
+    leaves = semantics.vocabulary.leaves
+    genes = [leaf for leaf in leaves if leaf.name == "move"]
+    found = random_trees(seed, genes, count, most_leaves=6) + random_trees(seed + 1, leaves, count, most_leaves=8)
+    found = [tree for tree in found if len(prefix(tree)) <= NODES]
+    rng = np.random.default_rng(seed)
+    return encode_all([found[i] for i in rng.permutation(len(found))[:count]], semantics.vocabulary, NODES)
+
+
+@functools.cache
+def table_evaluator(task_name):
+    semantics = semantics_of(task_name)
+    return TableEvaluator(semantics, Kinematic(semantics.task), batch=BATCH)
+
+
+def both_agree(task_name, count, layouts):
+    semantics = semantics_of(task_name)
+    trees, starts = trees_for(semantics, 10, count), sample_layouts(semantics.task, 5, layouts)
+    by_table = table_evaluator(task_name)(trees, starts)
+    settle = functools.partial(kinematic.settle, semantics.task)
+    by_rollout = RolloutEvaluator(semantics, settle, batch=BATCH)(trees, starts)
+    assert_same(by_table, by_rollout)
+    assert by_table.values.shape == (count, layouts)
+    assert set(by_table.ending.ravel()) == {Ending.SUCCESS, Ending.FAILURE, Ending.TIMEOUT}
+    assert by_table.ticks.max() == semantics.task.episode.max_ticks
+
+
+@pytest.mark.parametrize("task_name", ["stack3", "restack"])
+def test_the_table_and_the_rollout_agree(task_name):
+    both_agree(task_name, BATCH, LAYOUTS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task_name", task_names())
+def test_the_table_and_the_rollout_agree_on_many_trees(task_name):
+    both_agree(task_name, 5 * BATCH, 4)
+
+
+def test_the_order_in_which_trees_are_met_does_not_matter():
+    semantics = semantics_of("stack3")
+    evaluator = table_evaluator("stack3")
+    trees, starts = trees_for(semantics, 20, BATCH), sample_layouts(semantics.task, 6, LAYOUTS)
+    forward = evaluator(trees, starts)
+    fresh = TableEvaluator(semantics, Kinematic(semantics.task), batch=BATCH)
+    order = np.random.default_rng(0).permutation(BATCH)
+    shuffled = fresh(jax.tree.map(lambda leaf: leaf[order], trees), take(starts, slice(None, None, -1)))
+    for ours, theirs in zip(jax.tree.leaves(forward), jax.tree.leaves(shuffled), strict=True):
+        np.testing.assert_array_equal(theirs[:, ::-1], ours[order])
+    assert_same(evaluator(trees, starts), forward)
+
+
+def test_those_that_wait_go_on_by_themselves():
+    semantics = semantics_of("stack3")
+    trees, layouts = trees_for(semantics, 30, 2 * MANY), sample_layouts(semantics.task, 8, 1)
+    together, apart = (
+        TableEvaluator(semantics, Kinematic(semantics.task), batch=batch)(trees, layouts)
+        for batch in (2 * MANY, MANY // 2)
+    )
+    assert_same(together, apart)
+
+
+def test_physics_gives_the_same_whatever_was_asked_before():
+    semantics = semantics_of("stack3")
+    trees, starts = trees_for(semantics, 30, BATCH), sample_layouts(semantics.task, 7, 1)
+    one, other = (TableEvaluator(semantics, MujocoPhysics(semantics.task), batch=BATCH) for _ in range(2))
+    other(trees_for(semantics, 40, BATCH), starts)
+    assert_same(one(trees, starts), other(trees, starts))
+
+
+def test_rows_of_layouts_can_be_chosen():
+    semantics = semantics_of("stack3")
+    evaluator = table_evaluator("stack3")
+    trees, starts = trees_for(semantics, 20, BATCH), sample_layouts(semantics.task, 6, LAYOUTS)
+    whole = evaluator(trees, starts)
+    which = np.random.default_rng(1).integers(0, LAYOUTS, (BATCH, LAYOUTS)).astype(np.int32)
+    chosen = evaluator(trees, starts, which)
+    np.testing.assert_array_equal(chosen.values, np.take_along_axis(whole.values, which, axis=1))
+    few = jax.tree.map(lambda leaf: leaf[:7], trees)
+    np.testing.assert_array_equal(evaluator(few, starts).values, whole.values[:7])
+
+
+def test_a_tree_of_two_genes_stacks():
+    semantics = semantics_of("stack")
+    genes = (
+        Behavior("move", ("YellowBox", (0.0, 0.0, 0.055), "KittingBox")),
+        Behavior("move", ("GreenBox", (0.0, 0.0, 0.1), "YellowBox")),
+    )
+    tree = encode_all([Control.sequence(*genes)], semantics.vocabulary, NODES)
+    found = table_evaluator("stack")(tree, sample_layouts(semantics.task, 8, LAYOUTS))
+    assert found.solved.all()
+    assert (found.ending == Ending.SUCCESS).all()
+    assert (found.fitness > -35).all()
+    assert (found.ticks == 6).all()  # pick and place, twice, then two ticks of success
+
+
+def test_states_get_one_id_each():
+    semantics = semantics_of("stack3")
+    table = TransitionTable(semantics, Kinematic(semantics.task))
+    starts = sample_layouts(semantics.task, 9, 100)
+    twice = take(starts, np.r_[np.arange(100), np.arange(100)])
+    np.testing.assert_array_equal(table.ids(twice), np.r_[np.arange(100), np.arange(100)])
+    assert table.num_states == 100
+    assert_same(table.worlds(np.arange(100, dtype=np.int32)), starts)
+    np.testing.assert_array_equal(np.asarray(table.outcomes)[:, :100], semantics.outcomes(starts))
+
+
+def test_the_table_grows():
+    semantics = semantics_of("stack3", atoms=False)
+    table = TransitionTable(semantics, Kinematic(semantics.task))
+    starts = sample_layouts(semantics.task, 10, 3000)
+    for part in (slice(0, 1500), slice(1500, 3000)):
+        table.ids(take(starts, part))
+        states = np.arange(part.start, part.start + 100, dtype=np.int32)
+        table.learn(states, np.full(100, 2, np.int32))
+    assert table.outcomes.shape[1] >= table.num_states == 3200
+    np.testing.assert_array_equal(
+        np.asarray(table.outcomes)[:, :1500], semantics.outcomes(take(starts, slice(0, 1500)))
+    )
+    following = np.asarray(table.following).reshape(-1, table.num_commands)
+    assert (following[:100, 2] >= 0).all()
+    assert (following >= 0).sum() == table.num_transitions == 200
+
+
+@dataclasses.dataclass(frozen=True)
+class SometimesBroken(Kinematic):
+    """Physics that gives no number where a box is let go in the kit."""
+
+    def settle(self, kit, poses, present):
+        settled = super().settle(kit, poses, present)
+        bad = (np.abs(poses[..., :2] - kit[:, None, :2]).max(axis=-1) < 0.19).any(axis=1)
+        return dataclasses.replace(
+            settled, poses=np.where(bad[:, None, None], np.float32(np.nan), settled.poses), ok=~bad
+        )
+
+
+def test_physics_without_a_number_costs_one_individual_and_no_more():
+    semantics = semantics_of("stack")
+    into_kit = Behavior("move", ("YellowBox", (0.0, 0.0, 0.055), "KittingBox"))
+    onto_box = Behavior("move", ("YellowBox", (0.0, 0.0, 0.1), "GreenBox"))
+    trees = encode_all([into_kit, onto_box], semantics.vocabulary, NODES)
+    evaluator = TableEvaluator(semantics, SometimesBroken(semantics.task), batch=BATCH)
+    starts = sample_layouts(semantics.task, 8, 2)
+    for _ in range(2):
+        found = evaluator(trees, starts)
+        assert (found.ending == [[Ending.BROKEN] * 2, [Ending.SUCCESS] * 2]).all()
+        assert found.fitness[0] == WORST_FITNESS
+        assert not found.solved[0].any()
+        np.testing.assert_array_equal(found.fitness[1:], table_evaluator("stack")(trees, starts).fitness[1:])
+        assert np.isfinite(found.distance).all()
+    assert evaluator.table.num_broken == 2

@@ -1,0 +1,118 @@
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+
+from bt_jax._util.errors import UserError
+from bt_jax.behaviors import Behavior, gene_pool
+from bt_jax.encoding.formats.text import parse_tree
+from bt_jax.encoding.walk import prefix
+from bt_jax.mjx_env.episodes.playback import play
+from bt_jax.mjx_env.physics.factory import make_physics
+from bt_jax.mjx_env.physics.kinematic import Kinematic
+from bt_jax.mjx_env.physics.settler import Settler
+from bt_jax.mjx_env.render.choreography import shots
+from bt_jax.mjx_env.render.film import check_film, film, solved_picture
+from bt_jax.mjx_env.render.offscreen import available
+from bt_jax.mjx_env.scene.layouts import sample_layouts
+from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.tasks import load_task
+
+FPS = 30.0
+STACK = "Sequence(move(YellowBox, (0, 0, 0.055), KittingBox), move(GreenBox, (0, 0, 0.1), YellowBox), {})"
+LAST = {
+    "stack3": "move(BlueBox, (0, 0, 0.1), GreenBox)",
+    "topple": "move(BlueBox, (0.07, 0.01, 0.1), GreenBox)",
+    "gripper": "pick(GreenBox)",
+}
+draws = pytest.mark.skipif(available() is not True, reason="nothing can be drawn here")
+
+
+def episode(last, *, seed=0, level="physics"):
+    task, tree = load_task("stack3"), parse_tree(STACK.format(LAST[last]))
+    leaves = [node for node in prefix(tree) if isinstance(node, Behavior)]
+    semantics = LeafSemantics(task, gene_pool(task).extended(leaves))
+    physics = Kinematic(task) if level == "kinematic" else make_physics(task, "mujoco")
+    return semantics, play(semantics, Settler(task, physics), tree, sample_layouts(task, seed, 1))
+
+
+@pytest.mark.parametrize("level", ["kinematic", "physics"])
+@pytest.mark.parametrize("last", LAST)
+def test_motion_is_continuous_and_leads_from_start_to_end(last, level):
+    semantics, played = episode(last, level=level)
+    taken = shots(semantics, played, fps=FPS)
+    poses = np.array([shot.poses for shot in taken])
+    tips = np.array([shot.gripper.position for shot in taken])
+    np.testing.assert_allclose(poses[0], played.start.poses[0], atol=1e-6)
+    np.testing.assert_allclose(poses[-1], played.final.poses[0], atol=1e-6)
+    assert np.abs(np.diff(tips, axis=0)).max() < 0.12
+    assert np.abs(np.diff(poses[..., :3], axis=0)).max() < 0.15
+    assert np.abs(np.diff([shot.gripper.opening for shot in taken])).max() < 0.05
+    np.testing.assert_allclose(np.linalg.norm(poses[..., 3:], axis=-1), 1, atol=1e-3)
+    assert len(taken) / FPS < 3 + 2.5 * len(played.ticks)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_is_carried_through_another_box(seed):
+    semantics, played = episode("stack3", seed=seed)
+    assert played.solved
+    for shot in shots(semantics, played, fps=FPS):
+        centres = shot.poses[:, :3]
+        gap = np.abs(centres[:, None] - centres[None]).max(axis=-1) + np.eye(3)
+        assert gap.min() > 0.097
+
+
+def test_a_grasped_box_stays_between_the_fingers():
+    semantics, played = episode("stack3")
+    taken = shots(semantics, played, fps=FPS)
+    size, moved = semantics.task.boxes[0].size, 0
+    for before, after in itertools.pairwise(taken):
+        if after.gripper.opening == pytest.approx(size, abs=1e-6) == before.gripper.opening:
+            away = np.linalg.norm(after.poses[:, :3] - after.gripper.position, axis=-1)
+            assert away.min() < 1e-3
+            moved += 1
+    assert moved > 2 * FPS
+
+
+@draws
+def test_films_are_written(tmp_path):
+    import imageio.v3 as imageio
+
+    semantics, played = episode("stack3", level="kinematic")
+    short = [tick for tick in played.ticks if tick.command is not None][:1]
+    cut = dataclasses.replace(played, ticks=tuple(short))
+    told = []
+    film(tmp_path / "film.gif", semantics, cut, progress=told.append)
+    frames = imageio.imread(tmp_path / "film.gif")
+    assert len(frames) > 12
+    assert np.ptp(frames[0]) > 100
+    assert np.abs(frames[0].astype(int) - frames[len(frames) // 2]).max() > 50
+    assert told == sorted(told)
+    assert told[-1] == 1
+    assert (tmp_path / "film.gif").stat().st_size < 1e6
+
+
+@draws
+def test_the_solved_scene_is_drawn():
+    import imageio.v3 as imageio
+
+    semantics, played = episode("stack3", level="kinematic")
+    picture = imageio.imread(solved_picture(semantics.task, played, width=320, height=180))
+    assert picture.shape == (180, 320, 3)
+    yellow = (picture[..., 0] > 150) & (picture[..., 2] < 90)
+    assert yellow.any()
+
+
+@pytest.mark.parametrize("name", ["film.avi", "no_such_folder/film.mp4", "."])
+def test_where_no_film_can_be_written(tmp_path, name):
+    with pytest.raises(UserError, match="film"):
+        check_film(tmp_path / name)
+
+
+def test_without_a_renderer(monkeypatch, tmp_path):
+    monkeypatch.setattr("bt_jax.mjx_env.render.film.available", lambda: "there is no EGL")
+    semantics, played = episode("stack3", level="kinematic")
+    assert solved_picture(semantics.task, played) is None
+    with pytest.raises(UserError, match="there is no EGL"):
+        check_film(tmp_path / "film.gif")

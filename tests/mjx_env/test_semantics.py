@@ -1,0 +1,145 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from py_trees.common import Status as Theirs
+
+from bt_jax._util.errors import UserError
+from bt_jax.behaviors import FIRST_LEAF, NOTHING, Behavior, Kind, Vocabulary
+from bt_jax.encoding.formats.py_trees import to_py_trees
+from bt_jax.encoding.tick import Status
+from bt_jax.mjx_env.scene.layouts import sample_layouts
+from bt_jax.mjx_env.semantics import COMMAND_BITS, LeafSemantics
+from bt_jax.mjx_env.world import rotate
+from bt_jax.tasks import load_task
+from tests.helpers.samples import kinematic_walk, one, semantics_of
+
+THEIRS = {Status.SUCCESS: Theirs.SUCCESS, Status.FAILURE: Theirs.FAILURE, Status.RUNNING: Theirs.RUNNING}
+
+
+class Oracle:
+    """One state, asked in words of the design."""
+
+    def __init__(self, task, world):
+        self.task = task
+        self.poses, self.kit = world.poses[0].astype(float), world.kit[0].astype(float)
+        self.held, self.gripper_open, self.reached = int(world.held[0]), bool(world.gripper_open[0]), world.reached[0]
+
+    def index(self, name):
+        return self.task.box_names.index(name)
+
+    def frame(self, name):
+        upright = np.array([1.0, 0, 0, 0])
+        if name == self.task.kit.name:
+            return self.kit, upright
+        if name == self.task.robot_frame:
+            return np.array(self.task.robot_position), upright
+        pose = self.poses[self.index(name)]
+        return pose[:3], pose[3:]
+
+    def holds(self, c):
+        match c.name:
+            case "at":
+                origin, turn = self.frame(c.frame)
+                goal = origin + rotate(turn[None].astype(np.float32), np.array([c.position], np.float32))[0]
+                close = np.linalg.norm(self.poses[self.index(c.object), :3] - goal) < self.task.episode.tolerance
+                return close and self.held != self.index(c.object)
+            case "holding":
+                return self.held == (-1 if c.object == NOTHING else self.index(c.object))
+            case "gripper":
+                return self.gripper_open == (c.args[0] == "open")
+            case "reachable":
+                return self.poses[self.index(c.object), 2] > 0.7
+            case "clear":
+                return not any(self.rests(i, self.index(c.object)) for i in range(len(self.poses)))
+            case "reached":
+                return bool(self.reached[[g.name for g in self.task.subgoals].index(c.args[0])])
+        raise AssertionError(c)
+
+    def rests(self, above, below):
+        if above == below or self.held in (above, below):
+            return False
+        offset = self.poses[above, :3] - self.poses[below, :3]
+        return 0.06 < offset[2] < 0.13 and np.abs(offset[:2]).max() < 0.1
+
+    def status(self, leaf):
+        if leaf.kind == Kind.CONDITION:
+            return Status.SUCCESS if self.holds(leaf) else Status.FAILURE
+        if all(map(self.holds, leaf.postconditions)):
+            return Status.SUCCESS
+        return Status.RUNNING if all(map(self.holds, leaf.preconditions)) else Status.FAILURE
+
+
+def expected_outcome(leaf, status_of, commands):
+    """(command, status) of a leaf: py_trees ticks its subtree, and the command is the action that runs."""
+    running = []
+
+    def tick_leaf(atom):
+        status = status_of(atom)
+        if status == Status.RUNNING:
+            running.append(atom)
+        return THEIRS[status]
+
+    root = to_py_trees(leaf, tick_leaf, expand_genes=True)
+    root.tick_once()
+    status = next(ours for ours, theirs in THEIRS.items() if theirs == root.status)
+    return (commands.index(running[-1]) if status == Status.RUNNING else 0), status
+
+
+@pytest.mark.parametrize("name", ["stack3", "restack"])
+def test_outcomes_are_those_of_py_trees_on_every_leaf(name):
+    semantics, worlds, _ = kinematic_walk(name, seed=3, count=6, steps=8)
+    outcomes = semantics.outcomes(worlds)
+    met = set()
+    holding, free = (np.flatnonzero((worlds.held >= 0) == held) for held in (True, False))
+    for s in (*holding[-3:], *free[-5:]):
+        oracle = Oracle(semantics.task, one(worlds, s))
+        for i, leaf in enumerate(semantics.vocabulary.leaves):
+            command, status = expected_outcome(leaf, oracle.status, semantics.commands)
+            assert outcomes[0, s, FIRST_LEAF + i] == command << COMMAND_BITS | status, (s, str(leaf))
+            failed = semantics.commands[command] if status == Status.RUNNING else None
+
+            def exhausted(atom, oracle=oracle, failed=failed):
+                return Status.FAILURE if atom == failed else oracle.status(atom)
+
+            command, second = expected_outcome(leaf, exhausted, semantics.commands)
+            assert outcomes[1, s, FIRST_LEAF + i] == command << COMMAND_BITS | second, (s, str(leaf))
+            met.add((leaf.name, status))
+    for action in ("open_gripper", "close_gripper", "pick", "place", "move"):
+        assert (action, Status.RUNNING) in met
+    for action in ("open_gripper", "close_gripper", "pick"):
+        assert (action, Status.SUCCESS) in met
+
+
+@pytest.mark.parametrize("name", ["stack3", "restack", "yumi_stack"])
+def test_numpy_and_jax_agree(name):
+    semantics, worlds, _ = kinematic_walk(name, seed=4)
+    found = semantics.outcomes(worlds)
+    assert found.dtype == np.int16
+    as_jax = jax.jit(semantics.outcomes)(jax.tree.map(jnp.asarray, worlds))
+    np.testing.assert_array_equal(as_jax, found)
+
+
+def test_the_subgoal_is_seen_once_and_for_all():
+    _, worlds, _ = kinematic_walk("restack", seed=5, count=30, steps=12)
+    reached = worlds.reached.reshape(13, 30)
+    assert not reached[0].any()
+    assert reached[-1].any()
+    assert not reached[-1].all()
+    assert (np.diff(reached.astype(int), axis=0) >= 0).all()
+
+
+def test_a_stack_is_not_clear_and_not_unstacked():
+    task = load_task("restack")
+    semantics = semantics_of("restack")
+    conditions = semantics._condition_values(sample_layouts(task, 0, 5))
+    clear = [semantics.conditions.index(Behavior("clear", (name,))) for name in task.layout.stack]
+    np.testing.assert_array_equal(conditions[:, clear], np.tile([False, False, True], (5, 1)))
+
+
+def test_leaves_that_the_task_does_not_know_are_refused():
+    task = load_task("stack")
+    with pytest.raises(UserError, match="RedBox"):
+        LeafSemantics(task, Vocabulary.of([Behavior("pick", ("RedBox",))]))
+    with pytest.raises(UserError, match="subgoal"):
+        LeafSemantics(task, Vocabulary.of([Behavior("reached", ("unstacked",))]))

@@ -1,0 +1,181 @@
+import contextlib
+import json
+
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bt_jax._util.errors import UserError
+from bt_jax.tasks import load_task, task_from_dict, task_names
+
+LAST = "\ntargets: [{object: YellowBox, position: [0, 0, 0.052], frame: KittingBox}]\n"
+
+
+@pytest.mark.parametrize("name", task_names())
+def test_tasks_survive_json_and_yaml(name):
+    task = load_task(name)
+    assert task.name == name
+    data = task.to_dict()
+    assert task_from_dict(json.loads(json.dumps(data)), source="json") == task
+    assert task_from_dict(yaml.safe_load(yaml.safe_dump(data)), source="yaml") == task
+    assert hash(task) == hash(load_task(name))
+
+
+def test_the_published_scene():
+    task = load_task("stack")
+    assert [table.top for table in task.tables] == [0.75, 0.75, 0.75]
+    assert [table.position[0] for table in task.tables] == [-1, 0, 1]
+    assert task.frames == ("YellowBox", "GreenBox", "BlueBox", "KittingBox", "base_link")
+    assert load_task("restack").layout.stack == ("YellowBox", "BlueBox", "GreenBox")
+    assert load_task("restack").targets == load_task("stack3").targets
+
+
+def test_a_file_says_what_differs(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("extends: pyramid\nname: mine\nweights: {node: 5}\n")
+    mine, base = load_task(path), load_task("pyramid")
+    assert mine.targets == base.targets
+    assert mine.weights.node == 5
+    assert mine.weights.distance == base.weights.distance
+    (tmp_path / "other.yaml").write_text("extends: mine.yaml\nname: other\n")
+    assert load_task(tmp_path / "other.yaml").weights == mine.weights
+
+
+def target(**over):
+    return {"targets": [{"object": "YellowBox", "position": [0, 0, 0.052], "frame": "KittingBox"} | over]}
+
+
+def boxes(**over):
+    names = ("YellowBox", "GreenBox", "BlueBox")
+    return {"boxes": [{"name": name, "size": 0.1, "color": [1, 0, 0]} | over for name in names]}
+
+
+def in_frame(**frames):
+    return {"targets": [{"object": o, "position": [0, 0, 0.1], "frame": f} for o, f in frames.items()]}
+
+
+def fixed(*places, kit="TableRight", **over):
+    entries = [{"object": o, "position": p, "frame": "base_link"} | over for o, p in places]
+    return {"layout": {"kit": kit, "fixed": entries}}
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "remedy"),
+    [
+        (fixed(("YellowBox", [-1, -1, 0.75]), kit="random"), "layout.kit", "name the kit's table"),
+        (fixed(("RedBox", [-1, -1, 0.75])), "layout.fixed[0].object", "use one of YellowBox"),
+        (fixed(("YellowBox", [-1, -1, 0.75]), frame="GreenBox"), "layout.fixed[0].frame", "use base_link"),
+        (fixed(*[("YellowBox", [-1, -1, 0.75])] * 2), "layout.fixed[1].object", "one place"),
+        (
+            fixed(("YellowBox", [-1, -1, 0.75]), ("GreenBox", [-1, -0.95, 0.8])),
+            "layout.fixed[1].position",
+            "free space",
+        ),
+        (fixed(("YellowBox", [-1, -1, 0.4])), "layout.fixed[0].position", "move it over one"),
+        (fixed(("YellowBox", [-3, -1, 0.75])), "layout.fixed[0].position", "move it over one"),
+        (target(object="RedBox"), "targets[0].object", "use one of YellowBox"),
+        (target(frame="Shelf"), "targets[0].frame", "use one of YellowBox"),
+        (target(frame="YellowBox"), "targets", "give one of them"),
+        (in_frame(YellowBox="GreenBox", GreenBox="YellowBox"), "targets", "give one of them"),
+        (in_frame(YellowBox="GreenBox", GreenBox="BlueBox", BlueBox="GreenBox"), "targets", "give one of them"),
+        ({"targets": target()["targets"] * 2}, "targets[1].object", "one target"),
+        (target(position=[0.197, 0, 0.052]), "targets[0].position", "free space"),
+        (target(position=[0, 0, 0]), "targets[0].position", "free space"),
+        (target(position=[0, 0, 0.02], frame="GreenBox"), "targets[0].position", "free space"),
+        (target(position=[0, 0]), "targets[0].position", "three numbers"),
+        (target(position=[0, 0, "high"]), "targets[0].position", "a number"),
+        (target(position=[0, 0, float("nan")]), "targets[0].position", "a number"),
+        (target(position=[0, 0, True]), "targets[0].position", "a number"),
+        (target(colour="red"), "targets[0].colour", "use one of object"),
+        ({"targets": [{"object": "YellowBox", "frame": "KittingBox"}]}, "targets[0].position", "add it"),
+        ({"targets": []}, "targets", "add at least one"),
+        ({"targets": None}, "targets", "expected a list"),
+        ({"targets": {"object": "YellowBox"}}, "targets", "expected a list"),
+        ({"targets": ["YellowBox"]}, "targets[0]", "expected a mapping"),
+        ({"boxes": []}, "boxes", "add at least one"),
+        (boxes(size=0.5), "boxes[0].size", "gripper"),
+        (boxes(size=0.5) | {"gripper_opening": 1}, "boxes[0].size", "kit"),
+        (boxes(size=0), "boxes[0]", "positive"),
+        (boxes(density=-1), "boxes[0]", "positive"),
+        (boxes(size="1e-1"), "boxes[0].size", "a number"),
+        (boxes(name="YellowBox"), "boxes", "rename"),
+        (boxes(name="a box"), "boxes", "letters"),
+        ({"tables": []}, "tables", "add at least one"),
+        ({"kit": {"size": 2}}, "kit.size", "smaller"),
+        ({"kit": {"wall_thickness": 0.3}}, "", ""),
+        ({"kit": None}, "kit", "expected a mapping"),
+        ({"kit": {"name": "YellowBox"}}, "boxes", "rename"),
+        ({"layout": {"kit": "Shelf"}}, "layout.kit", "use random"),
+        ({"layout": {"stack": ["RedBox"]}}, "layout.stack", "use some of"),
+        ({"layout": {"stack": ["YellowBox", "YellowBox"]}}, "layout.stack", "once"),
+        ({"layout": {"spacing": 2}}, "layout.spacing", "lower spacing"),
+        ({"layout": {"margin": 0.4, "spacing": 0}}, "layout.margin", "lower"),
+        ({"layout": {"margin": -0.1}}, "layout.margin", "zero or more"),
+        ({"weights": {"node": -1}}, "weights.node", "zero or more"),
+        ({"episode": {"max_ticks": 0}}, "episode", "raise them"),
+        ({"episode": {"max_ticks": 1.5}}, "episode.max_ticks", "a whole number"),
+        ({"subgoals": ["tidy"]}, "subgoals", "use one of unstacked"),
+        ({"subgoals": "unstacked"}, "subgoals", "expected a list"),
+        ({"subgoals": [{"name": "tidy"}]}, "subgoals[0].conditions", "add it"),
+        ({"subgoals": [{"name": "tidy", "conditions": []}]}, "subgoals[0].conditions", "add a condition"),
+        ({"subgoals": ["unstacked", "unstacked"]}, "subgoals[1].name", "stands twice"),
+        ({"colour": "red"}, "colour", "use one of"),
+        ({7: 8}, "7", "use one of"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused_in_one_sentence(tmp_path, change, key, remedy):
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml.safe_dump({"extends": "stack", "name": "mine"} | change))
+    with pytest.raises(UserError) as error:
+        load_task(path)
+    message = str(error.value)
+    assert message.startswith(f"{path}, key {key}")
+    assert remedy in message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"a: [1, 2\nb: 3\n", "line 2 is not valid YAML"),
+        (b"\xff\xfe\x00nonsense", "cannot be read"),
+        (b"- 1\n- 2\n", "must be a mapping"),
+        (b"", "must be a mapping"),
+        (b"extends: shelf\n", "is not another task"),
+        (b"extends: mine.yaml\n", "is not another task"),
+        (b"extends: sub/../mine.yaml\n", "is not another task"),
+        (b"extends: [stack]\n", "is not another task"),
+        (b"name: mine\n", "missing; add it"),
+    ],
+)
+def test_files_that_are_no_task(tmp_path, content, words):
+    (tmp_path / "sub").mkdir()
+    path = tmp_path / "mine.yaml"
+    path.write_bytes(content)
+    with pytest.raises(UserError, match=words) as error:
+        load_task(path)
+    assert "mine.yaml" in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["shelf", "stack.yaml", "mine.txt", ".", "", "a/b.yaml"])
+def test_tasks_that_are_not_there(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UserError, match="stack"):
+        load_task(name)
+
+
+json_like = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.text(max_size=5) | st.integers(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=5,
+)
+
+
+@settings(max_examples=100)
+@given(st.sampled_from(sorted(load_task("stack").to_dict())), json_like)
+def test_any_value_is_a_task_or_a_user_error(key, value):
+    data = load_task("stack").to_dict() | {key: value}
+    with contextlib.suppress(UserError):
+        task = task_from_dict(data, source="mine")
+        assert task_from_dict(task.to_dict(), source="again") == task

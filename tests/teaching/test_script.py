@@ -1,0 +1,119 @@
+"""Scripted demonstrations, and what is learnt from them on the command line."""
+
+import json
+
+import pytest
+
+from bt_jax._util.errors import UserError
+from bt_jax.encoding.formats.text import parse_tree
+from bt_jax.encoding.formats.xml import from_xml
+from bt_jax.lfd import DemonstrationFolder, Demonstrations, Frames, learn, plan_task
+from bt_jax.mjx_env.physics.kinematic import Kinematic
+from bt_jax.tasks import load_task
+from bt_jax.teaching.script import Input, parse_script, record
+from tests.helpers.samples import command
+
+TASK = load_task("stack3")
+SCRIPT = "pick BlueBox; to (0, 0, 0.11) GreenBox; release"
+
+
+def test_scripts_are_read():
+    text = "pick BlueBox\n# over the other\nto (0, 0.5, .1) GreenBox; move (1, 0, -1e-2)   # a bit\nrelease"
+    assert parse_script(text) == [
+        Input("pick", "BlueBox"),
+        Input("to", "GreenBox", (0.0, 0.5, 0.1)),
+        Input("move", "", (1.0, 0.0, -0.01)),
+        Input("release"),
+    ]
+
+
+@pytest.mark.parametrize(
+    "text", ["", "# nothing", "grab BlueBox", "to (0, 0) GreenBox", "move (0, 0, x)", "pick", "to GreenBox"]
+)
+def test_scripts_that_cannot_be_meant(text):
+    with pytest.raises(UserError, match="write"):
+        parse_script(text)
+
+
+def test_the_lesson_is_what_was_scripted():
+    task = load_task("stack")
+    recorded = record(TASK, Kinematic(TASK), parse_script(SCRIPT), noise=0.003, after=plan_task(task))
+    lesson = learn(Demonstrations(Frames.of(TASK), tuple(recorded)), TASK)
+    assert lesson.tree.name == "move"
+    assert lesson.tree.object == "BlueBox"
+    # Box, box and kit stand in each other's frames as they always do there: any of them says the same.
+    height = {"GreenBox": 0.11, "YellowBox": 0.21, "KittingBox": 0.2625}[lesson.tree.frame]
+    assert lesson.tree.position == pytest.approx((0, 0, height), abs=0.008)
+    assert lesson.missing == 0
+
+
+def test_from_the_script_to_the_tree(tmp_path):
+    folder, out = tmp_path / "demonstrations", tmp_path / "lesson"
+    done = command("bt_jax.demonstrate", folder, SCRIPT, "--count", 2)
+    assert done.returncode == 0, done.stderr
+    assert "2 of 3 demonstrations" in done.stdout
+    done = command("bt_jax.demonstrate", folder, SCRIPT, "--count", 1, "--seed", 5)
+    assert done.returncode == 0, done.stderr
+    assert DemonstrationFolder(folder).names() == ["demo1", "demo2", "demo3"]
+    done = command("bt_jax.learn", folder, "--out", out, "--level", "kinematic", "--layouts", 5)
+    assert done.returncode == 0, done.stderr
+    assert "5 of 5" in done.stdout
+    assert "place BlueBox at (0, 0, 0.11) in GreenBox" in done.stdout
+    tree = parse_tree((out / "learnt_tree.txt").read_text())
+    assert tree == from_xml((out / "learnt_tree.xml").read_text())
+    assert str(tree) == "move(BlueBox, (0, 0, 0.11), GreenBox)"
+    assert "<svg" in (out / "learnt_tree.svg").read_text()
+    assert (out / "clusters.png").read_bytes().startswith(b"\x89PNG")
+    data = json.loads((out / "lesson.json").read_text())
+    assert (data["tree"], data["solved"], data["missing"]) == (str(tree), 5, 0)
+
+
+def test_demonstrations_are_kept_and_frames_chosen_on_the_command_line(tmp_path):
+    folder = DemonstrationFolder(tmp_path / "shown")
+    folder.create(Frames.of(TASK))
+    for one in record(TASK, Kinematic(TASK), parse_script(SCRIPT), noise=0.003):
+        folder.append(one)
+    done = command("bt_jax.demonstrate", folder.path, "--rename", "demo1", "the first", "--delete", "demo2")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == ["the first: 2 actions, moves BlueBox", "demo3: 2 actions, moves BlueBox"]
+    options = ("--level", "kinematic", "--layouts", 2, "--out")
+    done = command("bt_jax.learn", folder.path, "--frames", "2=GreenBox", "3=GreenBox", *options, tmp_path / "a")
+    assert done.returncode == 0, done.stderr
+    assert "chosen by hand" in done.stdout
+    assert "2 of 2" in done.stdout
+    assert learn(folder.read(), TASK).targets[0].frame == "GreenBox"  # kept with the demonstrations
+    for bad, remedy in [
+        ("9=auto", "choose one from 1 to 2"),
+        ("2=PinkBox", "choose KittingBox"),
+        ("x", "write ACTION=FRAME"),
+    ]:
+        done = command("bt_jax.learn", folder.path, "--frames", bad, *options, tmp_path / "b")
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+        assert remedy in done.stderr
+    done = command("bt_jax.learn", folder.path, "--frames", "2=auto", *options, tmp_path / "b")
+    assert done.returncode == 0, done.stderr
+    assert {place.frame for place in learn(folder.read(), TASK).placements} == {"base_link"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "remedy"),
+    [
+        (("bt_jax.learn", "nowhere"), "give one with demonstrations"),
+        (("bt_jax.demonstrate", "new", "jump"), "write pick BOX"),
+        (("bt_jax.demonstrate", "new", "pick RedBox; release"), "use one of YellowBox"),
+        (("bt_jax.demonstrate", "new"), "there is no folder new"),
+        (("bt_jax.demonstrate", "new", "--delete", "demo1"), "there is no folder new"),
+        (("bt_jax.demonstrate", "new", SCRIPT, "--delete", "demo1"), "leave out the script"),
+        (("bt_jax.demonstrate", "new", "pick BlueBox; to (0, 0, 0) GreenBox; release"), "would be inside GreenBox"),
+        (("bt_jax.demonstrate", "new", "pick BlueBox"), "release it, then finish"),
+        (("bt_jax.demonstrate", "new", SCRIPT, "--count", 0), "choose 1 or more"),
+        (("bt_jax.demonstrate", "new", SCRIPT, "--after", "nowhere.txt"), "give a run folder, or a tree"),
+    ],
+)
+def test_what_cannot_be_done_is_said_in_one_sentence(tmp_path, arguments, remedy):
+    done = command(*arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.count("\n") == 1
+    assert remedy in done.stderr
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,32 @@
+"""The published settings at seed 0 give what they gave when `data/golden_runs.json` was written: nothing seeded has moved.
+
+`python -m pytest tests/test_golden_runs.py --rewrite-golden` writes the file again, for a change that is meant.
+"""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from bt_jax.encoding.formats.text import one_line
+from bt_jax.tasks import load_task, task_names
+from bt_jax.training.published import published_config
+from bt_jax.training.training import evolve
+
+GOLDEN = Path(__file__).parent / "data" / "golden_runs.json"
+
+
+@pytest.mark.parametrize("name", task_names())
+def test_published_run_is_unchanged(name, request):
+    result = evolve(load_task(name), published_config(name))
+    found = {
+        "tree": one_line(result.tree),
+        "fitness": round(result.fitness, 3),
+        "episodes": result.history[-1].episodes,
+        "solved_unseen": int(result.test.solved.sum()),
+    }
+    known = json.loads(GOLDEN.read_text()) if GOLDEN.exists() else {}
+    if request.config.getoption("--rewrite-golden"):
+        GOLDEN.write_text(json.dumps({**known, name: found}, indent=2, sort_keys=True) + "\n")
+    else:
+        assert found == known[name]
