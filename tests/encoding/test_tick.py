@@ -56,7 +56,7 @@ def test_ticks_as_py_trees_does():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("num_nodes", "most_leaves", "count"), [(64, 14, 10_000), (MAX_NODES, 60, 1000)])
+@pytest.mark.parametrize(("num_nodes", "most_leaves", "count"), [(64, 14, 2000), (MAX_NODES, 60, 400)])
 def test_ticks_as_py_trees_does_on_many_trees(num_nodes, most_leaves, count):
     trees = [t for t in random_trees(3, LEAVES, count + 200, most_leaves=most_leaves) if len(prefix(t)) <= num_nodes]
     assert len(trees) >= count

@@ -21,14 +21,13 @@ STACK = """Sequence
   move(BlueBox, (0, 0, 0.04), GreenBox)"""
 
 
-@pytest.mark.parametrize("disturbances", [0, 1])
-def test_the_twin_stacks_three_boxes_and_its_log_replays(tmp_path, disturbances):
+def test_the_twin_stacks_three_boxes_though_a_person_interferes_and_its_log_replays(tmp_path):
     log = tmp_path / "twin.jsonl"
-    run = run_twin(Program(load_task("yumi_stack"), parse_tree(STACK)), 0, disturbances=disturbances, log=log)
+    run = run_twin(Program(load_task("yumi_stack"), parse_tree(STACK)), 0, disturbances=1, log=log)
     assert run.exit_code == Exit.DONE
     assert run.solved
     assert max(run.distances) < 0.005
-    assert len(run.touches) >= disturbances
+    assert len(run.touches) >= 1
     assert list(read_log(log))[-1]["exit_code"] == Exit.DONE
     assert all(tick.same for tick in replay(log))
 
