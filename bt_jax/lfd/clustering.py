@@ -17,9 +17,9 @@ from collections.abc import Collection, Hashable, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
-from sklearn.cluster import DBSCAN
 
 from bt_jax.behaviors import Behavior
+from bt_jax.lfd.dbscan import dbscan
 from bt_jax.lfd.demonstration import Action, Demonstrations, Frames, Kind, Moment
 
 __all__ = ["NEEDED", "SAME_PLACE", "SPREAD_FLOOR", "Candidate", "Inference", "infer"]
@@ -225,8 +225,7 @@ def _labels(
 ) -> np.ndarray:
     """The cluster of each point, -1 for none. One that holds several points of a demonstration is split by a smaller `eps`
     where that is possible: what does not belong to it was near by chance."""
-    # A tree is no faster for so few points, but what is chosen otherwise starts threads, 50 ms on a busy machine.
-    labels = DBSCAN(eps=eps, min_samples=min_samples, algorithm="kd_tree").fit_predict(points)
+    labels = dbscan(points, eps, min_samples)
     whose = np.asarray(demonstrations)
     for label in range(labels.max() + 1):
         rows = np.flatnonzero(labels == label)
