@@ -138,7 +138,7 @@ def run(arguments: Arguments, console: Console | None = None) -> None:
     written = expand(tree)
     known = Vocabulary.of([*leaves(tree), *leaves(written)])
     semantics, physics = LeafSemantics(task, known), _physics(task, level, arguments.backend)
-    console.print(f"[bold]{task.name}[/]: {escape(task.description)}\n{physics.name}: {physics.why}")
+    console.print(f"[bold]{escape(task.title)}[/]\n{physics.name}: {physics.why}")
     if arguments.export is not None:
         export = EXPORTS[arguments.export.suffix.lower()]
         write_atomic(arguments.export, export(written if arguments.expand else tree))

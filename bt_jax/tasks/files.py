@@ -1,4 +1,7 @@
-"""Tasks as YAML files, each of which may name another one in `extends` and only say what differs."""
+"""Tasks as YAML files, each of which may name another one in `extends` and only say what differs.
+
+Everything is inherited but the description, which is empty unless the task has its own.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +42,7 @@ def load_task(name_or_path: str | Path) -> Task:
 
 def task_from_dict(data: Mapping[str, Any], *, source: str) -> Task:
     """Builds a task from a mapping as in the YAML files and checks that it makes sense; `source` is named in errors."""
-    data = dict(data)
+    data = {"description": "", **data}
     data.pop("extends", None)
     if isinstance(data.get("subgoals"), list | tuple):
         data["subgoals"] = [_subgoal(entry, source) for entry in data["subgoals"]]
@@ -94,7 +97,9 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
         raise UserError(
             f"{path}, key extends: '{data['extends']}' is not another task; name one of {', '.join(task_names())}"
         )
-    return _merge(_read(base, (*seen, path)), data)
+    inherited = _read(base, (*seen, path))
+    inherited.pop("description", None)  # it describes the base
+    return _merge(inherited, data)
 
 
 def _merge(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:

@@ -148,6 +148,11 @@ class Task:
     gripper_opening: float = 0.2
 
     @property
+    def title(self) -> str:
+        """Name and description on one line."""
+        return f"{self.name}: {self.description}" if self.description else self.name
+
+    @property
     def box_names(self) -> tuple[str, ...]:
         return tuple(box.name for box in self.boxes)
 

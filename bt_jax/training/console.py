@@ -55,7 +55,7 @@ class TrainingDisplay:
     def __enter__(self) -> TrainingDisplay:
         training = self.training
         self.console.print(
-            f"[bold]{training.task.name}[/]: {escape(training.task.description)}\n"
+            f"[bold]{escape(training.task.title)}[/]\n"
             f"population {training.config.population}, {training.config.generations} generations, "
             f"{len(training.vocabulary.leaves)} behaviors; {training.level.name}: {training.level.why}"
         )
@@ -86,7 +86,7 @@ class TrainingDisplay:
 
     def finish(self, result: Result, state: State, session: Session) -> None:
         """The learnt tree and what there is to know of it."""
-        episodes = sum(state.episodes) * self.training.settings.layouts
+        episodes = sum(state.trees_measured) * self.training.settings.layouts
         self.console.print(Panel(Text(draw_text(result.tree).rstrip()), title="learnt tree", title_align="left"))
         if session.stopped:
             self.console.print(

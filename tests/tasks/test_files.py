@@ -42,6 +42,14 @@ def test_a_file_says_what_differs(tmp_path):
     assert load_task(tmp_path / "other.yaml").weights == mine.weights
 
 
+def test_a_description_is_not_inherited(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("extends: stack\nname: mine\n")
+    assert (load_task(path).description, load_task(path).title) == ("", "mine")
+    path.write_text("extends: stack\nname: mine\ndescription: Two boxes.\n")
+    assert load_task(path).title == "mine: Two boxes."
+
+
 def target(**over):
     return {"targets": [{"object": "YellowBox", "position": [0, 0, 0.052], "frame": "KittingBox"} | over]}
 
