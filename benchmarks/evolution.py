@@ -92,7 +92,7 @@ def _solve(population: int, arguments: Arguments, clock: CompileClock) -> dict:
         compiling += spent
         seconds.append(perf_counter() - began - spent)
         generations.append(state.generation)
-        episodes.append(state.episodes[0])
+        episodes.append(state.trees_measured[0])
         solved += float(state.population.fitness.max()) >= arguments.target
     return {
         "population": population,
@@ -120,7 +120,7 @@ def _throughput(population: int, clock: CompileClock) -> list[dict]:
                 "run": name,
                 "population": population,
                 "episodes": measured,
-                "of distinct trees": state.episodes[0],
+                "of distinct trees": state.trees_measured[0],
                 "seconds": whole - spent,
                 "compiling [s]": spent,
                 "episodes/s": measured / (whole - spent),

@@ -90,7 +90,7 @@ def _solve(config: GPConfig, arguments: Arguments, clock: CompileClock) -> tuple
             "seed": seed,
             "fitness": fitness,
             "generations": state.generation,
-            "episodes": state.episodes[0],
+            "episodes": state.trees_measured[0],
             "seconds": seconds,
             "unseen layouts solved of 100": unseen,
             "tree": one_line(tree),

@@ -67,8 +67,8 @@ def main(arguments: Arguments) -> None:
                 "best run": float(best[:, -1].max()),
                 "published mean": published[last],
                 "at -35 or better": int((best[:, -1] >= arguments.solved).sum()),
-                "episodes, mean": float(np.mean(state.episodes)),
-                "episodes, most": int(max(state.episodes)),
+                "episodes, mean": float(np.mean(state.trees_measured)),
+                "episodes, most": int(max(state.trees_measured)),
                 "unseen layouts solved of 100, worst of 20 runs": min(success),
                 "seconds": seconds,
             }

@@ -313,7 +313,7 @@ def _finish(
             "test_fitness_mean": float(result.test.fitness.mean()),
             "test_fitness_std": float(result.test.fitness.std()),
             "generations": state.generation,
-            "episodes": state.episodes,
+            "episodes": state.trees_measured,
             "last_session": dataclasses.asdict(session),
             "runs": [{"fitness": float(f), "tree": t} for f, t in zip(best_of(state)[1], result.lines, strict=True)],
         }

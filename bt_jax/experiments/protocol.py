@@ -150,7 +150,7 @@ def perform(
         variant,
         best=np.array([np.asarray(state.population.fitness).max(axis=1) for state in states]).T,
         trees=trees,
-        episodes=states[-1].episodes,
+        episodes=states[-1].trees_measured,
         solved_unseen=[training.test(tree).success_rate for tree in trees],
         history=history,
         seconds=time.monotonic() - began,

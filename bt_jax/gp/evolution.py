@@ -56,14 +56,14 @@ class State:
     earlier: tuple[int, ...]  # for each run, how many were measured before, for another fitness
 
     @property
-    def episodes(self) -> list[int]:
-        """How often a new tree was measured in each run."""
+    def trees_measured(self) -> list[int]:
+        """How many distinct trees each run has measured."""
         return [before + len(hashes) for before, hashes in zip(self.earlier, self.seen, strict=True)]
 
 
 @dataclasses.dataclass(frozen=True)
 class Generation:
-    """What there is to say about one run after one generation. `episodes` counts those of distinct trees.
+    """One run after one generation. `episodes`: distinct trees measured so far, times the layouts in which each is.
 
     `baseline_leaves` is how many leaves of the best tree are leaves of the baseline, `baseline_child` the child of the root,
     counted from 0, under which the first of them stands; -1 where there is none.
@@ -184,7 +184,7 @@ class Evolution:
             Generation(
                 run=run,
                 generation=state.generation,
-                episodes=state.episodes[run] * self.episodes_per_tree,
+                episodes=state.trees_measured[run] * self.episodes_per_tree,
                 best=float(row[best[run]]),
                 mean=float(row.mean()),
                 std=float(row.std()),

@@ -180,7 +180,7 @@ class Training:
         tokens = np.array([*range(FIRST_LEAF), *(self.vocabulary.token(leaf) for leaf in vocabulary)], np.int16)
         old = jax.device_get(state.population.trees)
         trees = Trees(jnp.asarray(tokens[old.tokens]), jnp.asarray(old.sizes))
-        return self.evolution.adopt(trees, generation=state.generation, earlier=state.episodes)
+        return self.evolution.adopt(trees, generation=state.generation, earlier=state.trees_measured)
 
     def best_trees(self, state: State) -> list[Tree]:
         """The best tree of each run."""

@@ -94,8 +94,8 @@ def test_a_population_is_carried_into_another_task(on_top):
     after = Training(config.task, config.gp, KINEMATIC, baseline=config.baseline, extra_leaves=config.extra_leaves)
     carried = after.carried(state, before.vocabulary.leaves)
     assert carried.generation == state.generation
-    assert carried.earlier == tuple(state.episodes)
-    assert carried.episodes[0] > state.episodes[0]
+    assert carried.earlier == tuple(state.trees_measured)
+    assert carried.trees_measured[0] > state.trees_measured[0]
     new = after.best_tree(carried)
     missing = np.asarray(carried.population.fitness)[0] - np.asarray(state.population.fitness)[0]
     assert (missing < 0).sum() >= len(missing) - 1  # BlueBox is not where it should be; one is the baseline now
