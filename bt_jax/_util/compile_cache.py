@@ -3,14 +3,17 @@
 JAX's persistent cache saves a new process the compiling, not the tracing and lowering that come before, which for the
 genetic operators take longer than a whole small evolution. `kept_jit` keeps the executable itself, under a key made of
 everything it depends on: the function, its static arguments, shapes and types, the source of this package, the versions
-of JAX, the device. The two do not mix: an executable that JAX has loaded from its cache cannot be written again, so leave
-JAX's off where this is on.
+of JAX and MuJoCo, the device. The two do not mix: an executable that JAX has loaded from its cache cannot be written
+again, so leave JAX's off where this is on.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import enum
 import functools
 import hashlib
+import importlib.metadata
 import inspect
 import os
 import pickle
@@ -21,6 +24,7 @@ from typing import Any
 
 import jax
 import jax.monitoring
+import jax.numpy as jnp
 from jax.experimental.serialize_executable import deserialize_and_load, serialize
 
 from bt_jax._util.files import write_atomic
@@ -29,6 +33,7 @@ __all__ = ["keep_compiled", "kept_jit"]
 
 
 NOT_COMPILED = ("app", "deploy")  # parts of the package that nothing compiled depends on
+LIBRARIES = ("jax", "jaxlib", "mujoco", "mujoco-mjx")  # compiled code depends on their versions
 LOAD_EVENT = "/bt_jax/load_executable_duration"
 
 
@@ -48,8 +53,10 @@ def kept_jit(
 ) -> Callable:
     """`jax.jit` whose executables outlive the process once `keep_compiled` was called.
 
-    Works on functions without keyword-only parameters whose dynamic arguments are pytrees of arrays. Inside another traced
-    function it is `jax.jit`.
+    Works on functions without keyword-only parameters whose dynamic arguments are pytrees of arrays. Executables are kept
+    if the static arguments are numbers, strings, enums, module-level functions, tuples and dataclasses of these, or their
+    methods; with other ones (a closure means nothing in another process), and inside another traced function, it is
+    `jax.jit`.
     """
     if function is None:
         return functools.partial(kept_jit, static_argnames=static_argnames, donate_argnums=donate_argnums)
@@ -81,14 +88,39 @@ def kept_jit(
     return call
 
 
-def _load(name: str, key: Any, compile_: Callable[[], Any]) -> Callable:
+def _described(value: Any) -> Any:
+    """A static argument as nested tuples whose `repr` says all of it, the same in every process; `repr` of the argument
+    itself may abridge, or contain an address. Raises TypeError if there are none."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        fields = [(field.name, _described(getattr(value, field.name))) for field in dataclasses.fields(value)]
+        return type(value).__module__, type(value).__qualname__, *fields
+    if isinstance(value, tuple):
+        return tuple([_described(item) for item in value])
+    if isinstance(value, bool | int | float | str | bytes | enum.Enum | None):
+        return type(value).__qualname__, repr(value)
+    if inspect.ismethod(value):
+        return _described(value.__self__), value.__name__
+    if inspect.isfunction(value) and "<" not in value.__qualname__:
+        return value.__module__, value.__qualname__
+    raise TypeError(f"{value!r} does not say what it is")
+
+
+def _load(name: str, key: tuple[tuple[Any, ...], Any, Any], compile_: Callable[[], Any]) -> Callable:
     """The executable from the store, or a new one that is put there."""
-    digest = hashlib.sha256("\n".join([name, repr(key), _environment()]).encode()).hexdigest()
+    static, structure, leaves = key
+    try:
+        identity = "\n".join([name, repr(_described(static)), repr((structure, leaves)), _environment()])
+    except TypeError:
+        return compile_()
+    digest = hashlib.sha256(identity.encode()).hexdigest()
     path = _Store.folder / f"{name}-{digest[:32]}.bin"
     if path.is_file():
         try:
             began = perf_counter()
-            executable = deserialize_and_load(*pickle.loads(path.read_bytes()))
+            content = path.read_bytes()
+            if b"lapack_" in content:
+                _link_lapack()
+            executable = deserialize_and_load(*pickle.loads(content))
             jax.monitoring.record_event_duration_secs(LOAD_EVENT, perf_counter() - began)
             return executable
         except Exception:
@@ -104,6 +136,13 @@ def _load(name: str, key: Any, compile_: Callable[[], Any]) -> Callable:
 
 
 @functools.cache
+def _link_lapack() -> None:
+    """JAX links LAPACK when it first lowers a function that needs it; an executable that is only loaded would call
+    through null pointers."""
+    jax.jit(jnp.linalg.cholesky).lower(jnp.zeros((1, 1), jnp.float32))
+
+
+@functools.cache
 def _environment() -> str:
     """Everything besides its arguments that compiled code depends on."""
     source = hashlib.sha256()
@@ -113,7 +152,8 @@ def _environment() -> str:
             source.update(file.read_bytes())
     devices = [(device.platform, device.device_kind) for device in jax.devices()]
     flags = os.environ.get("XLA_FLAGS", ""), jax.config.jax_enable_x64, jax.config.jax_default_matmul_precision
-    return repr((source.hexdigest(), jax.__version__, jax.lib.__version__, devices, flags, _processor()))
+    versions = [importlib.metadata.version(library) for library in LIBRARIES]
+    return repr((source.hexdigest(), versions, devices, flags, _processor()))
 
 
 def _processor() -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Callable, Sequence
 from typing import Literal
 
@@ -22,11 +21,10 @@ from bt_jax.gp.config import GPConfig
 from bt_jax.gp.evolution import Evolution, Generation, State, best_of
 from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
 from bt_jax.mjx_env.episodes.playback import play
-from bt_jax.mjx_env.episodes.rollout import RolloutEvaluator, Settle
-from bt_jax.mjx_env.physics import kinematic
+from bt_jax.mjx_env.episodes.rollout import RolloutEvaluator
 from bt_jax.mjx_env.physics.factory import make_physics
 from bt_jax.mjx_env.physics.kinematic import Kinematic
-from bt_jax.mjx_env.physics.protocol import Physics
+from bt_jax.mjx_env.physics.protocol import Physics, SettleFn
 from bt_jax.mjx_env.render.film import solved_picture
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
@@ -103,10 +101,10 @@ def make_level(task: Task, settings: Settings) -> Physics:
     )
 
 
-def make_settle(task: Task, level: Physics, settings: Settings) -> Settle:
+def make_settle(task: Task, level: Physics, settings: Settings) -> SettleFn:
     """The same as a pure JAX function. Raises UserError for the C engine, which has none."""
     if level.name == "kinematic":
-        return functools.partial(kinematic.settle, task)
+        return Kinematic(task).settle
     if level.name == "mujoco":
         raise UserError("the rollout evaluator cannot call the C engine; use --backend mjx, or --evaluator table")
     from bt_jax.mjx_env.physics.mjx import settle_fn

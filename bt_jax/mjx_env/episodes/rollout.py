@@ -7,7 +7,6 @@ deterministic skills it gives what the table gives, more slowly.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +14,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Int32
 
+from bt_jax._util.compile_cache import kept_jit
 from bt_jax.encoding.arrays import Trees
 from bt_jax.encoding.tick import JumpTable, Status, jump_table, tick
 from bt_jax.mjx_env.episodes.evaluator import (
@@ -28,27 +28,24 @@ from bt_jax.mjx_env.episodes.evaluator import (
     update_progress,
 )
 from bt_jax.mjx_env.episodes.fitness import Ending, subgoals_missed, target_distances
-from bt_jax.mjx_env.physics.protocol import Settled
+from bt_jax.mjx_env.physics.protocol import SettleFn
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.skills import act, settled_world
 from bt_jax.mjx_env.world import World, take
 
 __all__ = ["RolloutEvaluator"]
 
-Settle = Callable[[Array, Array, Array], Settled]
-
 
 class RolloutEvaluator:
     """Evaluates populations by simulating every transition of every episode.
 
-    `settle(kit [E 3], poses [E B 7], present [E B]) -> Settled` is a pure JAX function of a level: `kinematic.settle` or
-    `mjx_backend.settle_fn`.
+    `settle` is a level as a pure JAX function: `Kinematic(task).settle` or `mjx.settle_fn(task)`.
     """
 
-    def __init__(self, semantics: LeafSemantics, settle: Settle, *, batch: int) -> None:
+    def __init__(self, semantics: LeafSemantics, settle: SettleFn, *, batch: int) -> None:
         self.semantics, self.batch = semantics, batch
         self.num_broken = 0  # episodes in which physics gave no number
-        self._rollout = jax.jit(functools.partial(_rollout, semantics, settle))
+        self._rollout = functools.partial(_rollout, semantics, settle)
 
     def __call__(self, trees: Trees, layouts: World, which: Int32[np.ndarray, "P K"] | None = None) -> Evaluation:
         """Runs P trees [P, N] in K layouts each: rows `which` of the layouts (NumPy), or all of them."""
@@ -71,8 +68,9 @@ class RolloutEvaluator:
         )
 
 
+@kept_jit(static_argnames=("semantics", "settle"))
 def _rollout(
-    semantics: LeafSemantics, settle: Settle, trees: Trees, tree: Int32[Array, "E"], world: World
+    semantics: LeafSemantics, settle: SettleFn, trees: Trees, tree: Int32[Array, "E"], world: World
 ) -> tuple[World, Progress]:
     task = semantics.task
     jumps: JumpTable = jump_table(trees)

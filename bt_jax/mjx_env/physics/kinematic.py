@@ -26,8 +26,10 @@ class Kinematic:
     name: str = "kinematic"
     why: str = "no dynamics: boxes drop to their support and topple if they have none"
 
-    def settle(self, kit: np.ndarray, poses: np.ndarray, present: np.ndarray) -> Settled:
-        """See `physics.Physics.settle`."""
+    def settle(
+        self, kit: Float32[Array, "S 3"], poses: Float32[Array, "S B 7"], present: Bool[Array, "S B"]
+    ) -> Settled:
+        """See `Physics.settle`; NumPy or JAX."""
         return settle(self.task, kit, poses, present)
 
 

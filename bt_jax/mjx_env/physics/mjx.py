@@ -11,7 +11,6 @@ import dataclasses
 import functools
 import io
 import math
-from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -19,19 +18,19 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Bool, Float32, Int32
 
+from bt_jax._util.compile_cache import kept_jit
 from bt_jax._util.errors import UserError
 from bt_jax.mjx_env.physics.mjx_scene import stand_in_mjcf
 from bt_jax.mjx_env.physics.newton import solve
-from bt_jax.mjx_env.physics.protocol import MAX_STEPS, QUIET_STEPS, Settled
+from bt_jax.mjx_env.physics.protocol import MAX_STEPS, QUIET_STEPS, Settled, SettleFn
 from bt_jax.mjx_env.scene.mjcf import resolve_ids, timing
 from bt_jax.tasks import Task
 
 with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
     from mujoco import mjx  # says on import that the optional warp is missing
 
-__all__ = ["MjxPhysics", "SettleFn", "settle_fn"]
+__all__ = ["MjxPhysics", "settle_fn"]
 
-SettleFn = Callable[[Float32[Array, "S 3"], Float32[Array, "S B 7"], Bool[Array, "S B"]], Settled]
 ITERATIONS = 8
 Host = jax.Array | np.ndarray
 PARKED = 50.0  # metres above everything, and falling
@@ -48,9 +47,11 @@ class MjxPhysics:
     ) -> None:
         self.task = task
         self.why = why
-        self._settle = jax.jit(settle_fn(task, lanes=lanes, implementation=implementation))
+        self._settle = functools.partial(_settle_kept, settle_fn(task, lanes=lanes, implementation=implementation))
 
-    def settle(self, kit: Float32[Host, "S 3"], poses: Float32[Host, "S B 7"], present: Bool[Host, "S B"]) -> Settled:
+    def settle(
+        self, kit: Float32[Host, " S 3"], poses: Float32[Host, " S B 7"], present: Bool[Host, " S B"]
+    ) -> Settled:
         """See `Physics.settle`."""
         count = len(poses)
         bucket = _bucket(count)
@@ -70,16 +71,47 @@ def _bucket(count: int) -> int:
     return 4 ** max(2, math.ceil(math.log(max(count, 1), 4)))
 
 
-@functools.lru_cache(maxsize=16)
 def settle_fn(task: Task, *, lanes: int | None = None, implementation: str = "jax") -> SettleFn:
-    """The pure function `(kit, poses, present) -> Settled` of a task, to be jitted or used in other jitted functions.
+    """Return the pure function `(kit, poses, present) -> Settled` of a task, to be jitted or used in jitted functions.
 
     `lanes` is how many problems are stepped at once (default: 64 on a CPU, 4096 elsewhere; never more than problems).
-    Raises UserError where the implementation does not exist here.
+    Raises UserError if the implementation does not exist here.
     """
-    model = _Model(task, implementation)
+    if implementation not in ("jax", "warp"):
+        raise UserError(f"MJX has no implementation '{implementation}'; use jax or warp")
+    if implementation == "warp":
+        _check_warp()
     lanes = lanes or (64 if jax.default_backend() == "cpu" else 4096)
-    return functools.partial(_settle, model, lanes)
+    if implementation == "warp":  # its kernels are registered in the process that compiled them: nothing to keep
+        return _warp_settle(_only_bodies(task), lanes)
+    return _Settle(_only_bodies(task), lanes)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Settle:
+    """Names what its compiled form depends on, so that `kept_jit` can keep that."""
+
+    task: Task
+    lanes: int
+
+    def __call__(self, kit: Array, poses: Array, present: Array) -> Settled:
+        return _settle(_model(self.task, "jax"), self.lanes, kit, poses, present)
+
+
+@functools.lru_cache(maxsize=16)  # equal functions are compiled once
+def _warp_settle(task: Task, lanes: int) -> SettleFn:
+    return functools.partial(_settle, _model(task, "warp"), lanes)
+
+
+def _only_bodies(task: Task) -> Task:
+    """The task without what the simulation does not depend on, so that tasks with the same bodies share compiled code."""
+    blank = Task("", "", task.tables, task.kit, task.boxes, targets=())
+    return dataclasses.replace(blank, robot_position=task.robot_position)
+
+
+@kept_jit(static_argnames=("settle",))
+def _settle_kept(settle: SettleFn, kit: Array, poses: Array, present: Array) -> Settled:
+    return settle(kit, poses, present)
 
 
 @jax.tree_util.register_dataclass
@@ -148,14 +180,16 @@ def _align(mask, values):
     return mask.reshape(mask.shape + (1,) * (values.ndim - mask.ndim))
 
 
+@functools.lru_cache(maxsize=16)
+def _model(task: Task, implementation: str) -> _Model:
+    with jax.ensure_compile_time_eval():  # its arrays outlive the trace in which they may be made
+        return _Model(task, implementation)
+
+
 class _Model:
     """The MJX model of a task and one step of it."""
 
     def __init__(self, task: Task, implementation: str) -> None:
-        if implementation not in ("jax", "warp"):
-            raise UserError(f"MJX has no implementation '{implementation}'; use jax or warp")
-        if implementation == "warp":
-            _check_warp()
         self.task = task
         self.scales = timing(task)
         xml, self.stand_ins = stand_in_mjcf(task)

@@ -6,13 +6,14 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
 import jax
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
-__all__ = ["MAX_STEPS", "QUIET_STEPS", "Physics", "Settled"]
+__all__ = ["MAX_STEPS", "QUIET_STEPS", "Physics", "SettleFn", "Settled"]
 
 MAX_STEPS = 400
 QUIET_STEPS = 4
@@ -33,6 +34,10 @@ class Settled:
     ok: Bool[Array, "*S"]
     steps: Int32[Array, "*S"]
     reach: Float32[Array, "*S B"]
+
+
+SettleFn = Callable[[Float32[jax.Array, "S 3"], Float32[jax.Array, "S B 7"], Bool[jax.Array, "S B"]], Settled]
+"""`Physics.settle` as a pure function of JAX arrays."""
 
 
 @runtime_checkable

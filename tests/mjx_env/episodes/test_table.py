@@ -14,7 +14,6 @@ from bt_jax.mjx_env.episodes.evaluator import MANY, TableEvaluator
 from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS, Ending
 from bt_jax.mjx_env.episodes.rollout import RolloutEvaluator
 from bt_jax.mjx_env.episodes.table import TransitionTable
-from bt_jax.mjx_env.physics import kinematic
 from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.mjx_env.physics.mujoco import MujocoPhysics
 from bt_jax.mjx_env.scene.layouts import sample_layouts
@@ -45,8 +44,7 @@ def both_agree(task_name, count, layouts):
     semantics = semantics_of(task_name)
     trees, starts = trees_for(semantics, 10, count), sample_layouts(semantics.task, 5, layouts)
     by_table = table_evaluator(task_name)(trees, starts)
-    settle = functools.partial(kinematic.settle, semantics.task)
-    by_rollout = RolloutEvaluator(semantics, settle, batch=BATCH)(trees, starts)
+    by_rollout = RolloutEvaluator(semantics, Kinematic(semantics.task).settle, batch=BATCH)(trees, starts)
     assert_same(by_table, by_rollout)
     assert by_table.values.shape == (count, layouts)
     assert set(by_table.ending.ravel()) == {Ending.SUCCESS, Ending.FAILURE, Ending.TIMEOUT}
