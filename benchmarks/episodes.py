@@ -19,7 +19,8 @@ from bt_jax.mjx_env.physics.factory import make_physics
 from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.mjx_env.world import take
 from bt_jax.tasks import load_task
-from bt_jax.training.training import Settings, Training
+from bt_jax.training.settings import Settings
+from bt_jax.training.training import Training
 
 
 @dataclasses.dataclass(frozen=True)

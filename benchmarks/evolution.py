@@ -18,7 +18,8 @@ from benchmarks._report import report
 from bt_jax._util.startup import CompileClock, configure_jax
 from bt_jax.gp.config import GPConfig
 from bt_jax.tasks import load_task
-from bt_jax.training.training import Settings, Training
+from bt_jax.training.settings import Settings
+from bt_jax.training.training import Training
 
 PAPER_SECONDS = 15 * 60  # of 50 generations (paper, section IV)
 

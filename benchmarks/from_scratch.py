@@ -15,7 +15,8 @@ from bt_jax.encoding.formats.text import one_line
 from bt_jax.gp.config import GPConfig, Selection
 from bt_jax.gp.evolution import best_of
 from bt_jax.tasks import load_task
-from bt_jax.training.training import Settings, Training
+from bt_jax.training.settings import Settings
+from bt_jax.training.training import Training
 
 # Niches are by size, hence few nodes; long chains of mutations cross the valleys between the steps of a solution.
 SEARCH = GPConfig(

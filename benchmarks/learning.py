@@ -14,7 +14,8 @@ from bt_jax._util.startup import configure_jax
 from bt_jax.experiments.published import published_curves
 from bt_jax.gp.config import GPConfig
 from bt_jax.tasks import load_task
-from bt_jax.training.training import Settings, Training
+from bt_jax.training.settings import Settings
+from bt_jax.training.training import Training
 
 RESTACK = {"generations": 200, "population": 32, "p_add": 0.1, "p_delete": 0.3, "p_change": 0.6}
 PUBLISHED = {"old_share": 0.1, "chain_ratio": 1.0}  # rules of the published runs that are not in table I

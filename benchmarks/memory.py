@@ -62,7 +62,8 @@ def measure(population: int, layouts: int, nodes: int, generations: int) -> dict
     from bt_jax._util.startup import configure_jax
     from bt_jax.gp.config import GPConfig
     from bt_jax.tasks import load_task
-    from bt_jax.training.training import Settings, Training
+    from bt_jax.training.settings import Settings
+    from bt_jax.training.training import Training
 
     configure_jax()
     config = GPConfig(population=population, generations=generations, max_nodes=nodes)

@@ -14,7 +14,8 @@ from bt_jax.behaviors import Tree
 from bt_jax.gp.config import GPConfig
 from bt_jax.lfd import plan_task
 from bt_jax.tasks import Task, load_task, task_names
-from bt_jax.training.training import Settings, Training
+from bt_jax.training.settings import Settings
+from bt_jax.training.training import Training
 
 PAPER = {"restack": {"generations": 200, "population": 32, "p_add": 0.1, "p_delete": 0.3, "p_change": 0.6}}
 

@@ -1,137 +1,27 @@
-"""python -m bt_jax.demonstrate: record demonstrations in simulation from a script of what the person does; keep them."""
+"""python -m bt_jax.demonstrate: record demonstrations in simulation from a script; list, rename, delete them."""
 
 from __future__ import annotations
 
-import dataclasses
-import re
 import sys
-from pathlib import Path
-from typing import Annotated
 
 import tyro
-from rich.console import Console
-from rich.markup import escape
 
-from bt_jax._util.errors import UserError
 from bt_jax._util.startup import exit_code
-from bt_jax.lfd import DemonstrationFolder, Frames
-from bt_jax.lfd.clustering import NEEDED
-from bt_jax.mjx_env.physics.mujoco import MujocoPhysics
-from bt_jax.tasks import load_task
-from bt_jax.teaching.script import parse_script, record
-from bt_jax.training.phases import baseline_from
-from bt_jax.training.run_folder import RunFolder
+from bt_jax.commands.arguments import DemonstrateArguments
 
-__all__ = ["Arguments", "main", "run"]
-
-
-@dataclasses.dataclass(frozen=True)
-class Arguments:
-    """Record demonstrations in simulation from a script, in the published format.
-
-    A script is what the person at the gripper does, separated by semicolons or lines:
-    pick BOX; move (DX, DY, DZ); to (X, Y, Z) FRAME; release. Metres; the box's centre counts.
-    """
-
-    folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
-    """folder of demonstrations; new ones are added"""
-    script: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="SCRIPT")] = None
-    """the script, for instance "pick BlueBox; to (0, 0, 0.12) GreenBox; release", or a file with one; without it, the
-    demonstrations in the folder are listed"""
-    task: str | None = None
-    """name of a task or YAML file (default: that of --after, or stack3)"""
-    count: int = NEEDED
-    """how many demonstrations, each in another layout"""
-    seed: int | None = None
-    """number of the first layout (default: the number of demonstrations in the folder, so that each has another)"""
-    noise: float = 0.0
-    """standard deviation with which the person misses each place, along each axis, metres"""
-    after: Path | None = None
-    """run folder or tree that is executed first: the demonstration begins where it ends"""
-    rename: tuple[str, str] | None = None
-    """gives a demonstration another name: OLD NEW"""
-    delete: str | None = None
-    """removes the demonstration of this name"""
-
-    def check(self) -> None:
-        """Raises UserError for arguments that cannot work."""
-        if self.count < 1:
-            raise UserError(f"--count is {self.count}; choose 1 or more")
-        if not 0 <= self.noise <= 0.1:
-            raise UserError(f"--noise is {self.noise}; choose metres from 0 to 0.1")
-        if self.seed is not None and self.seed < 0:
-            raise UserError(f"--seed is {self.seed}; choose 0 or more")
-        if self.script is not None and (self.rename or self.delete):
-            raise UserError("--rename and --delete record nothing; leave out the script")
+__all__ = ["main"]
 
 
 def main() -> None:
     """Entry point of the command line."""
-    arguments = tyro.cli(Arguments, prog="python -m bt_jax.demonstrate")
-    sys.exit(exit_code(lambda: run(arguments)))
+    arguments = tyro.cli(DemonstrateArguments, prog="python -m bt_jax.demonstrate")
+    sys.exit(exit_code(lambda: _demonstrate(arguments)))
 
 
-def run(arguments: Arguments) -> None:
-    """Records as the arguments say and prints what came of it."""
-    arguments.check()
-    console = Console(highlight=False, soft_wrap=True)
-    folder = DemonstrationFolder(arguments.folder)
-    if arguments.script is None:
-        _keep_house(console, folder, arguments)
-        return
-    script = parse_script(_script_text(arguments.script))
-    tree, task = None, load_task(arguments.task or "stack3")
-    if arguments.after is not None:
-        tree = baseline_from(arguments.after)
-        if arguments.task is None and (arguments.after / "config.json").is_file():
-            task = RunFolder(arguments.after).config().task
-    physics = MujocoPhysics(task, why="the C engine")
-    seed = arguments.seed
-    if seed is None:
-        seed = len(folder.names()) if folder.path.is_dir() else 0
-    recorded = record(task, physics, script, count=arguments.count, seed=seed, noise=arguments.noise, after=tree)
-    folder.create(Frames.of(task))
-    for demonstration in recorded:
-        named = folder.append(demonstration)
-        console.print(f"{escape(str(folder.path / named.name))}: {len(named.actions)} actions")
-    total = len(folder.names())
-    if total < NEEDED:
-        console.print(
-            f"{total} of {NEEDED} demonstrations: with fewer, every place is taken to be in {task.robot_frame}"
-        )
-    named = "" if task.name == "stack3" else f" --task {arguments.task or task.name}"
-    console.print(f"learn from them with python -m bt_jax.learn {escape(str(folder.path))}{named}")
+def _demonstrate(arguments: DemonstrateArguments) -> None:
+    from bt_jax.commands.demonstrate import run  # imports JAX and MuJoCo, which --help does without
 
-
-def _keep_house(console: Console, folder: DemonstrationFolder, arguments: Arguments) -> None:
-    """Renames or deletes as the arguments say, and lists what is there then."""
-    folder.frames()
-    if arguments.rename is not None:
-        folder.rename(*arguments.rename)
-    if arguments.delete is not None:
-        folder.delete(arguments.delete)
-    if not folder.names():
-        console.print(f"{escape(str(folder.path))} holds no demonstration")
-        return
-    shown = folder.read()
-    for one in shown:
-        things = ", ".join(action.nearest(shown.frames.objects) for action in one.actions if action.kind == "pick")
-        console.print(f"[bold]{escape(one.name)}[/]: {len(one.actions)} actions, moves {escape(things)}")
-    for problem in shown.problems:
-        console.print(f"[yellow]{escape(problem)}[/]")
-
-
-def _script_text(given: str) -> str:
-    """The script itself, or what stands in a file of that name."""
-    path = Path(given)
-    try:
-        if not re.fullmatch(r"\S+\.\w+", given):
-            return given
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(
-            f"the script {path} cannot be read ({error}); check its name, or write the steps themselves"
-        ) from None
+    run(arguments)
 
 
 if __name__ == "__main__":

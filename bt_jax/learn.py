@@ -1,208 +1,27 @@
-"""python -m bt_jax.learn: a Behavior Tree from recorded demonstrations, with everything that was inferred on the way."""
+"""python -m bt_jax.learn: infer a Behavior Tree from recorded demonstrations, say why, and try it in simulation."""
 
 from __future__ import annotations
 
-import dataclasses
-import json
 import sys
-from collections.abc import Sequence
-from datetime import datetime
-from pathlib import Path
-from typing import Annotated, Any
 
-import numpy as np
 import tyro
-from rich.console import Console
-from rich.markup import escape
-from rich.panel import Panel
-from rich.text import Text
 
-from bt_jax._util.errors import UserError
-from bt_jax._util.files import unused, write_atomic
-from bt_jax._util.startup import configure_jax, exit_code
-from bt_jax.behaviors import Vocabulary
-from bt_jax.encoding.arrays import MAX_NODES, encode_all
-from bt_jax.encoding.drawing.svg import to_svg
-from bt_jax.encoding.drawing.terminal import draw_text
-from bt_jax.encoding.formats.text import format_tree
-from bt_jax.encoding.formats.xml import to_xml
-from bt_jax.encoding.walk import leaves
-from bt_jax.lfd import Lesson
-from bt_jax.lfd.explanation import (
-    action_rows,
-    goal_sentence,
-    missing_sentence,
-    order_sentences,
-    precondition_sentences,
-)
-from bt_jax.lfd.figure import cluster_figure
-from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
-from bt_jax.mjx_env.scene.layouts import sample_layouts
-from bt_jax.mjx_env.semantics import LeafSemantics
-from bt_jax.tasks import load_task
-from bt_jax.training.phases import choose_frames, lesson_from
-from bt_jax.training.training import UNSEEN, Level, Settings, make_level
+from bt_jax._util.startup import exit_code
+from bt_jax.commands.arguments import LearnArguments
 
-__all__ = ["Arguments", "main", "run"]
-
-
-@dataclasses.dataclass(frozen=True)
-class Arguments:
-    """Learn a Behavior Tree from recorded demonstrations, say what was inferred and why, and try it in simulation."""
-
-    folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
-    """folder with info.yaml and demoN/data_K.yaml"""
-    task: str = "stack3"
-    """name of a task or YAML file: the scene in which the tree is tried"""
-    frames: tuple[str, ...] = ()
-    """frames of your choice, as ACTION=FRAME with the number of the action, for instance 2=GreenBox; 2=auto takes that back.
-    They are kept with the demonstrations"""
-    out: Path | None = None
-    """folder for the results (default: runs/learn-FOLDER-DATE-TIME)"""
-    layouts: int = 20
-    """layouts in which the tree is tried"""
-    level: Level = "physics"
-    """physics or kinematic"""
-
-    def check(self) -> None:
-        """Raises UserError for arguments that cannot work."""
-        if self.layouts < 1:
-            raise UserError(f"--layouts is {self.layouts}; choose 1 or more")
-        if self.out is not None and self.out.exists() and (not self.out.is_dir() or any(self.out.iterdir())):
-            raise UserError(f"{self.out} is not empty; choose another --out")
+__all__ = ["main"]
 
 
 def main() -> None:
     """Entry point of the command line."""
-    arguments = tyro.cli(Arguments, prog="python -m bt_jax.learn")
-    sys.exit(exit_code(lambda: run(arguments)))
+    arguments = tyro.cli(LearnArguments, prog="python -m bt_jax.learn")
+    sys.exit(exit_code(lambda: _learn(arguments)))
 
 
-def run(arguments: Arguments) -> None:
-    """Learns as the arguments say, prints it and writes the results."""
-    console = Console(highlight=False, soft_wrap=True)
-    arguments.check()
-    settings = Settings(level=arguments.level, test_layouts=arguments.layouts)
-    task = load_task(arguments.task)
-    lesson = lesson_from(arguments.folder, task)
-    if arguments.frames:
-        lesson = choose_frames(arguments.folder, lesson, _choices(arguments.frames))
-    show(console, lesson)
-    configure_jax("cpu")
-    tried = try_out(lesson, settings)
-    out = arguments.out or unused(
-        Path("runs") / f"learn-{arguments.folder.resolve().name}-{datetime.now():%Y%m%d-%H%M%S}"
-    )
-    write(out, lesson, tried)
-    console.print(_verdict(lesson, tried, arguments))
-    console.print(f"results    {escape(str(out))}")
+def _learn(arguments: LearnArguments) -> None:
+    from bt_jax.commands.learn import run  # imports JAX and MuJoCo, which --help does without
 
-
-def _choices(words: Sequence[str]) -> dict[int, str | None]:
-    """Index of an action and its frame, None for auto."""
-    found = {}
-    for word in words:
-        number, _, frame = word.partition("=")
-        if not number.isdecimal() or not frame:
-            raise UserError(f"--frames {word} is no choice; write ACTION=FRAME, for instance 2=GreenBox")
-        found[int(number) - 1] = None if frame == "auto" else frame
-    return found
-
-
-def show(console: Console, lesson: Lesson) -> None:
-    """Prints what was inferred, from what, and the tree."""
-    for problem in lesson.demonstrations.problems:
-        console.print(f"[yellow]left out[/] {escape(problem)}")
-    names = ", ".join(one.name for one in lesson.demonstrations)
-    console.print(f"[bold]{len(lesson.demonstrations)} demonstrations[/]: {escape(names)}")
-    if sentence := missing_sentence(lesson):
-        console.print(f"[yellow]{escape(sentence)}[/]")
-    console.print("actions, and what they are relative to")
-    for number, row in enumerate(action_rows(lesson), start=1):
-        console.print(f"  {number} [bold]{escape(row['what'])}[/]   {row['seen']}\n    {escape(row['why'])}")
-    for i, one in enumerate(lesson.subtasks, start=1):
-        which = "" if len(lesson.subtasks) == 1 else f" {i}, of {_names(lesson, one.subtask.demonstrations)}"
-        console.print(f"goal{which}: {escape(goal_sentence(one.subtask.goal))}")
-        for sentence in (*order_sentences(lesson, one), *precondition_sentences(one)):
-            console.print(f"  {escape(sentence)}")
-    if len(lesson.subtasks) > 1:
-        console.print("[yellow]the demonstrations end differently: each goal is tried in turn until one is reached[/]")
-    console.print(Panel(Text(draw_text(lesson.tree).rstrip()), title="learnt tree", title_align="left"))
-
-
-def _names(lesson: Lesson, demonstrations: tuple[int, ...]) -> str:
-    return ", ".join(lesson.demonstrations.demonstrations[d].name for d in demonstrations)
-
-
-def try_out(lesson: Lesson, settings: Settings) -> Evaluation:
-    """Runs the tree in layouts that nothing else uses, with the demonstrated places as the targets."""
-    task = dataclasses.replace(lesson.task, targets=_reached_targets(lesson))
-    semantics = LeafSemantics(task, Vocabulary.of(leaves(lesson.tree)))
-    layouts = sample_layouts(task, [UNSEEN, 0], settings.test_layouts)
-    trees = encode_all([lesson.tree], semantics.vocabulary, MAX_NODES)
-    return TableEvaluator(semantics, make_level(task, settings), batch=1)(trees, layouts)
-
-
-def _reached_targets(lesson: Lesson):
-    """One target an object: where several goals are demonstrated, those of the first."""
-    first = dataclasses.replace(lesson, subtasks=lesson.subtasks[:1])
-    return first.targets
-
-
-def write(out: Path, lesson: Lesson, tried: Evaluation) -> None:
-    """The tree in three formats, the picture of the clusters, and everything inferred as JSON."""
-    title = f"learnt from {len(lesson.demonstrations)} demonstrations"
-    write_atomic(out / "learnt_tree.txt", format_tree(lesson.tree))
-    write_atomic(out / "learnt_tree.xml", to_xml(lesson.tree))
-    write_atomic(out / "learnt_tree.svg", to_svg(lesson.tree, title=title))
-    write_atomic(out / "clusters.png", cluster_figure(lesson))
-    write_atomic(out / "lesson.json", json.dumps(as_data(lesson, tried), indent=2) + "\n")
-
-
-def as_data(lesson: Lesson, tried: Evaluation) -> dict[str, Any]:
-    """A lesson as plain data."""
-    return {
-        "demonstrations": [one.name for one in lesson.demonstrations],
-        "problems": list(lesson.demonstrations.problems),
-        "missing": lesson.missing,
-        "actions": [
-            {
-                "behavior": str(inference.behavior),
-                "frame": inference.frame,
-                "chosen": inference.chosen,
-                "tolerance": round(inference.tolerance, 5),
-                "reason": inference.reason,
-                "candidates": [
-                    {
-                        "frame": candidate.frame,
-                        "score": candidate.score if np.isfinite(candidate.score) else None,
-                        "size": candidate.size,
-                        "spread": round(candidate.spread, 5),
-                    }
-                    for candidate in inference.candidates
-                ],
-            }
-            for inference in lesson.inferences
-        ],
-        "goals": [list(map(str, one.subtask.goal)) for one in lesson.subtasks],
-        "orders": [sentence for one in lesson.subtasks for sentence in order_sentences(lesson, one)],
-        "tree": str(lesson.tree),
-        "tried": int(tried.solved.size),
-        "solved": int(tried.solved.sum()),
-    }
-
-
-def _verdict(lesson: Lesson, tried: Evaluation, arguments: Arguments) -> str:
-    named = f"--task {arguments.task}" if arguments.task.endswith((".yaml", ".yml")) else arguments.task
-    solved, count = int(tried.solved.sum()), tried.solved.size
-    said = f"tried      reaches what was demonstrated in [bold]{solved} of {count}[/] random layouts"
-    if solved < count:
-        said += (
-            ".\n           Demonstrations that begin where a tree has ended show only the last step:\n"
-            "           let evolution find the rest with "
-            f"python -m bt_jax.train {named} --add-target-from {escape(str(arguments.folder))}"
-        )
-    return said
+    run(arguments)
 
 
 if __name__ == "__main__":

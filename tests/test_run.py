@@ -6,15 +6,16 @@ import pytest
 from rich.console import Console
 
 from bt_jax._util.errors import UserError
+from bt_jax.commands.arguments import RunArguments as Arguments
+from bt_jax.commands.run import run
 from bt_jax.encoding.formats.files import read_tree
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.formats.xml import from_xml, to_xml
 from bt_jax.gp.config import GPConfig
 from bt_jax.mjx_env.render.offscreen import available
-from bt_jax.run import Arguments, run
 from bt_jax.tasks import load_task
 from bt_jax.training.run_folder import RunConfig, RunFolder
-from bt_jax.training.training import Settings
+from bt_jax.training.settings import Settings
 
 STACK = "Sequence\n  move(YellowBox, (0, 0, 0.055), KittingBox)\n  move(GreenBox, (0, 0, 0.1), YellowBox)\n"
 HALF = "Sequence\n  pick(YellowBox)\n  open_gripper\n"

@@ -12,13 +12,14 @@ import jax
 import numpy as np
 import pytest
 
-from bt_jax import train as command
+from bt_jax.commands.train import _Interruption
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.formats.xml import from_xml
 from bt_jax.gp.config import GPConfig
 from bt_jax.tasks import load_task
+from bt_jax.train import main
 from bt_jax.training.run_folder import RunConfig, RunFolder
-from bt_jax.training.training import Settings
+from bt_jax.training.settings import Settings
 from tests.helpers.samples import train, train_command
 
 QUICK = ("stack", "--level", "kinematic", "--population", 8, "--max-nodes", 32, "--test-layouts", 10, "--device", "cpu")
@@ -29,7 +30,7 @@ def refused(monkeypatch, capsys, *arguments):
     """The one sentence that the command says before it ends with code 2."""
     monkeypatch.setattr(sys, "argv", ["train", *map(str, arguments)])
     with pytest.raises(SystemExit) as end:
-        command.main()
+        main()
     assert end.value.code == 2
     said = capsys.readouterr()
     assert said.err.startswith("error: ")
@@ -235,7 +236,7 @@ def test_an_interruption_before_the_first_generation(tmp_path):
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_a_swallowed_interruption_ends_the_evolution_after_the_generation():
-    interruption = command._Interruption()
+    interruption = _Interruption()
     interruption.check()
 
     class Swallowing:

@@ -19,10 +19,10 @@ from jaxtyping import Int16, UInt8
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, Control, Kind, Tree, Vocabulary
+from bt_jax.encoding.limits import MAX_NODES
 
-__all__ = ["MAX_NODES", "Array", "Trees", "decode", "encode", "encode_all", "length", "violations"]
+__all__ = ["Array", "Trees", "decode", "encode", "encode_all", "length", "violations"]
 
-MAX_NODES = 250  # sizes are uint8, and a jump table needs two more values
 Array = jax.Array | np.ndarray
 
 

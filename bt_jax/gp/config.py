@@ -6,7 +6,7 @@ import dataclasses
 import enum
 
 from bt_jax._util.errors import UserError
-from bt_jax.encoding.arrays import MAX_NODES
+from bt_jax.encoding.limits import MAX_NODES
 
 __all__ = ["GPConfig", "MutationConfig", "Selection"]
 

@@ -33,7 +33,7 @@ from bt_jax.encoding.formats.xml import to_xml
 from bt_jax.gp.config import GPConfig, Selection
 from bt_jax.gp.evolution import Generation, Population, State
 from bt_jax.tasks import Task, task_from_dict
-from bt_jax.training.training import Settings
+from bt_jax.training.settings import Settings
 
 __all__ = ["Checkpoint", "RunConfig", "RunFolder", "package_version"]
 

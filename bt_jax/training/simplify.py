@@ -6,7 +6,8 @@ import dataclasses
 from collections.abc import Iterator
 
 from bt_jax.behaviors import Behavior, Control, Tree, Vocabulary
-from bt_jax.encoding.arrays import MAX_NODES, encode_all, violations
+from bt_jax.encoding.arrays import encode_all, violations
+from bt_jax.encoding.limits import MAX_NODES
 from bt_jax.encoding.walk import leaves, prefix
 from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
 from bt_jax.mjx_env.physics.protocol import Physics

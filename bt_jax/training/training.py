@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -30,38 +29,9 @@ from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.world import concatenate, take
 from bt_jax.tasks import Task
+from bt_jax.training.settings import UNSEEN, Settings
 
-__all__ = ["Backend", "Evaluator", "Level", "Result", "Settings", "Test", "Training", "evolve", "make_level"]
-
-Level = Literal["physics", "kinematic"]
-Backend = Literal["auto", "mujoco", "mjx"]
-Evaluator = Literal["table", "rollout"]
-UNSEEN = 1 << 20  # seeds of layouts for tests; training uses the seeds of its runs
-
-
-@dataclasses.dataclass(frozen=True)
-class Settings:
-    """How individuals are measured."""
-
-    level: Level = "physics"
-    """physics: rigid bodies and contacts; kinematic: boxes drop to their support, for a quick look"""
-    backend: Backend = "auto"
-    """engine of the physics level; auto takes mjx on a GPU and mujoco on a CPU"""
-    implementation: Literal["jax", "warp"] = "jax"
-    """of mjx; warp needs an NVIDIA GPU and has never been tried"""
-    evaluator: Evaluator = "table"
-    """table: simulate each distinct transition once; rollout: simulate every transition, in one compiled loop (mjx or
-    kinematic)"""
-    layouts: int = 1
-    """layouts K in which every individual of a run is measured; its fitness is the mean"""
-    test_layouts: int = 100
-    """unseen layouts in which the learnt tree is tested at the end"""
-
-    def check(self) -> None:
-        """Raises UserError for a setting that cannot work."""
-        for name in ("layouts", "test_layouts"):
-            if getattr(self, name) < 1:
-                raise UserError(f"{name} is {getattr(self, name)}; choose 1 or more")
+__all__ = ["Result", "Test", "Training", "evolve", "make_level"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,7 +93,7 @@ class Training:
         self,
         task: Task,
         config: GPConfig = GPConfig(),  # noqa: B008
-        settings: Settings = Settings(),
+        settings: Settings = Settings(),  # noqa: B008
         *,
         baseline: Tree | None = None,
         extra_leaves: tuple[Behavior, ...] = (),
@@ -231,7 +201,7 @@ def _checked_leaves(baseline: Tree, config: GPConfig) -> list[Behavior]:
 def evolve(
     task: Task,
     config: GPConfig = GPConfig(),  # noqa: B008
-    settings: Settings = Settings(),
+    settings: Settings = Settings(),  # noqa: B008
     *,
     baseline: Tree | None = None,
     target: float | None = None,

@@ -5,7 +5,8 @@ from hypothesis import given
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, Control, Kind, Vocabulary
-from bt_jax.encoding.arrays import MAX_NODES, decode, encode, encode_all, length, violations
+from bt_jax.encoding.arrays import decode, encode, encode_all, length, violations
+from bt_jax.encoding.limits import MAX_NODES
 from bt_jax.encoding.walk import prefix
 from tests.helpers.samples import random_trees
 from tests.helpers.strategies import ATOMS, GENES, SUBTASKS, trees

@@ -5,8 +5,9 @@ import pytest
 from py_trees.common import Status as Theirs
 
 from bt_jax.behaviors import Behavior, Control, Vocabulary
-from bt_jax.encoding.arrays import MAX_NODES, encode, encode_all
+from bt_jax.encoding.arrays import encode, encode_all
 from bt_jax.encoding.formats.py_trees import to_py_trees
+from bt_jax.encoding.limits import MAX_NODES
 from bt_jax.encoding.tick import Status, jump_table, tick
 from bt_jax.encoding.walk import prefix
 from tests.helpers.samples import random_trees

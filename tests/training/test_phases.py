@@ -17,7 +17,8 @@ from bt_jax.tasks import load_task
 from bt_jax.teaching.script import parse_script, record
 from bt_jax.training.phases import Changes, subgoal_name
 from bt_jax.training.run_folder import RunConfig, RunFolder
-from bt_jax.training.training import Settings, Training
+from bt_jax.training.settings import Settings
+from bt_jax.training.training import Training
 from tests.helpers.samples import train
 
 STACK, STACK3, RESTACK = (load_task(name) for name in ("stack", "stack3", "restack"))

@@ -14,7 +14,8 @@ from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS
 from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.tasks import load_task
 from bt_jax.training.run_folder import Checkpoint, RunConfig, RunFolder
-from bt_jax.training.training import Settings, Training, evolve
+from bt_jax.training.settings import Settings
+from bt_jax.training.training import Training, evolve
 from tests.helpers.samples import assert_same
 
 TASK = load_task("stack")

@@ -18,7 +18,7 @@ from bt_jax.lfd import Lesson
 from bt_jax.tasks import Task
 from bt_jax.training.phases import Changes
 from bt_jax.training.run_folder import RunConfig, RunFolder
-from bt_jax.training.training import Settings
+from bt_jax.training.settings import Settings
 
 if TYPE_CHECKING:
     from bt_jax.app.page import Page, Step

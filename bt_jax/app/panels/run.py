@@ -21,7 +21,7 @@ from bt_jax.app.widgets.tree_view import TreeView
 from bt_jax.mjx_env.episodes.fitness import Ending
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.tasks import Task
-from bt_jax.training.training import UNSEEN
+from bt_jax.training.settings import UNSEEN
 
 if TYPE_CHECKING:
     from bt_jax.app.page import Page

@@ -69,8 +69,9 @@ class WarmWorker:
 
 def main() -> None:
     """The side of the process. An order to train ends the compiling of what it does not need any more."""
-    from bt_jax import train
     from bt_jax._util.startup import configure_jax, exit_code
+    from bt_jax.commands.arguments import parse_train
+    from bt_jax.commands.train import run, warm
 
     os.nice(NICE)
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -80,8 +81,8 @@ def main() -> None:
     while (order := orders.get()) is not None:
         kind, *words = order
         if kind == "train":
-            sys.exit(exit_code(lambda words=words: train.run(train.parse(words))))
-        exit_code(lambda words=words: train.warm(train.parse(words), until=lambda: not orders.empty()))
+            sys.exit(exit_code(lambda words=words: run(parse_train(words))))
+        exit_code(lambda words=words: warm(parse_train(words), until=lambda: not orders.empty()))
 
 
 def _listen(orders: queue.Queue[list[str] | None]) -> None:

@@ -25,7 +25,7 @@ import numpy as np
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import SIGNATURES, Behavior, Control, Kind, Tree, expand
-from bt_jax.encoding.arrays import MAX_NODES
+from bt_jax.encoding.limits import MAX_NODES
 from bt_jax.encoding.walk import prefix
 
 __all__ = ["from_xml", "to_xml"]

@@ -15,7 +15,7 @@ from bt_jax.mjx_env.physics.settler import Settler
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.training.run_folder import RunFolder
-from bt_jax.training.training import UNSEEN
+from bt_jax.training.settings import UNSEEN
 from tests.helpers.browser.gripper import carry
 from tests.helpers.browser.keys import press_on
 

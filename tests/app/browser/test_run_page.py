@@ -10,7 +10,7 @@ from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.gp.config import GPConfig
 from bt_jax.tasks import load_task
 from bt_jax.training.run_folder import RunConfig, RunFolder
-from bt_jax.training.training import Settings
+from bt_jax.training.settings import Settings
 from tests.helpers.browser.keys import press_on
 from tests.helpers.browser.menus import choose_option
 from tests.helpers.browser.scene import COMPONENT, at_rest, drag, position

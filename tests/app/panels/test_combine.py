@@ -12,7 +12,7 @@ from bt_jax.lfd.evaluation.synthetic import demonstration_set
 from bt_jax.tasks import Target, load_task
 from bt_jax.training.phases import Changes
 from bt_jax.training.run_folder import RunConfig, RunFolder
-from bt_jax.training.training import Settings
+from bt_jax.training.settings import Settings
 
 STACK, RESTACK = load_task("stack"), load_task("restack")
 ON_GREEN = Target("BlueBox", (0.0, 0.0, 0.1), "GreenBox")

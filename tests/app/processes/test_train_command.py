@@ -5,14 +5,14 @@ from pathlib import Path
 import pytest
 
 from bt_jax.app.processes.train_command import TrainCommand
+from bt_jax.commands.arguments import parse_train as parse
 from bt_jax.encoding.formats.files import read_tree
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.gp.config import GPConfig, Selection
 from bt_jax.tasks import load_task, task_names
-from bt_jax.train import parse
 from bt_jax.training.phases import Changes
 from bt_jax.training.run_folder import RunConfig, RunFolder
-from bt_jax.training.training import Settings
+from bt_jax.training.settings import Settings
 
 TREE = parse_tree("Sequence(pick(YellowBox), place(YellowBox, (0, 0, 0.052), KittingBox))")
 

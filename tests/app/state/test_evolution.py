@@ -17,7 +17,7 @@ from bt_jax.gp.evolution import Generation
 from bt_jax.tasks import load_task
 from bt_jax.training.progress import Reporter, locked, read_progress
 from bt_jax.training.run_folder import RunConfig, RunFolder
-from bt_jax.training.training import Settings
+from bt_jax.training.settings import Settings
 
 STACK = load_task("stack")
 LONG = GPConfig(population=8, generations=100_000, max_nodes=32)

@@ -12,7 +12,7 @@ from bt_jax.gp.config import GPConfig
 from bt_jax.lfd import Frames
 from bt_jax.tasks import load_task
 from bt_jax.training.run_folder import RunConfig, RunFolder
-from bt_jax.training.training import Settings
+from bt_jax.training.settings import Settings
 
 STACK = load_task("stack")
 OUTSIDE = [

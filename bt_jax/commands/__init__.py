@@ -1,0 +1,1 @@
+"""What the commands do once their arguments are parsed; `arguments` alone imports neither JAX nor MuJoCo."""

@@ -1,0 +1,191 @@
+"""What the commands take: what `--help` shows, without JAX and MuJoCo, which take longer to import than help may."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from bt_jax._util.errors import UserError
+from bt_jax._util.startup import Device
+from bt_jax.gp.config import GPConfig
+from bt_jax.lfd.clustering import NEEDED
+from bt_jax.tasks import load_task
+from bt_jax.training.published import published_config
+from bt_jax.training.settings import Backend, Level, Settings
+
+__all__ = [
+    "DemonstrateArguments",
+    "LearnArguments",
+    "RunArguments",
+    "TrainArguments",
+    "parse_train",
+]
+
+TRAIN = "python -m bt_jax.train"
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainArguments:
+    """Evolve a Behavior Tree for a pick-and-place task.
+
+    The defaults are those of the paper's table I. Ctrl-C stops early and keeps the best tree and a checkpoint.
+    """
+
+    name: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")] = None
+    """task that comes with the package: stack (default), stack3, pyramid, restack or yumi_stack"""
+    task: Path | None = None
+    """a task of your own, a YAML file"""
+    published: bool = False
+    """evolve with the settings and rules of the published runs; options that are given still count"""
+    gp: tyro.conf.OmitArgPrefixes[GPConfig] = dataclasses.field(default_factory=GPConfig)
+    settings: tyro.conf.OmitArgPrefixes[Settings] = dataclasses.field(default_factory=Settings)
+    baseline: Path | None = None
+    """tree (.txt or .xml) to start from, or a folder of train or learn with one; it stays available for crossover"""
+    plan: bool = False
+    """start from the tree that a planner makes for the task's targets"""
+    add_target_from: Path | None = None
+    """folder of demonstrations: their places become targets and genes, their tree the baseline if no other is given"""
+    add_subgoal_from: Path | None = None
+    """folder of demonstrations of a step on the way: one gene, and a reward for what it reaches"""
+    resume: Path | None = None
+    """run folder to go on with, bit for bit; only --generations, --target-fitness and --time-limit may differ. With
+    --baseline, --plan, --add-target-from or --add-subgoal-from a new phase begins there, of as many generations as the
+    one before unless --generations says otherwise"""
+    target_fitness: float | None = None
+    """stop once the best fitness of every run has reached this"""
+    time_limit: float | None = None
+    """stop after so many seconds of evolution"""
+    out: Path | None = None
+    """folder for the results (default: runs/TASK-DATE-TIME)"""
+    device: Device = "auto"
+    """where JAX computes"""
+    progress: bool = False
+    """keep RUN/progress.json up to date while it runs, for other programs that show it"""
+
+
+def parse_train(words: list[str]) -> TrainArguments:
+    """TrainArguments of a command line; the settings of a resumed or published run are the defaults."""
+    arguments = tyro.cli(TrainArguments, prog=TRAIN, args=words)
+    if arguments.published and arguments.resume is not None:
+        raise UserError("--resume keeps the settings of its run; leave out --published")
+    if arguments.published:
+        name = load_task(arguments.task or arguments.name or "stack").name
+        return tyro.cli(TrainArguments, prog=TRAIN, args=words, default=TrainArguments(gp=published_config(name)))
+    if arguments.resume is None:
+        return arguments
+    from bt_jax.training.run_folder import RunFolder  # imports JAX, which --help does without
+
+    saved = RunFolder(arguments.resume).config()
+    return tyro.cli(
+        TrainArguments, prog=TRAIN, args=words, default=TrainArguments(gp=saved.gp, settings=saved.settings)
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class LearnArguments:
+    """Learn a Behavior Tree from recorded demonstrations, say what was inferred and why, and try it in simulation."""
+
+    folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
+    """folder with info.yaml and demoN/data_K.yaml"""
+    task: str = "stack3"
+    """name of a task or YAML file: the scene in which the tree is tried"""
+    frames: tuple[str, ...] = ()
+    """frames of your choice, as ACTION=FRAME with the number of the action, for instance 2=GreenBox; 2=auto takes that back.
+    They are kept with the demonstrations"""
+    out: Path | None = None
+    """folder for the results (default: runs/learn-FOLDER-DATE-TIME)"""
+    layouts: int = 20
+    """layouts in which the tree is tried"""
+    level: Level = "physics"
+    """physics or kinematic"""
+
+    def check(self) -> None:
+        """Raises UserError for arguments that cannot work."""
+        if self.layouts < 1:
+            raise UserError(f"--layouts is {self.layouts}; choose 1 or more")
+        if self.out is not None and self.out.exists() and (not self.out.is_dir() or any(self.out.iterdir())):
+            raise UserError(f"{self.out} is not empty; choose another --out")
+
+
+@dataclasses.dataclass(frozen=True)
+class RunArguments:
+    """Execute a saved Behavior Tree in simulation and show, tick by tick, which nodes are active."""
+
+    source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_FOLDER|TREE")]
+    """folder that bt_jax.train or bt_jax.learn has written, or a tree as .txt or .xml"""
+    task: str | None = None
+    """name of a task or YAML file (default: that of the run folder, or stack)"""
+    level: Level | Literal["robot"] | None = None
+    """physics, kinematic, or robot, the twin of a YuMi (default: that of the run folder, or physics)"""
+    backend: Backend = "auto"
+    """engine of the physics level; auto takes mujoco, which needs no compiling"""
+    seed: int = 0
+    """number of the layout; training meets none of these"""
+    layouts: int = 1
+    """with more than one, run in the layouts seed, seed + 1, ... and report how often the tree succeeds"""
+    render: Path | None = None
+    """film the episode: .mp4, .gif, or .png for six stills"""
+    expand: bool = False
+    """show what is inside genes"""
+    simplify: bool = False
+    """first remove every node that does nothing in 100 unseen layouts; writes simplified_tree.* into a run folder"""
+    export: Path | None = None
+    """write the tree as .xml (BehaviorTree.CPP, Groot2), .svg, .dot or .txt"""
+    delay: float = 0.5
+    """seconds between two ticks on a terminal"""
+    device: Device = "auto"
+    """where JAX computes"""
+
+    def check(self) -> None:
+        """Raises UserError for arguments that cannot work."""
+        if self.layouts < 1:
+            raise UserError(f"--layouts is {self.layouts}; choose 1 or more")
+        if self.seed < 0:
+            raise UserError(f"--seed is {self.seed}; choose 0 or more")
+        if not 0 <= self.delay <= 60:
+            raise UserError(f"--delay is {self.delay}; choose seconds from 0 to 60")
+        if self.render is not None and self.layouts > 1:
+            raise UserError("a film shows one layout; leave out --layouts, or choose one with --seed")
+
+
+@dataclasses.dataclass(frozen=True)
+class DemonstrateArguments:
+    """Record demonstrations in simulation from a script, in the published format.
+
+    A script is what the person at the gripper does, separated by semicolons or lines:
+    pick BOX; move (DX, DY, DZ); to (X, Y, Z) FRAME; release. Metres; the box's centre counts.
+    """
+
+    folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
+    """folder of demonstrations; new ones are added"""
+    script: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="SCRIPT")] = None
+    """the script, for instance "pick BlueBox; to (0, 0, 0.12) GreenBox; release", or a file with one; without it, the
+    demonstrations in the folder are listed"""
+    task: str | None = None
+    """name of a task or YAML file (default: that of --after, or stack3)"""
+    count: int = NEEDED
+    """how many demonstrations, each in another layout"""
+    seed: int | None = None
+    """number of the first layout (default: the number of demonstrations in the folder, so that each has another)"""
+    noise: float = 0.0
+    """standard deviation with which the person misses each place, along each axis, metres"""
+    after: Path | None = None
+    """run folder or tree that is executed first: the demonstration begins where it ends"""
+    rename: tuple[str, str] | None = None
+    """gives a demonstration another name: OLD NEW"""
+    delete: str | None = None
+    """removes the demonstration of this name"""
+
+    def check(self) -> None:
+        """Raises UserError for arguments that cannot work."""
+        if self.count < 1:
+            raise UserError(f"--count is {self.count}; choose 1 or more")
+        if not 0 <= self.noise <= 0.1:
+            raise UserError(f"--noise is {self.noise}; choose metres from 0 to 0.1")
+        if self.seed is not None and self.seed < 0:
+            raise UserError(f"--seed is {self.seed}; choose 0 or more")
+        if self.script is not None and (self.rename or self.delete):
+            raise UserError("--rename and --delete record nothing; leave out the script")

@@ -1,0 +1,84 @@
+"""What `python -m bt_jax.demonstrate` does: record demonstrations in simulation from a script; list, rename, delete them."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+
+from bt_jax._util.errors import UserError
+from bt_jax.commands.arguments import DemonstrateArguments
+from bt_jax.lfd import DemonstrationFolder, Frames
+from bt_jax.lfd.clustering import NEEDED
+from bt_jax.mjx_env.physics.mujoco import MujocoPhysics
+from bt_jax.tasks import load_task
+from bt_jax.teaching.script import parse_script, record
+from bt_jax.training.phases import baseline_from
+from bt_jax.training.run_folder import RunFolder
+
+__all__ = ["run"]
+
+
+def run(arguments: DemonstrateArguments) -> None:
+    """Records as the arguments say and prints what came of it."""
+    arguments.check()
+    console = Console(highlight=False, soft_wrap=True)
+    folder = DemonstrationFolder(arguments.folder)
+    if arguments.script is None:
+        _keep_house(console, folder, arguments)
+        return
+    script = parse_script(_script_text(arguments.script))
+    tree, task = None, load_task(arguments.task or "stack3")
+    if arguments.after is not None:
+        tree = baseline_from(arguments.after)
+        if arguments.task is None and (arguments.after / "config.json").is_file():
+            task = RunFolder(arguments.after).config().task
+    physics = MujocoPhysics(task, why="the C engine")
+    seed = arguments.seed
+    if seed is None:
+        seed = len(folder.names()) if folder.path.is_dir() else 0
+    recorded = record(task, physics, script, count=arguments.count, seed=seed, noise=arguments.noise, after=tree)
+    folder.create(Frames.of(task))
+    for demonstration in recorded:
+        named = folder.append(demonstration)
+        console.print(f"{escape(str(folder.path / named.name))}: {len(named.actions)} actions")
+    total = len(folder.names())
+    if total < NEEDED:
+        console.print(
+            f"{total} of {NEEDED} demonstrations: with fewer, every place is taken to be in {task.robot_frame}"
+        )
+    named = "" if task.name == "stack3" else f" --task {arguments.task or task.name}"
+    console.print(f"learn from them with python -m bt_jax.learn {escape(str(folder.path))}{named}")
+
+
+def _keep_house(console: Console, folder: DemonstrationFolder, arguments: DemonstrateArguments) -> None:
+    """Renames or deletes as the arguments say, and lists what is there then."""
+    folder.frames()
+    if arguments.rename is not None:
+        folder.rename(*arguments.rename)
+    if arguments.delete is not None:
+        folder.delete(arguments.delete)
+    if not folder.names():
+        console.print(f"{escape(str(folder.path))} holds no demonstration")
+        return
+    shown = folder.read()
+    for one in shown:
+        things = ", ".join(action.nearest(shown.frames.objects) for action in one.actions if action.kind == "pick")
+        console.print(f"[bold]{escape(one.name)}[/]: {len(one.actions)} actions, moves {escape(things)}")
+    for problem in shown.problems:
+        console.print(f"[yellow]{escape(problem)}[/]")
+
+
+def _script_text(given: str) -> str:
+    """The script itself, or what stands in a file of that name."""
+    path = Path(given)
+    try:
+        if not re.fullmatch(r"\S+\.\w+", given):
+            return given
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(
+            f"the script {path} cannot be read ({error}); check its name, or write the steps themselves"
+        ) from None

@@ -1,0 +1,174 @@
+"""What `python -m bt_jax.learn` does: infer a Behavior Tree from demonstrations, say why, and try it in simulation."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.panel import Panel
+from rich.text import Text
+
+from bt_jax._util.errors import UserError
+from bt_jax._util.files import unused, write_atomic
+from bt_jax._util.startup import configure_jax
+from bt_jax.behaviors import Vocabulary
+from bt_jax.commands.arguments import LearnArguments
+from bt_jax.encoding.arrays import encode_all
+from bt_jax.encoding.drawing.svg import to_svg
+from bt_jax.encoding.drawing.terminal import draw_text
+from bt_jax.encoding.formats.text import format_tree
+from bt_jax.encoding.formats.xml import to_xml
+from bt_jax.encoding.limits import MAX_NODES
+from bt_jax.encoding.walk import leaves
+from bt_jax.lfd import Lesson
+from bt_jax.lfd.explanation import (
+    action_rows,
+    goal_sentence,
+    missing_sentence,
+    order_sentences,
+    precondition_sentences,
+)
+from bt_jax.lfd.figure import cluster_figure
+from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
+from bt_jax.mjx_env.scene.layouts import sample_layouts
+from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.tasks import load_task
+from bt_jax.training.phases import choose_frames, lesson_from
+from bt_jax.training.settings import UNSEEN, Settings
+from bt_jax.training.training import make_level
+
+__all__ = ["run"]
+
+
+def run(arguments: LearnArguments) -> None:
+    """Learns as the arguments say, prints it and writes the results."""
+    console = Console(highlight=False, soft_wrap=True)
+    arguments.check()
+    settings = Settings(level=arguments.level, test_layouts=arguments.layouts)
+    task = load_task(arguments.task)
+    lesson = lesson_from(arguments.folder, task)
+    if arguments.frames:
+        lesson = choose_frames(arguments.folder, lesson, _choices(arguments.frames))
+    show(console, lesson)
+    configure_jax("cpu")
+    tried = try_out(lesson, settings)
+    out = arguments.out or unused(
+        Path("runs") / f"learn-{arguments.folder.resolve().name}-{datetime.now():%Y%m%d-%H%M%S}"
+    )
+    write(out, lesson, tried)
+    console.print(_verdict(lesson, tried, arguments))
+    console.print(f"results    {escape(str(out))}")
+
+
+def _choices(words: Sequence[str]) -> dict[int, str | None]:
+    """Index of an action and its frame, None for auto."""
+    found = {}
+    for word in words:
+        number, _, frame = word.partition("=")
+        if not number.isdecimal() or not frame:
+            raise UserError(f"--frames {word} is no choice; write ACTION=FRAME, for instance 2=GreenBox")
+        found[int(number) - 1] = None if frame == "auto" else frame
+    return found
+
+
+def show(console: Console, lesson: Lesson) -> None:
+    """Prints what was inferred, from what, and the tree."""
+    for problem in lesson.demonstrations.problems:
+        console.print(f"[yellow]left out[/] {escape(problem)}")
+    names = ", ".join(one.name for one in lesson.demonstrations)
+    console.print(f"[bold]{len(lesson.demonstrations)} demonstrations[/]: {escape(names)}")
+    if sentence := missing_sentence(lesson):
+        console.print(f"[yellow]{escape(sentence)}[/]")
+    console.print("actions, and what they are relative to")
+    for number, row in enumerate(action_rows(lesson), start=1):
+        console.print(f"  {number} [bold]{escape(row['what'])}[/]   {row['seen']}\n    {escape(row['why'])}")
+    for i, one in enumerate(lesson.subtasks, start=1):
+        which = "" if len(lesson.subtasks) == 1 else f" {i}, of {_names(lesson, one.subtask.demonstrations)}"
+        console.print(f"goal{which}: {escape(goal_sentence(one.subtask.goal))}")
+        for sentence in (*order_sentences(lesson, one), *precondition_sentences(one)):
+            console.print(f"  {escape(sentence)}")
+    if len(lesson.subtasks) > 1:
+        console.print("[yellow]the demonstrations end differently: each goal is tried in turn until one is reached[/]")
+    console.print(Panel(Text(draw_text(lesson.tree).rstrip()), title="learnt tree", title_align="left"))
+
+
+def _names(lesson: Lesson, demonstrations: tuple[int, ...]) -> str:
+    return ", ".join(lesson.demonstrations.demonstrations[d].name for d in demonstrations)
+
+
+def try_out(lesson: Lesson, settings: Settings) -> Evaluation:
+    """Runs the tree in layouts that nothing else uses, with the demonstrated places as the targets."""
+    task = dataclasses.replace(lesson.task, targets=_reached_targets(lesson))
+    semantics = LeafSemantics(task, Vocabulary.of(leaves(lesson.tree)))
+    layouts = sample_layouts(task, [UNSEEN, 0], settings.test_layouts)
+    trees = encode_all([lesson.tree], semantics.vocabulary, MAX_NODES)
+    return TableEvaluator(semantics, make_level(task, settings), batch=1)(trees, layouts)
+
+
+def _reached_targets(lesson: Lesson):
+    """One target an object: where several goals are demonstrated, those of the first."""
+    first = dataclasses.replace(lesson, subtasks=lesson.subtasks[:1])
+    return first.targets
+
+
+def write(out: Path, lesson: Lesson, tried: Evaluation) -> None:
+    """The tree in three formats, the picture of the clusters, and everything inferred as JSON."""
+    title = f"learnt from {len(lesson.demonstrations)} demonstrations"
+    write_atomic(out / "learnt_tree.txt", format_tree(lesson.tree))
+    write_atomic(out / "learnt_tree.xml", to_xml(lesson.tree))
+    write_atomic(out / "learnt_tree.svg", to_svg(lesson.tree, title=title))
+    write_atomic(out / "clusters.png", cluster_figure(lesson))
+    write_atomic(out / "lesson.json", json.dumps(as_data(lesson, tried), indent=2) + "\n")
+
+
+def as_data(lesson: Lesson, tried: Evaluation) -> dict[str, Any]:
+    """A lesson as plain data."""
+    return {
+        "demonstrations": [one.name for one in lesson.demonstrations],
+        "problems": list(lesson.demonstrations.problems),
+        "missing": lesson.missing,
+        "actions": [
+            {
+                "behavior": str(inference.behavior),
+                "frame": inference.frame,
+                "chosen": inference.chosen,
+                "tolerance": round(inference.tolerance, 5),
+                "reason": inference.reason,
+                "candidates": [
+                    {
+                        "frame": candidate.frame,
+                        "score": candidate.score if np.isfinite(candidate.score) else None,
+                        "size": candidate.size,
+                        "spread": round(candidate.spread, 5),
+                    }
+                    for candidate in inference.candidates
+                ],
+            }
+            for inference in lesson.inferences
+        ],
+        "goals": [list(map(str, one.subtask.goal)) for one in lesson.subtasks],
+        "orders": [sentence for one in lesson.subtasks for sentence in order_sentences(lesson, one)],
+        "tree": str(lesson.tree),
+        "tried": int(tried.solved.size),
+        "solved": int(tried.solved.sum()),
+    }
+
+
+def _verdict(lesson: Lesson, tried: Evaluation, arguments: LearnArguments) -> str:
+    named = f"--task {arguments.task}" if arguments.task.endswith((".yaml", ".yml")) else arguments.task
+    solved, count = int(tried.solved.sum()), tried.solved.size
+    said = f"tried      reaches what was demonstrated in [bold]{solved} of {count}[/] random layouts"
+    if solved < count:
+        said += (
+            ".\n           Demonstrations that begin where a tree has ended show only the last step:\n"
+            "           let evolution find the rest with "
+            f"python -m bt_jax.train {named} --add-target-from {escape(str(arguments.folder))}"
+        )
+    return said

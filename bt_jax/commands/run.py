@@ -1,0 +1,209 @@
+"""What `python -m bt_jax.run` does: execute a saved Behavior Tree in simulation, show it tick by tick, film it."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from rich.console import Console, Group
+from rich.live import Live
+from rich.markup import escape
+from rich.progress import Progress
+from rich.text import Text
+
+from bt_jax._util.errors import UserError
+from bt_jax._util.files import write_atomic
+from bt_jax._util.startup import configure_jax
+from bt_jax.behaviors import Behavior, Tree, Vocabulary, expand
+from bt_jax.commands.arguments import RunArguments
+from bt_jax.encoding.arrays import encode_all
+from bt_jax.encoding.drawing.svg import to_svg
+from bt_jax.encoding.drawing.terminal import draw_text, to_dot
+from bt_jax.encoding.formats.text import format_tree
+from bt_jax.encoding.formats.xml import to_xml
+from bt_jax.encoding.limits import MAX_NODES
+from bt_jax.encoding.tick import Status
+from bt_jax.encoding.walk import leaves, prefix
+from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
+from bt_jax.mjx_env.episodes.fitness import Ending
+from bt_jax.mjx_env.episodes.playback import Playback, Tick, play
+from bt_jax.mjx_env.physics.mujoco import MujocoPhysics
+from bt_jax.mjx_env.physics.protocol import Physics
+from bt_jax.mjx_env.physics.settler import Settler
+from bt_jax.mjx_env.render.film import check_film, film
+from bt_jax.mjx_env.scene.layouts import sample_layouts
+from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.mjx_env.world import World, concatenate
+from bt_jax.tasks import Task, load_task
+from bt_jax.training.phases import baseline_from
+from bt_jax.training.run_folder import RunFolder
+from bt_jax.training.settings import UNSEEN, Backend, Level, Settings
+from bt_jax.training.simplify import simplify
+from bt_jax.training.training import make_level
+
+__all__ = ["robot", "run"]
+
+STYLES = {Status.SUCCESS: "green", Status.FAILURE: "red", Status.RUNNING: "bold yellow", None: "dim"}
+WORDS = {
+    "open_gripper": "opens the gripper",
+    "close_gripper": "closes the gripper",
+    "pick": "picks {object}",
+    "place": "places {object} at {position} in the frame of {frame}",
+}
+EXPORTS = {".txt": format_tree, ".xml": to_xml, ".svg": to_svg, ".dot": to_dot}
+LISTED = 20  # failures
+SIMPLIFY_LAYOUTS = 100
+
+
+def robot(arguments: RunArguments, console: Console | None = None) -> None:
+    """The last rung of evaluation: the tree on the twin of a YuMi, in as many layouts as asked for. Raises UserError where
+    what the twin needs is not installed."""
+    try:
+        from bt_jax.deploy.commands.twin import TwinArguments, survey, twin_command
+        from bt_jax.deploy.execution.program import load_program
+    except ModuleNotFoundError as error:
+        raise UserError(f'{error.name} is not installed; run pip install -e ".[robot]"') from error
+    console = Console(highlight=False, soft_wrap=True) if console is None else console
+    _check(arguments)
+    if arguments.layouts > 1:
+        seeds = range(arguments.seed, arguments.seed + arguments.layouts)
+        survey(load_program(arguments.source, arguments.task), seeds, console=console)
+    else:
+        twin_command(
+            TwinArguments(arguments.source, arguments.task, seed=arguments.seed, render=arguments.render), console
+        )
+
+
+def run(arguments: RunArguments, console: Console | None = None) -> None:
+    """Does what the arguments say and prints it."""
+    console = Console(highlight=False, soft_wrap=True) if console is None else console
+    _check(arguments)
+    task, level, tree = _open(arguments)
+    configure_jax(arguments.device)
+    if arguments.simplify:
+        tree = _simplified(console, task, level, tree, arguments)
+    written = expand(tree)
+    known = Vocabulary.of([*leaves(tree), *leaves(written)])
+    semantics, physics = LeafSemantics(task, known), _physics(task, level, arguments.backend)
+    console.print(f"[bold]{escape(task.title)}[/]\n{physics.name}: {physics.why}")
+    if arguments.export is not None:
+        export = EXPORTS[arguments.export.suffix.lower()]
+        write_atomic(arguments.export, export(written if arguments.expand else tree))
+    if arguments.layouts > 1:
+        _survey(console, semantics, physics, tree, arguments)
+        return
+    settler, layout = Settler(task, physics), _layout(task, arguments.seed)
+    playback = play(semantics, settler, tree, layout)
+    shown = play(semantics, settler, written, layout) if arguments.expand else playback
+    _show(console, shown, delay=arguments.delay)
+    console.print(_verdict(task, playback))
+    if arguments.render is not None:
+        with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+            job = bar.add_task(f"filming {arguments.render}", total=1.0)
+            film(arguments.render, semantics, playback, progress=lambda part: bar.update(job, completed=part))
+        console.print(f"film       {arguments.render}")
+
+
+def _check(arguments: RunArguments) -> None:
+    """Raise UserError for arguments that cannot work."""
+    arguments.check()
+    if arguments.export is not None and arguments.export.suffix.lower() not in EXPORTS:
+        raise UserError(f"{arguments.export} is no kind of tree file; let its name end in {', '.join(EXPORTS)}")
+    if arguments.render is not None:
+        check_film(arguments.render)
+
+
+def _open(arguments: RunArguments) -> tuple[Task, Level, Tree]:
+    """What to run and how: arguments come before what a run folder says."""
+    if (arguments.source / "config.json").is_file():
+        folder = RunFolder(arguments.source)
+        config, tree = folder.config(), folder.tree()
+        task = config.task if arguments.task is None else load_task(arguments.task)
+        return task, arguments.level or config.settings.level, tree
+    task = load_task(arguments.task or "stack")
+    return task, arguments.level or "physics", baseline_from(arguments.source)
+
+
+def _simplified(console: Console, task: Task, level: Level, tree: Tree, arguments: RunArguments) -> Tree:
+    """The tree without what does nothing; says what went and writes it beside the learnt one."""
+    layouts = sample_layouts(task, [UNSEEN, arguments.seed], SIMPLIFY_LAYOUTS)
+    found = simplify(task, _physics(task, level, arguments.backend), tree, layouts)
+    console.print(f"simplified {found.removed} of {len(prefix(tree))} nodes do nothing in {SIMPLIFY_LAYOUTS} layouts")
+    if arguments.source.is_dir():
+        RunFolder(arguments.source).save_tree(found.tree, title=f"{task.name}, simplified", name="simplified_tree")
+    return found.tree
+
+
+def _physics(task: Task, level: Level, backend: Backend) -> Physics:
+    if level == "physics" and backend == "auto":
+        return MujocoPhysics(task, why="the C engine, which starts at once")
+    return make_level(task, Settings(level=level, backend=backend))
+
+
+def _layout(task: Task, seed: int) -> World:
+    return sample_layouts(task, [UNSEEN, seed], 1)
+
+
+def _survey(console: Console, semantics: LeafSemantics, physics: Physics, tree: Tree, arguments: RunArguments) -> None:
+    """Runs the tree in many layouts and prints how it fares."""
+    task = semantics.task
+    seeds = range(arguments.seed, arguments.seed + arguments.layouts)
+    layouts = concatenate([_layout(task, seed) for seed in seeds])
+    trees = encode_all([tree], semantics.vocabulary, MAX_NODES)
+    result: Evaluation = TableEvaluator(semantics, physics, batch=1)(trees, layouts)
+    solved, values = result.solved[0], result.values[0]
+    console.print(
+        f"success    [bold]{solved.sum()} of {len(solved)}[/] layouts ({100 * solved.mean():.0f} %)\n"
+        f"fitness    {values.mean():.1f} ± {values.std():.1f}"
+    )
+    failures = np.flatnonzero(~solved)
+    for k in failures[:LISTED]:
+        away = [f"{t.object} {1000 * d:.0f} mm" for t, d in zip(task.targets, result.distance[0, k], strict=True)]
+        ending = Ending(int(result.ending[0, k])).name
+        console.print(f"[red]✗[/] seed {seeds[k]}: {ending} at tick {result.ticks[0, k]}, {', '.join(away)} off")
+    if len(failures) > LISTED:
+        console.print(f"and the seeds {', '.join(str(seeds[k]) for k in failures[LISTED:])}")
+    if len(failures):
+        console.print(f"watch one with --seed {seeds[failures[0]]}")
+
+
+def _show(console: Console, playback: Playback, *, delay: float) -> None:
+    """The tree at every tick: one below the other, or, on a terminal, in one place with pauses."""
+    pictures = [_picture(playback.tree, number, tick) for number, tick in enumerate(playback.ticks, start=1)]
+    if not console.is_terminal:
+        for title, drawing in pictures:
+            console.print(title, drawing, "", sep="\n")
+        return
+    with Live(console=console, auto_refresh=False) as live:
+        for (title, drawing), tick in zip(pictures, playback.ticks, strict=True):
+            live.update(Group(title, drawing), refresh=True)
+            time.sleep(delay)
+            if tick is not playback.ticks[-1]:
+                live.console.print(title)
+
+
+def _picture(tree: Tree, number: int, tick: Tick) -> tuple[Text, Text]:
+    """Title and drawing of a tick."""
+    style = STYLES[tick.status]
+    title = Text.assemble(f"tick {number:2d}  ", (tick.status.name, style), f"  {_words(tick.command)}")
+    lines = draw_text(tree, tick.statuses).splitlines()
+    drawing = Text("\n").join(Text(line, STYLES[status]) for line, status in zip(lines, tick.statuses, strict=True))
+    return title, drawing
+
+
+def _words(command: Behavior | None) -> str:
+    """What the robot does."""
+    if command is None:
+        return "does nothing"
+    position = None if command.position is None else f"({', '.join(f'{x:g}' for x in command.position)})"
+    return WORDS[command.name].format(object=command.object, position=position, frame=command.frame)
+
+
+def _verdict(task: Task, playback: Playback) -> Text:
+    """How an episode ended."""
+    word, style = ("yes", "bold green") if playback.solved else ("no", "bold red")
+    parts: list[str | tuple[str, str]] = [f"ending     {playback.ending.name} at tick {len(playback.ticks)}\n"]
+    for target, distance in zip(task.targets, playback.distance, strict=True):
+        mark = ("✓", "green") if distance < task.episode.tolerance else ("✗", "red")
+        parts += ["target     ", mark, f" {target.object} {1000 * distance:.1f} mm from its place in {target.frame}\n"]
+    return Text.assemble(*parts, f"fitness    {playback.fitness:.1f}\nsolved     ", (word, style))

@@ -1,0 +1,100 @@
+"""What `python -m bt_jax.experiments` does: the paper's experiments 1 to 3, with demonstration and with GP only."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from datetime import date, datetime
+from pathlib import Path
+from typing import get_args
+
+import jax
+import mujoco
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from bt_jax._util.files import unused, write_atomic
+from bt_jax._util.startup import configure_jax
+from bt_jax.experiments import report
+from bt_jax.experiments.arguments import ExperimentsArguments
+from bt_jax.experiments.protocol import EXPERIMENTS, Outcome, Variant, perform
+from bt_jax.experiments.published import published_curves
+
+__all__ = ["run"]
+
+
+def run(arguments: ExperimentsArguments) -> None:
+    """Runs the experiments, prints the table and writes the report; what is finished stays if a later part is stopped."""
+    arguments.check()
+    console = Console(highlight=False, soft_wrap=True)
+    curves = published_curves()
+    configure_jax("cpu")
+    chosen = [one for one in EXPERIMENTS if arguments.which in ("all", str(one.number))]
+    out = arguments.out or unused(Path("runs") / f"experiments-{datetime.now():%Y%m%d-%H%M%S}")
+    outcomes: list[Outcome] = []
+    with Progress(
+        TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=console, transient=True,
+        disable=not console.is_terminal,
+    ) as bars:  # fmt: skip
+        for experiment in chosen:
+            for variant in get_args(Variant):
+                name = f"experiment {experiment.number}, {report.NAMES[variant]}"
+                bar = bars.add_task(name, total=experiment.config.generations)
+                outcome = perform(
+                    experiment,
+                    variant,
+                    runs=arguments.runs,
+                    seed=arguments.seed,
+                    test_layouts=arguments.test_layouts,
+                    progress=lambda generation, bar=bar: bars.update(bar, completed=generation),
+                )
+                bars.remove_task(bar)
+                outcomes.append(outcome)
+                last = outcome.best[:, -1]
+                solved = (last >= experiment.wanted).sum()
+                console.print(
+                    f"{name}: best fitness {last.mean():.1f} ± {last.std():.1f}, {solved} of {len(last)} runs at "
+                    f"{experiment.wanted:g} or better, {outcome.seconds:.0f} s"
+                )
+            these = [one for one in outcomes if one.experiment is experiment]
+            write_atomic(out / f"experiment_{experiment.number}.png", report.figure(these, curves))
+            write_atomic(out / "report.md", report.markdown(outcomes, curves, machine=_machine()))
+            write_atomic(out / "results.json", json.dumps(_data(outcomes), indent=1) + "\n")
+    for experiment in chosen:
+        _print(console, report.table([one for one in outcomes if one.experiment is experiment], curves))
+    console.print(f"report     {escape(str(out / 'report.md'))}")
+
+
+def _print(console: Console, rows: list[dict[str, str]]) -> None:
+    drawn = Table(title=f"experiment {rows[0]['experiment']}", title_justify="left", show_header=True)
+    for column in ("", *(row["variant"] for row in rows)):
+        drawn.add_column(column)
+    for column in list(rows[0])[2:]:
+        drawn.add_row(column, *(row[column] for row in rows))
+    console.print(drawn)
+
+
+def _data(outcomes: list[Outcome]) -> list[dict]:
+    """What the figures were drawn from."""
+    return [
+        {
+            "experiment": outcome.experiment.number,
+            "variant": outcome.variant,
+            "seconds": round(outcome.seconds, 2),
+            "episodes": outcome.episodes,
+            "unseen": outcome.solved_unseen,
+            "best": outcome.best.round(2).tolist(),
+            "trees": list(map(str, outcome.trees)),
+        }
+        for outcome in outcomes
+    ]
+
+
+def _machine() -> str:
+    return (
+        f"{os.cpu_count()} cores; jax {jax.__version__}, mujoco {mujoco.__version__}, python {platform.python_version()}; "
+        f"{date.today().isoformat()}."
+    )

@@ -1,0 +1,40 @@
+"""How a training measures individuals: settings that the command line shows, so that nothing heavy is imported here."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Literal
+
+from bt_jax._util.errors import UserError
+
+__all__ = ["UNSEEN", "Backend", "Evaluator", "Level", "Settings"]
+
+Level = Literal["physics", "kinematic"]
+Backend = Literal["auto", "mujoco", "mjx"]
+Evaluator = Literal["table", "rollout"]
+UNSEEN = 1 << 20  # seeds of layouts for tests; training uses the seeds of its runs
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """How individuals are measured."""
+
+    level: Level = "physics"
+    """physics: rigid bodies and contacts; kinematic: boxes drop to their support, for a quick look"""
+    backend: Backend = "auto"
+    """engine of the physics level; auto takes mjx on a GPU and mujoco on a CPU"""
+    implementation: Literal["jax", "warp"] = "jax"
+    """of mjx; warp needs an NVIDIA GPU and has never been tried"""
+    evaluator: Evaluator = "table"
+    """table: simulate each distinct transition once; rollout: simulate every transition, in one compiled loop (mjx or
+    kinematic)"""
+    layouts: int = 1
+    """layouts K in which every individual of a run is measured; its fitness is the mean"""
+    test_layouts: int = 100
+    """unseen layouts in which the learnt tree is tested at the end"""
+
+    def check(self) -> None:
+        """Raises UserError for a setting that cannot work."""
+        for name in ("layouts", "test_layouts"):
+            if getattr(self, name) < 1:
+                raise UserError(f"{name} is {getattr(self, name)}; choose 1 or more")
