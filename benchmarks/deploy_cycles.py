@@ -20,13 +20,13 @@ import numpy as np
 
 from benchmarks._report import report, show
 from bt_jax.deploy.link.egm import CYCLE
-from bt_jax.deploy.link.loop_timing import Late
+from bt_jax.deploy.link.loop_timing import LateRound
 from bt_jax.deploy.link.realtime import FIFO_PRIORITY
-from bt_jax.deploy.link.yumi_link import LinkConfig, YumiLink
-from bt_jax.deploy.link.yumi_rules import yumi_rules
+from bt_jax.deploy.link.settings import LinkConfig
+from bt_jax.deploy.link.yumi_link import YumiLink, yumi_rules
 from bt_jax.deploy.perception.pipeline import Perception
 from bt_jax.deploy.planning.trajectory import Trajectory
-from bt_jax.deploy.twin.cell import Scene, build_scene
+from bt_jax.deploy.twin.cell import TwinScene, build_scene
 from bt_jax.deploy.twin.controller import Controller
 from bt_jax.deploy.twin.rendered_camera import RenderedCamera, cell_camera
 from bt_jax.tasks import load_task
@@ -64,11 +64,11 @@ def beside(work: Callable[[threading.Event], None]) -> Iterator[None]:
         thread.join()
 
 
-def nothing(scene: Scene, controller: Controller) -> Callable[[threading.Event], None]:
+def nothing(scene: TwinScene, controller: Controller) -> Callable[[threading.Event], None]:
     return lambda closing: None
 
 
-def perceives(scene: Scene, controller: Controller) -> Callable[[threading.Event], None]:
+def perceives(scene: TwinScene, controller: Controller) -> Callable[[threading.Event], None]:
     def work(closing: threading.Event) -> None:
         camera = RenderedCamera(scene.model, controller.state)
         perception = Perception(scene.task, camera, cell_camera(scene.task).pose)
@@ -79,7 +79,7 @@ def perceives(scene: Scene, controller: Controller) -> Callable[[threading.Event
     return work
 
 
-def computes(scene: Scene, controller: Controller) -> Callable[[threading.Event], None]:
+def computes(scene: TwinScene, controller: Controller) -> Callable[[threading.Event], None]:
     def work(closing: threading.Event) -> None:
         while not closing.is_set():
             sum(range(10**5))
@@ -121,7 +121,7 @@ def _stolen() -> float:
     return float("nan")
 
 
-def cause(late: Late, machine: Machine) -> str:
+def cause(late: LateRound, machine: Machine) -> str:
     """In a word, why a round began late: the machine, if it stalled for at least half of that time."""
     if machine.stalled(late.time - late.late - CYCLE, late.time) > late.late / 2:
         return "machine stalled"
@@ -130,7 +130,7 @@ def cause(late: Late, machine: Machine) -> str:
     return f"long {max(late.parts, key=late.parts.get)}" + (", page faults" if late.faults > 50 else "")
 
 
-def profile(kind: str, found: list[Late], beside: str, machine: Machine) -> list[dict[str, object]]:
+def profile(kind: str, found: list[LateRound], beside: str, machine: Machine) -> list[dict[str, object]]:
     """One row for each cause."""
     causes = [cause(late, machine) for late in found]
     return [

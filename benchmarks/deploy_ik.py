@@ -20,7 +20,7 @@ from bt_jax.deploy import yumi
 from bt_jax.deploy.planning.kinematics import arm_kinematics
 from bt_jax.deploy.planning.paths import Pace
 from bt_jax.deploy.planning.planner import Planner, Unplannable
-from bt_jax.deploy.twin.cell import Scene, box_poses, build_scene
+from bt_jax.deploy.twin.cell import TwinScene, box_poses, build_scene
 from bt_jax.tasks import load_task
 
 
@@ -57,7 +57,7 @@ def solve(arm: str, count: int) -> dict:
     }
 
 
-def contacts(scene: Scene, arm: str, joints: np.ndarray, box: str) -> int:
+def contacts(scene: TwinScene, arm: str, joints: np.ndarray, box: str) -> int:
     """Contacts of an arm with anything but the box that it grasps, in MuJoCo, along joints [n, 7]."""
     model, data, found = scene.model, mujoco.MjData(scene.model), 0
     ids = [model.joint(name).qposadr[0] for name in yumi.joint_names(arm)]

@@ -21,7 +21,7 @@ from rich.progress import track
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from benchmarks._report import report
-from bt_jax.deploy.perception.camera import Frame
+from bt_jax.deploy.perception.camera import CameraFrame
 from bt_jax.deploy.perception.markers import Marker, task_markers
 from bt_jax.deploy.perception.pipeline import Perception
 from bt_jax.deploy.perception.tracker import TrackerSettings
@@ -39,11 +39,11 @@ class NoisyCamera:
     def __init__(self, camera: RenderedCamera, rng: np.random.Generator, noise: float) -> None:
         self.camera, self.rng, self.noise, self.count = camera, rng, noise, 0
 
-    def read(self) -> Frame:
+    def read(self) -> CameraFrame:
         frame = self.camera.read()
         noisy = frame.image + self.rng.normal(0, self.noise, frame.image.shape) if self.noise else frame.image
         self.count += 1
-        return Frame(np.clip(noisy, 0, 255).astype(np.uint8), float(self.count), frame.matrix, frame.distortion)
+        return CameraFrame(np.clip(noisy, 0, 255).astype(np.uint8), float(self.count), frame.matrix, frame.distortion)
 
     def close(self) -> None:
         self.camera.close()

@@ -15,9 +15,9 @@ from rich.console import Console
 
 from benchmarks._report import report
 from bt_jax.deploy.commands.twin import survey
-from bt_jax.deploy.execution.executor import Exit
 from bt_jax.deploy.execution.program import load_program
-from bt_jax.deploy.twin.run import Run
+from bt_jax.deploy.execution.settings import Exit
+from bt_jax.deploy.twin.run import TwinRun
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Arguments:
     """where to write the JSON file"""
 
 
-def row(title: str, runs: list[Run]) -> dict:
+def row(title: str, runs: list[TwinRun]) -> dict:
     """One line of the table; distances are true ones, of the runs that were solved."""
     good = [run for run in runs if run.exit_code == Exit.DONE]
     distances = [1000 * distance for run in good for distance in run.distances]

@@ -9,12 +9,17 @@ from bt_jax._util.startup import exit_code
 
 COMMANDS = {  # name -> module, arguments, function, one line
     "twin": ("twin", "TwinArguments", "twin_command", "run a tree on the simulated YuMi"),
-    "check": ("run", "CheckArguments", "check_command", "look at a real cell before anything moves"),
+    "check": ("check", "CheckArguments", "check_command", "look at a real cell before anything moves"),
     "run": ("run", "RunArguments", "run_command", "run a tree on a real YuMi; dry unless told otherwise"),
     "markers": ("markers", "MarkersArguments", "markers_command", "print the markers of a task"),
     "calibrate": ("calibrate", "CalibrateArguments", "calibrate_command", "measure the camera and where it stands"),
     "rapid": ("rapid", "RapidArguments", "rapid_command", "write the program of the robot's controller"),
-    "replay": ("replay", "ReplayArguments", "replay_command", "show a log and decide it anew"),
+    "replay": (
+        "replay",
+        "ReplayArguments",
+        "replay_command",
+        "show a log and check that the tree decides the same again",
+    ),
 }
 
 

@@ -25,7 +25,7 @@ __all__ = [
     "SPEED",
     "TCP",
     "UPPER",
-    "Shape",
+    "LinkShape",
     "actuator_names",
     "add_to_mjcf",
     "finger_names",
@@ -78,7 +78,7 @@ CALIBRATION = {arm: np.radians([0, -130, sign * 135, 30, 0, 40, 0]) for arm, sig
 
 
 @dataclasses.dataclass(frozen=True)
-class Shape:
+class LinkShape:
     """A primitive around a link, in its frame: a capsule from `start` to `end`, or a box with centre `start` and edges
     `end`. Link 0 is the body, 1 to 7 the arm's in chain order, then "hand", "finger_a", "finger_b"."""
 
@@ -104,8 +104,8 @@ class Shape:
         return float(np.linalg.norm(np.subtract(self.end, self.start)))
 
 
-def _capsule(link: int, radius: float, dark: bool = False) -> Shape:
-    return Shape(link, "capsule", (0, 0, 0), LINKS[link - 1][0], radius, dark)
+def _capsule(link: int, radius: float, dark: bool = False) -> LinkShape:
+    return LinkShape(link, "capsule", (0, 0, 0), LINKS[link - 1][0], radius, dark)
 
 
 _FINGER = (
@@ -116,18 +116,18 @@ _FINGER = (
     ),  # ends 8 mm beyond the TCP; the pad is its face at x = -2 mm
     ("box", (-0.001, 0.0065, 0.0443), (0.002, 0.016, 0.02)),
 )
-SHAPES: tuple[Shape, ...] = (
-    Shape(0, "box", (-0.06, 0, 0.19), (0.2, 0.2, 0.36)),
-    Shape(0, "box", (-0.01, 0, 0.42), (0.16, 0.12, 0.16)),
+SHAPES: tuple[LinkShape, ...] = (
+    LinkShape(0, "box", (-0.06, 0, 0.19), (0.2, 0.2, 0.36)),
+    LinkShape(0, "box", (-0.01, 0, 0.42), (0.16, 0.12, 0.16)),
     _capsule(1, 0.06),
     _capsule(2, 0.055),
     _capsule(3, 0.05, dark=True),
     _capsule(4, 0.047),
     _capsule(5, 0.042, dark=True),
     _capsule(6, 0.036),
-    Shape(7, "capsule", (0, 0, -0.01), (0, 0, 0.004), 0.032, dark=True),
-    Shape("hand", "box", (0, 0, 0.042), (0.09, 0.05, 0.08)),
-    *(Shape(name, *box, dark=True) for name in ("finger_a", "finger_b") for box in _FINGER),
+    LinkShape(7, "capsule", (0, 0, -0.01), (0, 0, 0.004), 0.032, dark=True),
+    LinkShape("hand", "box", (0, 0, 0.042), (0.09, 0.05, 0.08)),
+    *(LinkShape(name, *box, dark=True) for name in ("finger_a", "finger_b") for box in _FINGER),
 )
 
 
@@ -147,7 +147,7 @@ def finger_names(arm: str) -> tuple[str, str]:
 
 
 def link_name(arm: str, link: int | str) -> str:
-    """Of the body or URDF link that a `Shape` belongs to."""
+    """Of the body or URDF link that a `LinkShape` belongs to."""
     return BODY if link == 0 else f"{arm}_link_{AXES[link - 1]}" if isinstance(link, int) else f"{arm}_{link}"
 
 
@@ -245,7 +245,7 @@ def _servo(actuators, name, joint, stiffness, damping) -> None:
     ET.SubElement(actuators, "position", name=name, joint=joint, kp=repr(stiffness), kv=repr(damping))
 
 
-def _mjcf_shapes(body: ET.Element, shapes: list[Shape], mass: float | None) -> None:
+def _mjcf_shapes(body: ET.Element, shapes: list[LinkShape], mass: float | None) -> None:
     for i, shape in enumerate(shapes):
         pad = str(shape.link).startswith("finger") and i == 1
         geom = {"type": shape.kind, "contype": "1", "conaffinity": "1", "material": "rubber" if shape.dark else "shell"}

@@ -6,8 +6,9 @@ import socket
 import numpy as np
 
 from bt_jax.deploy.link.safety import Rules
-from bt_jax.deploy.link.yumi_link import LinkConfig, YumiLink
-from bt_jax.deploy.twin.controller import Cell, Controller
+from bt_jax.deploy.link.settings import LinkConfig
+from bt_jax.deploy.link.yumi_link import YumiLink
+from bt_jax.deploy.twin.controller import CellModel, Controller
 
 ARMS = ("left", "right")
 RULES = Rules(lower=(-2.0,) * 7, upper=(2.0,) * 7, speed=(3.0,) * 7, stale=0.3)  # a shared machine may stall
@@ -44,8 +45,8 @@ XML = f"""<mujoco><compiler angle="radian"/><option timestep="0.002"/>
 <actuator>{_actuators("left")}{_actuators("right")}</actuator></mujoco>"""
 
 
-def cell() -> Cell:
-    return Cell(
+def cell() -> CellModel:
+    return CellModel(
         xml=XML,
         assets={},
         qpos=np.array([0.5, 0, 0.05, 1, 0, 0, 0] + ([0.1] * 7 + [0.025] * 2) * 2),

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.behaviors import Behavior
-from bt_jax.deploy.execution.executor import Observation
+from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.link.protocol import ArmState, Counters
 from bt_jax.deploy.planning.trajectory import Trajectory
 from bt_jax.encoding.status import Status

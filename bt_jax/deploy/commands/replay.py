@@ -41,7 +41,7 @@ class ReplayArguments:
 
 @dataclasses.dataclass(frozen=True)
 class Replayed:
-    """One tick of a log, decided anew from what was known then."""
+    """One tick of a log, decided again from what was known then."""
 
     seen: Observation
     logged: tuple[Status | None, ...]

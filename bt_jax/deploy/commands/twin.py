@@ -22,10 +22,10 @@ from rich.text import Text
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
 from bt_jax.behaviors import expand
-from bt_jax.deploy.execution.executor import Exit, Limits
 from bt_jax.deploy.execution.program import Program, load_program
+from bt_jax.deploy.execution.settings import Exit, Limits
 from bt_jax.deploy.twin.cell import FILM, build_scene
-from bt_jax.deploy.twin.run import LIMIT, Moment, Run, run_twin
+from bt_jax.deploy.twin.run import LIMIT, TwinRun, TwinTick, run_twin
 from bt_jax.encoding.drawing.terminal import draw_text
 from bt_jax.encoding.status import Status
 from bt_jax.mjx_env.render.offscreen import View, write_film
@@ -44,7 +44,7 @@ class TwinArguments:
     """Execute a tree on the twin of a YuMi: rendered camera, markers, planning, EGM at 250 Hz, grasps by friction."""
 
     source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_FOLDER|TREE")]
-    """folder that bt_jax.train has written, or a tree as .txt or .xml"""
+    """folder that bt_jax.train or bt_jax.learn has written, or a tree as .txt or .xml"""
     task: str | None = None
     """name of a task or YAML file (default: that of the run folder, or yumi_stack)"""
     disturb: bool = False
@@ -67,7 +67,7 @@ class TwinArguments:
     def check(self) -> None:
         """Raises UserError for arguments that cannot work."""
         if self.layouts < 1 or self.touches < 1 or self.seed < 0:
-            raise UserError("--layouts and --touches start at 1 and --seed at 0; mend them")
+            raise UserError("--layouts and --touches start at 1 and --seed at 0; choose others")
         if not 0 < self.seconds <= 3600:
             raise UserError(f"--seconds is {self.seconds}; choose more than 0, and an hour at most")
         if self.render is not None:
@@ -113,7 +113,7 @@ def survey(
     seconds: float = LIMIT,
     folder: Path | None = None,
     console: Console,
-) -> list[Run]:
+) -> list[TwinRun]:
     """Runs a tree in many layouts, a line for each, and says how often it succeeds; with a `folder`, logs and a summary."""
     runs = []
     for seed in seeds:
@@ -138,7 +138,7 @@ def _single(program: Program, arguments: TwinArguments, log: Path, console: Cons
     display = _Display(program, console)
     with display:
 
-        def tick(moment: Moment) -> None:
+        def tick(moment: TwinTick) -> None:
             states.append(moment.qpos)
             display.update(moment)
 
@@ -177,7 +177,7 @@ class _Display:
     def __exit__(self, *_: object) -> None:
         self._live.stop()
 
-    def update(self, moment: Moment) -> None:
+    def update(self, moment: TwinTick) -> None:
         """Shows a tick."""
         shown = moment.shown
         self._began = shown.seen.time if self._began is None else self._began
@@ -200,7 +200,7 @@ class _Display:
         self._live.update(Group(self._lines, Text(seen, "dim")), refresh=True)
 
 
-def _verdict(program: Program, run: Run) -> Text:
+def _verdict(program: Program, run: TwinRun) -> Text:
     outcome, task = run.outcome, program.task
     parts: list[str | tuple[str, str]] = [f"end        {outcome.reason} after {outcome.seconds:.1f} s\n"]
     for target, distance in zip(task.targets, run.distances, strict=True):
@@ -215,7 +215,7 @@ def _verdict(program: Program, run: Run) -> Text:
     return Text.assemble(*parts)
 
 
-def _line(run: Run) -> Text:
+def _line(run: TwinRun) -> Text:
     good = run.exit_code == Exit.DONE
     touched = f"  {'; '.join(map(str, run.touches))}" if run.touches else ""
     worst = 1000 * max(run.distances)
@@ -226,7 +226,7 @@ def _line(run: Run) -> Text:
     )
 
 
-def _summary(run: Run) -> dict:
+def _summary(run: TwinRun) -> dict:
     return {
         **dataclasses.asdict(run),
         "outcome": {**dataclasses.asdict(run.outcome), "status": run.outcome.status.name},

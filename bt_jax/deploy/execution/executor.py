@@ -19,13 +19,13 @@ from scipy.spatial.transform import RigidTransform
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, Tree, expand
-from bt_jax.deploy.execution.attempts import SETTLED, ActionRunner, Skills
-from bt_jax.deploy.execution.log import Log
+from bt_jax.deploy.execution.action_runner import ActionRunner, Skills
+from bt_jax.deploy.execution.log import Log, RunLog
 from bt_jax.deploy.execution.observation import Observation
-from bt_jax.deploy.execution.outcome import Exit, Halt, Limits, Outcome, Shown
+from bt_jax.deploy.execution.outcome import Halt, RunOutcome, TickReport
 from bt_jax.deploy.execution.program import Program
 from bt_jax.deploy.execution.reach_memory import ReachMemory
-from bt_jax.deploy.execution.run_log import RunLog
+from bt_jax.deploy.execution.settings import Exit, Limits
 from bt_jax.deploy.execution.statuses import Context, Statuses, seen_subgoals
 from bt_jax.deploy.link.protocol import ControllerGone, RobotLink
 from bt_jax.deploy.link.safety import Rejected
@@ -33,7 +33,7 @@ from bt_jax.encoding.interpret import TreeTick, tick_tree
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import prefix
 
-__all__ = ["Executor", "Exit", "Limits", "Observation", "Outcome", "Shown", "Skills", "decide"]
+__all__ = ["Executor", "decide"]
 
 
 def decide(program: Program, tree: Tree, seen: Observation, context: Context) -> tuple[TreeTick, list[Behavior]]:
@@ -57,7 +57,7 @@ class Executor:
         limits: Limits | None = None,
         settings: dict[str, Any] | None = None,
         dry: bool = False,
-        on_tick: Callable[[Shown], None] | None = None,
+        on_tick: Callable[[TickReport], None] | None = None,
         verify: Callable[[], str] | None = None,
     ) -> None:
         self.program, self.tree = program, expand(program.tree)
@@ -68,20 +68,20 @@ class Executor:
         self.verify = verify or (lambda: "")
         self.ticks = self.overruns = 0
         boxes = sorted({node.object for node in self.nodes if isinstance(node, Behavior) and node.name == "pick"})
-        self.attempts = ActionRunner(skills, link, log, self.limits, dry=dry)
+        self.runner = ActionRunner(skills, link, log, self.limits, dry=dry)
         self._reach = ReachMemory(skills, boxes)
         self._entries = RunLog(log, link)
-        self._last: dict[str, RigidTransform] = {}
+        self._last_seen: dict[str, RigidTransform] = {}
         self._reached: frozenset[str] = frozenset()
         self._unknown: frozenset[Behavior] = frozenset()
         self._since: tuple[Status, float] = (Status.RUNNING, 0.0)  # what the tree returns, and since when
         self._interrupted = False
         self._trace = ""  # of the error that ended the run
 
-    def run(self) -> Outcome:
+    def run(self) -> RunOutcome:
         """Until the tree has succeeded, or failed for good, or something stops it. The arms hold afterwards."""
         start = self.link.now()
-        self._since, self.attempts.rest_at = (Status.RUNNING, start), start
+        self._since, self.runner.rest_at = (Status.RUNNING, start), start
         self._entries.start(self.program, start, self.limits, self.settings, self.dry)
         with self._interruptible():
             end = self._until_halt(start)
@@ -114,12 +114,12 @@ class Executor:
             why = f": {seen.lost}" if seen.lost else ""
             raise Halt(f"camera: no new image for {seen.time - seen.image:.1f} s{why}", Exit.STOPPED)
         self._reached |= seen_subgoals(self.program.task, seen)
-        self.attempts.poll(seen, now)
+        self.runner.poll(seen, now)
         ticked = None
         context = self._context(seen)
-        if self.attempts.action is not None and self.skills.committed:
+        if self.runner.action is not None and self.skills.committed:
             phase = "committed"
-        elif now < self.attempts.rest_at:
+        elif now < self.runner.rest_at:
             phase = "settling"
         else:
             ticked, undecided = decide(self.program, self.tree, seen, context)
@@ -138,42 +138,42 @@ class Executor:
             raise self._failed(f"the time is up ({self.limits.run:g} s)", now)
 
     def _context(self, seen: Observation) -> Context:
-        self._last.update(seen.poses)
+        self._last_seen.update(seen.poses)
         return Context(
-            attempt=self.attempts.action,
-            exhausted=self.attempts.exhausted(self.program.task.episode.action_ticks),
+            attempt=self.runner.action,
+            exhausted=self.runner.exhausted(self.program.task.episode.action_ticks),
             reached=self._reached,
-            unreachable=self._reach.unreachable(seen, ask=self.attempts.action is None),
-            last=self._last,
+            unreachable=self._reach.unreachable(seen, ask=self.runner.action is None),
+            last=self._last_seen,
         )
 
     def _act(self, ticked: TreeTick, undecided: frozenset[Behavior], seen: Observation, now: float) -> str:
         """Begins, goes on with or breaks off; gives what is being done in a word."""
-        self.attempts.forgive(self.program.task, seen)
+        self.runner.forgive(self.program.task, seen)
         if undecided != self._unknown:
             if not undecided < self._unknown:
-                self.attempts.looked = None
+                self.runner.looked = None
             self._unknown = undecided
-        blind = bool(undecided) and (self.attempts.looked is None or now - self.attempts.looked < self.limits.look)
+        blind = bool(undecided) and (self.runner.looked is None or now - self.runner.looked < self.limits.look)
         wanted = None if ticked.running is None else self.nodes[ticked.running]
-        if self.attempts.action is not None:
-            if wanted == self.attempts.action:
+        if self.runner.action is not None:
+            if wanted == self.runner.action:
                 return "acting"
             if blind:
                 return "acting unseen"
-            self.attempts.cancel(now, f"the tree wants {wanted or ticked.status.name}")
+            self.runner.cancel(now, f"the tree wants {wanted or ticked.status.name}")
             return "halting"
         if blind:
             self._since = (Status.RUNNING, now)
-            if not self.attempts.looking and self.attempts.looked is None and not self.dry:
-                self.attempts.look(now)
+            if not self.runner.looking and self.runner.looked is None and not self.dry:
+                self.runner.look(now)
             return "looking"
         if wanted is not None:
             self._since = (Status.RUNNING, now)
-            if self.attempts.looking:
-                self.attempts.cancel(now, "seen")
+            if self.runner.looking:
+                self.runner.cancel(now, "seen")
                 return "halting"
-            return self.attempts.start(wanted, seen, now)
+            return self.runner.start(wanted, seen, now)
         self._judge(ticked.status, undecided, now)
         return "waiting"
 
@@ -181,26 +181,26 @@ class Executor:
         """The tree wants nothing: is the run over? Success must be seen with the arms out of the way."""
         if self._since[0] != status:
             self._since = (status, now)
-            if status == Status.SUCCESS and not self.attempts.looking:
-                self.attempts.look(now)
+            if status == Status.SUCCESS and not self.runner.looking:
+                self.runner.look(now)
         lasted = now - self._since[1]
-        if status == Status.SUCCESS and not self.attempts.looking and lasted >= self.limits.success:
+        if status == Status.SUCCESS and not self.runner.looking and lasted >= self.limits.success:
             wrong = self.verify()
             raise Halt(
                 f"the tree has succeeded{wrong and f', but {wrong}'}", Exit.FAILED if wrong else Exit.DONE, status
             )
         if status == Status.FAILURE and lasted >= self.limits.patience:
             unseen = sorted({name for c in undecided for name in (c.object, c.frame) if name is not None})
-            why = [f"{action} failed {count} times" for action, count in self.attempts.failures.items()]
+            why = [f"{action} failed {count} times" for action, count in self.runner.failures.items()]
             why += [f"{name} is out of reach" for name in self._reach.known_unreachable()]
             why += [f"one of {', '.join(unseen)} is not seen"] if unseen else []
             raise self._failed(f"the tree has failed{': ' if why else ''}{'; '.join(why)}", now, status)
 
     def _failed(self, reason: str, now: float, status: Status = Status.RUNNING) -> Halt:
         """The end of a run that has failed, with the arms brought to rest."""
-        if self.attempts.action is not None or self.attempts.looking:
-            self.attempts.cancel(now, reason)
-        self.link.wait(max(now, self.attempts.rest_at))
+        if self.runner.action is not None or self.runner.looking:
+            self.runner.cancel(now, reason)
+        self.link.wait(max(now, self.runner.rest_at))
         return Halt(reason, Exit.FAILED, status)
 
     def _record(self, seen: Observation, context: Context, ticked: TreeTick | None, phase: str, took: float) -> None:
@@ -208,7 +208,7 @@ class Executor:
         self._entries.tick(seen, context, ticked, phase, took)
         statuses = None if ticked is None else ticked.statuses
         action = None if ticked is None or ticked.running is None else self.nodes[ticked.running]
-        self.on_tick(Shown(seen, statuses, action if ticked is not None else self.attempts.action, phase))
+        self.on_tick(TickReport(seen, statuses, action if ticked is not None else self.runner.action, phase))
 
     def _hold(self, reason: str) -> None:
         """The one way to halt: slow down on the path, then hold for good."""
@@ -216,14 +216,14 @@ class Executor:
             if self.link.stopped() is None:
                 for arm in self.link.arms:
                     self.link.halt(arm)
-                self.link.wait(self.link.now() + SETTLED)
+                self.link.wait(self.link.now() + self.limits.rest)
         with contextlib.suppress(UserError, Rejected, ControllerGone):
             self.link.stop(reason)
 
-    def _finish(self, end: Halt, start: float) -> Outcome:
+    def _finish(self, end: Halt, start: float) -> RunOutcome:
         """Writes down how it ended; the arms hold already, so that a log that cannot be written changes nothing."""
         seconds = self.link.now() - start
-        outcome = Outcome(end.status, end.reason, end.code, seconds, self.ticks, self.overruns)
+        outcome = RunOutcome(end.status, end.reason, end.code, seconds, self.ticks, self.overruns)
         with contextlib.suppress(OSError, ValueError):
             if self._trace:
                 self.log.write("exception", text=self._trace)

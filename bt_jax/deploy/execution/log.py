@@ -6,6 +6,8 @@ returned, `action` when an attempt began and how it ended, `motion` setpoints an
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import importlib.metadata
 import json
 import os
@@ -17,11 +19,21 @@ from typing import Any
 import numpy as np
 
 from bt_jax._util.errors import UserError
+from bt_jax.deploy.execution.observation import Observation
+from bt_jax.deploy.execution.outcome import Halt, RunOutcome
+from bt_jax.deploy.execution.program import Program
+from bt_jax.deploy.execution.settings import Limits
+from bt_jax.deploy.execution.statuses import Context
+from bt_jax.deploy.link.protocol import RobotLink
+from bt_jax.encoding.formats.text import one_line
+from bt_jax.encoding.interpret import TreeTick
 
-__all__ = ["FORMAT", "Log", "read_log", "versions"]
+__all__ = ["FORMAT", "Log", "RunLog", "log_ends", "read_log", "versions"]
 
 FORMAT = 1
 DIGITS = 5  # of joints in `motion`, rad
+RECORD_EVERY = 5  # of the link's cycles, one is logged; all of the last ones before a stop
+BLOCK = 1 << 16  # bytes read at once from the end of a log
 
 
 def versions() -> dict[str, str]:
@@ -80,6 +92,63 @@ class Log:
             self._file.close()
 
 
+class RunLog:
+    """Writes the entries of one run."""
+
+    def __init__(self, log: Log, link: RobotLink) -> None:
+        self.log, self.link = log, link
+
+    def start(self, program: Program, time: float, limits: Limits, settings: dict[str, Any], dry: bool) -> None:
+        self.log.write(
+            "start",
+            format=FORMAT,
+            time=time,
+            tree=one_line(program.tree),
+            digest=program.digest,
+            task=program.task.to_dict(),
+            limits=dataclasses.asdict(limits),
+            settings=settings,
+            dry=dry,
+            versions=versions(),
+        )
+
+    def tick(self, seen: Observation, context: Context, ticked: TreeTick | None, phase: str, took: float) -> None:
+        """`took` seconds; `ticked` None where the tree was not asked."""
+        statuses = None if ticked is None else ticked.statuses
+        self.log.write(
+            "tick",
+            seen=seen.to_dict(),
+            context={
+                "attempt": None if context.attempt is None else str(context.attempt),
+                "exhausted": sorted(map(str, context.exhausted)),
+                "reached": sorted(context.reached),
+                "unreachable": sorted(context.unreachable),
+            },
+            statuses=None if statuses is None else "".join("." if s is None else str(int(s)) for s in statuses),
+            phase=phase,
+            took=round(took, 4),
+        )
+        self._motion(RECORD_EVERY)
+
+    def last_motion(self, end: Halt) -> None:
+        """Every cycle where the arms had to hold."""
+        with contextlib.suppress(UserError):
+            self._motion(1 if end.holds else RECORD_EVERY)
+
+    def end(self, outcome: RunOutcome, time: float) -> None:
+        self.log.write(
+            "end",
+            time=time,
+            **{**dataclasses.asdict(outcome), "status": outcome.status.name},
+            counters=dataclasses.asdict(self.link.counters()),
+        )
+
+    def _motion(self, every: int) -> None:
+        drain = getattr(self.link, "drain", None)
+        if drain is not None:
+            self.log.motion(self.link.arms, drain(), every=every)
+
+
 def read_log(path: Path) -> Iterator[dict[str, Any]]:
     """The lines of a log in order; a last one that was not finished is left out.
 
@@ -104,6 +173,36 @@ def read_log(path: Path) -> Iterator[dict[str, Any]]:
         yield entry
     if not lines:
         raise UserError(f"{path} is empty; give the log that a run has written")
+
+
+def log_ends(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the first and the last finished line of a log, without reading what is between them.
+
+    Raises UserError where it is no log of this version.
+    """
+    try:
+        with path.open("rb") as file:
+            first = file.readline()
+            end, tail = file.seek(0, os.SEEK_END), b""
+            while len(tail.splitlines()) < 3 and len(tail) < end:  # the last line may be unfinished
+                file.seek(max(0, end - len(tail) - BLOCK))
+                tail = file.read(min(BLOCK, end - len(tail))) + tail
+    except OSError as error:
+        raise UserError(f"{path} cannot be read ({error}); give the log that a run has written") from error
+    start = _entry(first)
+    if start is None or start["kind"] != "start" or start.get("format") != FORMAT:
+        raise UserError(f"{path} is no log of format {FORMAT}; use the version of bt_jax that wrote it")
+    finished = (entry for line in reversed(tail.splitlines()) if (entry := _entry(line)) is not None)
+    return start, next(finished, start)
+
+
+def _entry(line: bytes) -> dict[str, Any] | None:
+    """Return a line of a log, None where it is not one."""
+    try:
+        entry = json.loads(line)
+    except ValueError:
+        return None
+    return entry if isinstance(entry, dict) and "kind" in entry else None
 
 
 def _joints(rows: np.ndarray) -> dict[str, list]:

@@ -16,7 +16,7 @@ from scipy.spatial.transform import RigidTransform
 from bt_jax._util.errors import UserError
 from bt_jax.deploy import yumi
 from bt_jax.deploy.execution.observation import Observation
-from bt_jax.deploy.execution.observer import FIT
+from bt_jax.deploy.execution.settings import GraspSettings, MotionSettings
 from bt_jax.deploy.link.protocol import RobotLink
 from bt_jax.deploy.planning.clearance import Carried
 from bt_jax.deploy.planning.paths import Pace, timed
@@ -25,17 +25,7 @@ from bt_jax.deploy.planning.process import PlanningProcess
 from bt_jax.deploy.planning.trajectory import Trajectory
 from bt_jax.tasks import Task
 
-__all__ = ["REPLANS", "Failed", "Moved", "Movements", "Poses", "Routine"]
-
-PATIENCE = 4.0  # seconds for fingers to come to rest
-REPLANS = 3
-STILL = 0.0005  # metres that resting fingers move in the time they are given to react
-REACTION = 0.25  # seconds until a command to the fingers shows in their readings, over Robot Web Services
-ARRIVED = 0.01  # rad from the end of a path
-AT_HOME = 0.05  # rad
-SHIFTED = 0.006  # metres by which what is aimed at must have moved for a plan to be made anew
-ASIDE = 0.015  # the same for what is to be kept clear of
-SLOW = 0.3  # of the pace, straight down
+__all__ = ["Failed", "Moved", "Movements", "Poses", "Routine"]
 
 Routine = Generator[None, None, None]
 Moved = Generator[None, None, bool]
@@ -52,12 +42,22 @@ class Movements:
     """The arms of one cell, and what they move among: `seen` now, `known` as it was seen last, and `carried` by an arm. With
     `background`, plans are made there while ticks go on; else a tick waits for its plan."""
 
-    def __init__(self, task: Task, link: RobotLink, pace: Pace, background: PlanningProcess | None) -> None:
+    def __init__(
+        self,
+        task: Task,
+        link: RobotLink,
+        *,
+        pace: Pace,
+        grasp: GraspSettings,
+        motion: MotionSettings,
+        background: PlanningProcess | None,
+    ) -> None:
         self.link, self.planner = link, Planner(task)
         self.sizes = {box.name: box.size for box in task.boxes}
         self.seen: Observation | None = None
         self.known: dict[str, RigidTransform] = {}
         self.carried: dict[str, Carried] = {}
+        self.grasp, self.motion = grasp, motion
         self._pace, self._background = pace, background
 
     @property
@@ -94,8 +94,8 @@ class Movements:
     def go_home(self, arms: Iterable[str]) -> Routine:
         for arm in arms:
             plans = 0
-            while np.abs((joints := self.joints())[arm] - yumi.HOME[arm]).max() > AT_HOME:
-                if plans == REPLANS:
+            while np.abs((joints := self.joints())[arm] - yumi.HOME[arm]).max() > self.motion.at_home:
+                if plans == self.motion.replans:
                     raise Failed(f"things do not stay where they are on the {arm} arm's way home")
                 held, around = next(iter(self.carried.values()), None), self.obstacles()
                 path = yield from self.planned(self.planner.home, arm, around, joints, held)
@@ -117,7 +117,7 @@ class Movements:
         self, arm: str, line: np.ndarray, *, watch: Poses = NOWHERE, aim: str = "", held: str | None = None
     ) -> Moved:
         """The same slowly, along a straight line of the tool."""
-        return (yield from self._move(arm, timed(line, self._pace.slowed(SLOW), arm), watch, aim, held))
+        return (yield from self._move(arm, timed(line, self._pace.slowed(self.motion.straight), arm), watch, aim, held))
 
     def back(self, arm: str, line: np.ndarray) -> Routine:
         """To the top of a straight line [m, 7] down, from wherever on it the arm was halted."""
@@ -140,7 +140,7 @@ class Movements:
                     yield
                 return True
             yield
-        if np.abs(state.commanded - trajectory.joints[-1]).max() > ARRIVED:
+        if np.abs(state.commanded - trajectory.joints[-1]).max() > self.motion.arrived:
             raise Failed(f"the {arm} arm was halted on its way")
         return False
 
@@ -155,10 +155,10 @@ class Movements:
             if at_least is not None and opening >= at_least:
                 return
             earlier.append((now, opening))
-            before = [gap for then, gap in earlier if began + REACTION <= then <= now - REACTION]
-            if at_least is None and before and abs(opening - before[-1]) < STILL:
+            before = [gap for then, gap in earlier if began + self.grasp.reaction <= then <= now - self.grasp.reaction]
+            if at_least is None and before and abs(opening - before[-1]) < self.grasp.still:
                 return
-            if now - began > PATIENCE:
+            if now - began > self.grasp.patience:
                 raise Failed(f"the {arm} fingers do not move as they should")
 
     def found(self, name: str) -> Routine:
@@ -166,7 +166,7 @@ class Movements:
         if name in self.seen.poses:
             return
         yield from self.go_home(yumi.ARMS)
-        end = self.link.now() + PATIENCE
+        end = self.link.now() + self.motion.sight
         while name not in self.seen.poses:
             if self.link.now() > end:
                 raise Failed(f"{name} is not seen")
@@ -175,7 +175,7 @@ class Movements:
     def holds(self, arm: str, size: float) -> bool:
         """Are an arm's closing fingers as far apart as a box of this size would hold them?"""
         state = self.link.arm(arm)
-        return state.grip_target < size and abs(state.opening - size) <= FIT
+        return state.grip_target < size and abs(state.opening - size) <= self.grasp.fit
 
     def forget_lost(self) -> None:
         """Of what was grasped, keeps what is held, or still between fingers by their readings."""
@@ -194,13 +194,14 @@ class Movements:
         return {name: pose for name, pose in self.known.items() if name not in held}
 
     def _dropped(self, arm: str, box: str) -> bool:
-        return self.link.arm(arm).opening < self.sizes[box] - FIT or self.seen.holding != box
+        return self.link.arm(arm).opening < self.sizes[box] - self.grasp.fit or self.seen.holding != box
 
     def _shifted(self, watch: Poses, aim: str) -> bool:
         """Is something seen that has left its pose?"""
         seen = self.seen.poses
         return any(
-            float(np.linalg.norm(seen[name].translation - pose.translation)) > (SHIFTED if name == aim else ASIDE)
+            float(np.linalg.norm(seen[name].translation - pose.translation))
+            > (self.motion.shifted if name == aim else self.motion.aside)
             for name, pose in watch.items()
             if name in seen
         )

@@ -10,16 +10,11 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy.execution.observation import Observation
+from bt_jax.deploy.execution.settings import GraspSettings
 from bt_jax.deploy.link.protocol import RobotLink
 from bt_jax.tasks import Task
 
 __all__ = ["Observer", "Perceiving"]
-
-SQUEEZE = 0.003  # metres by which fingers that grasp a box are sent closer together than it is wide, at least
-FIT = 0.006  # metres by which the fingers' distance may differ from the box's size
-STEADY = 0.001  # metres that the fingers may still move between two looks
-TRAIL = 1.2  # seconds by which a pose may lag behind: it was right then
-NEAR = 0.02  # metres that a held box's centre may be off the hand's, besides half its size
 
 
 @runtime_checkable
@@ -27,7 +22,7 @@ class Perceiving(Protocol):
     """What sees the objects."""
 
     def update(self) -> None:
-        """Takes a new image into account; raises where there is none to be had."""
+        """Takes a new image into account; raises where no image can come any more."""
 
     def poses(self, now: float) -> Mapping[str, RigidTransform]:
         """Fresh poses in the robot's base frame; what is not in it is unknown."""
@@ -53,7 +48,9 @@ class Observer:
         perception: Perceiving,
         grasped: Callable[[], Mapping[str, str]],
         tcp: Callable[[str, np.ndarray], RigidTransform],
+        grasp: GraspSettings | None = None,
     ) -> None:
+        self.grasp = grasp or GraspSettings()
         self.link, self.perception, self.grasped, self.tcp = link, perception, grasped, tcp
         self._sizes = {box.name: box.size for box in task.boxes}
         self._before: dict[str, float] = {}
@@ -67,13 +64,13 @@ class Observer:
         opening = {arm: state.opening for arm, state in arms.items()}
         for arm, state in arms.items():
             self._trails[arm].append((now, self.tcp(arm, state.joints).translation))
-            while self._trails[arm][0][0] < now - TRAIL:
+            while self._trails[arm][0][0] < now - self.grasp.trail:
                 self._trails[arm].popleft()
         holding = None
         for arm, box in self.grasped().items():
             state, size = arms[arm], self._sizes[box]
-            blocked = state.grip_target <= size - SQUEEZE and abs(state.opening - size) <= FIT
-            steady = abs(state.opening - self._before.get(arm, np.inf)) <= STEADY
+            blocked = state.grip_target <= size - self.grasp.squeeze and abs(state.opening - size) <= self.grasp.fit
+            steady = abs(state.opening - self._before.get(arm, np.inf)) <= self.grasp.steady
             if blocked and steady and self._in_hand(poses.get(box), arm, size):
                 holding = box
         self._before = opening
@@ -83,4 +80,6 @@ class Observer:
         """Is the box where the fingers are, or were just now? Not seen, it is believed to be."""
         if pose is None:
             return True
-        return any(np.linalg.norm(point - pose.translation) <= size / 2 + NEAR for _, point in self._trails[arm])
+        return any(
+            np.linalg.norm(point - pose.translation) <= size / 2 + self.grasp.near for _, point in self._trails[arm]
+        )

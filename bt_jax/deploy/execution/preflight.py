@@ -24,7 +24,7 @@ from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import prefix
 
-__all__ = ["Cell", "Item", "passed", "preflight", "show"]
+__all__ = ["CheckResult", "Equipment", "passed", "preflight", "show"]
 
 LISTEN = 2.0  # seconds for which feedback and camera are watched
 LOST = 0.02  # share of messages that may be lost meanwhile
@@ -38,7 +38,7 @@ IMAGE = 0.5  # seconds that the newest image may be old
 
 
 @dataclasses.dataclass(frozen=True)
-class Item:
+class CheckResult:
     """One look. `passed` is None where another item must pass first."""
 
     name: str
@@ -47,7 +47,7 @@ class Item:
 
 
 @dataclasses.dataclass(frozen=True)
-class Cell:
+class Equipment:
     """What is to be looked at; absent parts make their items fail."""
 
     program: Program
@@ -60,9 +60,9 @@ class Cell:
     twin_log: Path | None
 
 
-def preflight(cell: Cell) -> Iterator[Item]:
+def preflight(equipment: Equipment) -> Iterator[CheckResult]:
     """Looks at everything, one after the other. Nothing moves."""
-    looks: list[tuple[str, str | None, Callable[[Cell], str]]] = [
+    looks: list[tuple[str, str | None, Callable[[Equipment], str]]] = [
         ("tree: every leaf is known", None, _leaves),
         ("twin: this tree ran there", None, _twin),
         ("computer: real-time priority", None, _priority),
@@ -81,31 +81,31 @@ def preflight(cell: Cell) -> Iterator[Item]:
     for name, needs, look in looks:
         if needs in failed:
             failed.add(name)
-            yield Item(name, None, f"needs '{needs}'")
+            yield CheckResult(name, None, f"needs '{needs}'")
             continue
         try:
-            yield Item(name, True, look(cell))
+            yield CheckResult(name, True, look(equipment))
         except Exception as problem:  # a look must never end the others
             failed.add(name)
             text = str(problem) if isinstance(problem, UserError) else f"{type(problem).__name__}: {problem}"
-            yield Item(name, False, text)
+            yield CheckResult(name, False, text)
 
 
-def passed(items: list[Item]) -> bool:
+def passed(items: list[CheckResult]) -> bool:
     """Did every item pass?"""
     return all(item.passed for item in items)
 
 
-def show(console: Console, item: Item) -> None:
+def show(console: Console, item: CheckResult) -> None:
     """Prints one item."""
     mark = {True: "[green]✓[/]", False: "[bold red]✗[/]", None: "[dim]-[/]"}[item.passed]
     console.print(f"{mark} {item.name:36s} {escape(item.detail)}")
 
 
-def _leaves(cell: Cell) -> str:
-    task = cell.program.task
+def _leaves(equipment: Equipment) -> str:
+    task = equipment.program.task
     nothing = Observation(0.0, {}, {"left": 0.0, "right": 0.0}, None)
-    leaves = [node for node in prefix(expand(cell.program.tree)) if isinstance(node, Behavior)]
+    leaves = [node for node in prefix(expand(equipment.program.tree)) if isinstance(node, Behavior)]
     for leaf in leaves:
         try:
             status = Statuses(task, nothing, Context())(leaf, 0)
@@ -113,28 +113,28 @@ def _leaves(cell: Cell) -> str:
             raise UserError(f"{leaf} means nothing to the executor ({problem}); use another tree") from problem
         if leaf.kind == Kind.CONDITION and leaf.name in ("at", "reachable", "clear") and status == Status.SUCCESS:
             raise UserError(f"{leaf} holds with nothing seen; do not run this version on a robot")
-    return f"{len(leaves)} leaves, tree {cell.program.digest[:12]}"
+    return f"{len(leaves)} leaves, tree {equipment.program.digest[:12]}"
 
 
-def _twin(cell: Cell) -> str:
-    if cell.twin_log is None:
+def _twin(equipment: Equipment) -> str:
+    if equipment.twin_log is None:
         raise UserError(
             "no log of the twin was given; run python -m bt_jax.deploy twin and give its log with --twin-log"
         )
-    entries = list(read_log(cell.twin_log))
+    entries = list(read_log(equipment.twin_log))
     start, end = entries[0], entries[-1]
     if start.get("settings", {}).get("robot") != "twin":
-        raise UserError(f"{cell.twin_log} is not of the twin; run this tree there and give the log of that")
-    if start["digest"] != cell.program.digest:
-        raise UserError(f"{cell.twin_log} is of another tree; run this one in the twin")
-    if start["task"] != cell.program.task.to_dict():
-        raise UserError(f"{cell.twin_log} is of another task; run this one in the twin")
+        raise UserError(f"{equipment.twin_log} is not of the twin; run this tree there and give the log of that")
+    if start["digest"] != equipment.program.digest:
+        raise UserError(f"{equipment.twin_log} is of another tree; run this one in the twin")
+    if start["task"] != equipment.program.task.to_dict():
+        raise UserError(f"{equipment.twin_log} is of another task; run this one in the twin")
     if end["kind"] != "end" or end["exit_code"] != 0 or start["dry"]:
-        raise UserError(f"the run in {cell.twin_log} did not succeed; look into it with replay and mend the tree")
+        raise UserError(f"the run in {equipment.twin_log} did not succeed; look into it with replay and fix the tree")
     return f"succeeded in {end['seconds']:.0f} s, {end['ticks']} ticks"
 
 
-def _priority(_: Cell) -> str:
+def _priority(_: Equipment) -> str:
     try:
         policy = os.sched_getscheduler(0)
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
@@ -146,8 +146,8 @@ def _priority(_: Cell) -> str:
     return "may be asked for"
 
 
-def _state(cell: Cell) -> str:
-    state = cell.link.state()
+def _state(equipment: Equipment) -> str:
+    state = equipment.link.state()
     if not state.ready:
         raise UserError(
             f"the controller is in {state.control}, mode {state.mode}; put it in automatic mode with motors on"
@@ -155,8 +155,8 @@ def _state(cell: Cell) -> str:
     return f"{state.control}, {state.mode}, RAPID {state.rapid}"
 
 
-def _feedback(cell: Cell) -> str:
-    link = cell.link
+def _feedback(equipment: Equipment) -> str:
+    link = equipment.link
     before, began = link.counters(), link.now()
     while link.now() < began + LISTEN:
         link.wait(link.now() + 0.1)
@@ -176,10 +176,10 @@ def _feedback(cell: Cell) -> str:
     return f"{got} messages in {LISTEN:g} s, {lost} lost, {late} late"
 
 
-def _limits(cell: Cell) -> str:
-    rules, closest = cell.link.rules, np.inf
-    for arm in cell.link.arms:
-        joints = cell.link.arm(arm).joints
+def _limits(equipment: Equipment) -> str:
+    rules, closest = equipment.link.rules, np.inf
+    for arm in equipment.link.arms:
+        joints = equipment.link.arm(arm).joints
         room = float(np.min(np.minimum(joints - rules.lower, np.array(rules.upper) - joints)))
         if room < rules.margin:
             raise UserError(
@@ -189,15 +189,15 @@ def _limits(cell: Cell) -> str:
     return f"{np.degrees(closest):.0f} deg from the nearest limit"
 
 
-def _kinematics(cell: Cell) -> str:
+def _kinematics(equipment: Equipment) -> str:
     worst = 0.0
-    for arm in cell.link.arms:
-        state = cell.link.arm(arm)
+    for arm in equipment.link.arms:
+        state = equipment.link.arm(arm)
         if state.flange is None:
             raise UserError(
                 f"the {arm} arm's EGM tells no Cartesian pose; use quaternions, tool0 and wobj0 in its setup"
             )
-        change = cell.flange(arm, state.joints).inv() * state.flange
+        change = equipment.flange(arm, state.joints).inv() * state.flange
         away, turn = float(np.linalg.norm(change.translation)), change.rotation.magnitude()
         if away > FLANGE or turn > TURN:
             raise UserError(
@@ -208,17 +208,17 @@ def _kinematics(cell: Cell) -> str:
     return f"{1000 * worst:.2f} mm at most"
 
 
-def _grippers(cell: Cell) -> str:
-    openings = {arm: cell.link.arm(arm).opening for arm in cell.link.arms}
-    widest = cell.program.task.gripper_opening
+def _grippers(equipment: Equipment) -> str:
+    openings = {arm: equipment.link.arm(arm).opening for arm in equipment.link.arms}
+    widest = equipment.program.task.gripper_opening
     for arm, opening in openings.items():
         if not -0.001 <= opening <= widest + 0.001:
             raise UserError(f"the {arm} gripper tells {1000 * opening:.1f} mm; calibrate it on the pendant")
     return ", ".join(f"{arm} {1000 * opening:.1f} mm" for arm, opening in openings.items())
 
 
-def _intrinsics(cell: Cell) -> str:
-    error = cell.intrinsics_error
+def _intrinsics(equipment: Equipment) -> str:
+    error = equipment.intrinsics_error
     if error is None:
         raise UserError("the camera is not calibrated; run python -m bt_jax.deploy calibrate")
     if error > REPROJECTION:
@@ -226,8 +226,8 @@ def _intrinsics(cell: Cell) -> str:
     return f"reprojection error {error:.2f} pixels"
 
 
-def _hand_eye(cell: Cell) -> str:
-    residual = cell.camera_residual
+def _hand_eye(equipment: Equipment) -> str:
+    residual = equipment.camera_residual
     if residual is None:
         raise UserError("where the camera stands is not known; run python -m bt_jax.deploy calibrate")
     if residual > HAND_EYE:
@@ -235,36 +235,36 @@ def _hand_eye(cell: Cell) -> str:
     return f"residual {1000 * residual:.1f} mm"
 
 
-def _images(cell: Cell) -> str:
-    if cell.perception is None:
+def _images(equipment: Equipment) -> str:
+    if equipment.perception is None:
         raise UserError("no camera was given; give one with --camera")
-    times, link = set(), cell.link
+    times, link = set(), equipment.link
     began = link.now()
     while link.now() < began + LISTEN:
-        cell.perception.update()
-        times.add(cell.perception.image)
+        equipment.perception.update()
+        times.add(equipment.perception.image)
         link.wait(link.now() + 0.05)
     age = link.now() - max(times)
     if age > IMAGE or len(times) < 4:
-        why = f" ({cell.perception.lost})" if cell.perception.lost else ""
+        why = f" ({equipment.perception.lost})" if equipment.perception.lost else ""
         raise UserError(f"{len(times)} images in {LISTEN:g} s, the last {age:.2f} s old{why}; check the camera's cable")
     return f"{len(times)} images in {LISTEN:g} s"
 
 
-def _markers(cell: Cell) -> str:
-    task = cell.program.task
-    poses = cell.perception.poses(cell.link.now())
+def _markers(equipment: Equipment) -> str:
+    task = equipment.program.task
+    poses = equipment.perception.poses(equipment.link.now())
     missing = [name for name in (*task.box_names, task.kit.name) if name not in poses]
     if missing:
         raise UserError(f"{', '.join(missing)} cannot be seen; put it in view, with its markers uncovered")
     return f"{len(poses)} objects"
 
 
-def _reach(cell: Cell) -> str:
-    task, now = cell.program.task, cell.link.now()
-    openings = {arm: cell.link.arm(arm).opening for arm in cell.link.arms}
-    seen = Observation(now, cell.perception.poses(now), openings, None)
-    away = [name for name in task.box_names if not cell.reachable(name, seen)]
+def _reach(equipment: Equipment) -> str:
+    task, now = equipment.program.task, equipment.link.now()
+    openings = {arm: equipment.link.arm(arm).opening for arm in equipment.link.arms}
+    seen = Observation(now, equipment.perception.poses(now), openings, None)
+    away = [name for name in task.box_names if not equipment.reachable(name, seen)]
     if away:
         raise UserError(f"no arm can grasp {', '.join(away)}; move it nearer to the robot's middle")
     return ", ".join(task.box_names)

@@ -1,4 +1,4 @@
-"""Which boxes no arm can grasp where they are. Inverse kinematics takes time: only a box that moved is asked for anew."""
+"""Which boxes no arm can grasp where they are. Inverse kinematics takes time: only a box that moved is asked for again."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from bt_jax.deploy.execution.attempts import Skills
+from bt_jax.deploy.execution.action_runner import Skills
 from bt_jax.deploy.execution.observation import Observation
 
 __all__ = ["ReachMemory"]

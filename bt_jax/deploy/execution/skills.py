@@ -14,9 +14,9 @@ from scipy.spatial.transform import RigidTransform
 
 from bt_jax.behaviors import Behavior
 from bt_jax.deploy import yumi
-from bt_jax.deploy.execution.movements import REPLANS, Failed, Moved, Movements, Poses, Routine
+from bt_jax.deploy.execution.movements import Failed, Moved, Movements, Poses, Routine
 from bt_jax.deploy.execution.observation import Observation
-from bt_jax.deploy.execution.observer import FIT, SQUEEZE
+from bt_jax.deploy.execution.settings import GraspSettings, MotionSettings
 from bt_jax.deploy.link.protocol import RobotLink
 from bt_jax.deploy.link.safety import Rejected
 from bt_jax.deploy.planning.clearance import Carried
@@ -29,11 +29,6 @@ from bt_jax.tasks import Task
 
 __all__ = ["YumiSkills"]
 
-GRIP = 4 * SQUEEZE  # metres by which fingers are sent closer together than the box is wide
-FORCE = 15.0  # N
-LET_GO = 0.0007  # metres above its place at which a box is let go
-SPOTS = 25  # places tried for setting a box down
-
 Goal = tuple[np.ndarray, float]  # where a box's centre should be, base frame [m], and the yaw of its edges [rad]
 
 
@@ -42,11 +37,26 @@ class YumiSkills:
     tick waits for its plan."""
 
     def __init__(
-        self, task: Task, link: RobotLink, *, pace: Pace | None = None, background: PlanningProcess | None = None
+        self,
+        task: Task,
+        link: RobotLink,
+        *,
+        pace: Pace | None = None,
+        grasp: GraspSettings | None = None,
+        motion: MotionSettings | None = None,
+        background: PlanningProcess | None = None,
     ) -> None:
         self.task, self.link = task, link
         self.committed, self.reason = False, ""
-        self._moves = Movements(task, link, pace or Pace(), background)
+        self._grasping, self._motion = grasp or GraspSettings(), motion or MotionSettings()
+        self._moves = Movements(
+            task,
+            link,
+            pace=pace or Pace(),
+            grasp=self._grasping,
+            motion=self._motion,
+            background=background,
+        )
         self._routine: Routine | None = None
         # Box -> arm that is not to take it next, if the other can: it failed, or gave it away.
         self._avoid: dict[str, str] = {}
@@ -116,13 +126,13 @@ class YumiSkills:
             raise Failed(f"{box} was never seen")
         self._moves.forget_lost()
         yield from self._moves.found(box)
-        for _ in range(REPLANS):
+        for _ in range(self._motion.replans):
             reach, around = yield from self._plan_pick(box)
-            self.link.grip(reach.arm, yumi.OPENING, FORCE)
+            self.link.grip(reach.arm, yumi.OPENING, self._grasping.force)
             moved = yield from self._moves.follow(reach.arm, reach.approach, watch=around, aim=box)
             if moved:
                 continue
-            yield from self._moves.fingers(reach.arm, at_least=self._moves.sizes[box] + FIT)
+            yield from self._moves.fingers(reach.arm, at_least=self._moves.sizes[box] + self._grasping.fit)
             moved = yield from self._grasp(box, reach, around[box])
             if not moved:
                 return
@@ -156,13 +166,13 @@ class YumiSkills:
             yield from self._moves.back(arm, reach.line)
             return True
         self.committed = True
-        self.link.grip(arm, size - GRIP, FORCE)
+        self.link.grip(arm, size - self._grasping.overclose, self._grasping.force)
         tcp = yumi.forward(arm, self.link.arm(arm).commanded)
         self._moves.carried[arm] = Carried(arm, box, carried_pose(tcp, pose))
         yield from self._moves.fingers(arm)
         if not self._moves.holds(arm, size):
             self._avoid[box] = arm
-            self.link.grip(arm, yumi.OPENING, FORCE)
+            self.link.grip(arm, yumi.OPENING, self._grasping.force)
             del self._moves.carried[arm]
             yield from self._moves.fingers(arm)
             yield from self._moves.straight(arm, reach.line[::-1])
@@ -182,7 +192,7 @@ class YumiSkills:
         if not self._reaches(arm, goal, yaw):
             yield from self._hand_over(box, arm, goal, yaw)
             return
-        for _ in range(REPLANS):
+        for _ in range(self._motion.replans):
             moved = yield from self._put(arm, lambda: self._goal(position, frame), self._below(frame), frame=frame)
             if not moved:
                 return
@@ -194,7 +204,7 @@ class YumiSkills:
         carried = self._moves.carried[arm]
         yield from self._moves.others_home(arm)
         around, (place, yaw) = self._moves.obstacles(), goal()
-        above = place + np.array([0, 0, LET_GO])
+        above = place + np.array([0, 0, self._grasping.let_go])
         reach = yield from self._moves.planned(
             self._moves.planner.put, carried, above, yaw, tuple(supports), around, self._moves.joints()
         )
@@ -206,10 +216,10 @@ class YumiSkills:
         if moved:
             return True
         self.committed = True
-        self.link.grip(arm, yumi.OPENING, FORCE)
+        self.link.grip(arm, yumi.OPENING, self._grasping.force)
         del self._moves.carried[arm]
         self._moves.known[carried.box] = yumi.forward(arm, self.link.arm(arm).commanded) * carried.pose
-        yield from self._moves.fingers(arm, at_least=self._moves.sizes[carried.box] + FIT)
+        yield from self._moves.fingers(arm, at_least=self._moves.sizes[carried.box] + self._grasping.fit)
         yield from self._moves.straight(arm, reach.line[::-1])
         self.committed = False
         return False
@@ -232,7 +242,7 @@ class YumiSkills:
         tables = [table.name for table in self.task.tables]
         tried = 0
         for spot in self._moves.planner.spots(carried.box, self._moves.obstacles(), near):
-            if tried == SPOTS:
+            if tried == self._motion.spots:
                 break
             if all(self._reaches(name, spot, 0.0) for name in arms):
                 tried += 1
@@ -250,14 +260,14 @@ class YumiSkills:
             else:
                 del self._moves.carried[arm]
         for arm in self.link.arms:
-            self.link.grip(arm, yumi.OPENING, FORCE)
+            self.link.grip(arm, yumi.OPENING, self._grasping.force)
         for arm in self.link.arms:
             yield from self._moves.fingers(arm, at_least=0.95 * yumi.OPENING)
 
     def _close_all(self) -> Routine:
         self.committed = True
         for arm in self.link.arms:
-            self.link.grip(arm, 0.0, FORCE)
+            self.link.grip(arm, 0.0, self._grasping.force)
         for arm in self.link.arms:
             yield from self._moves.fingers(arm)
 

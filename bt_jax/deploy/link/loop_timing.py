@@ -11,14 +11,14 @@ import numpy as np
 
 from bt_jax.deploy.link.realtime import CONTEXT
 
-__all__ = ["Late", "Watch"]
+__all__ = ["LateRound", "LoopTimer"]
 
 KEPT = 1024  # late rounds; older ones are overwritten
 NEAR = 0.001  # seconds from which on a round is kept
 
 
 @dataclasses.dataclass(frozen=True)
-class Late:
+class LateRound:
     """One round of a loop that began late."""
 
     time: float  # when it began, monotonic [s]
@@ -29,7 +29,7 @@ class Late:
     parts: Mapping[str, float]  # seconds that each part of the work before took
 
 
-class Watch:
+class LoopTimer:
     """Shared memory with one writer, the loop that is watched; whoever made it reads. `parts` name the parts of its work."""
 
     def __init__(self, parts: tuple[str, ...]) -> None:
@@ -63,11 +63,13 @@ class Watch:
         """All work is done; the next round begins at `deadline`, `time.monotonic()`."""
         self._slack = deadline - time.monotonic()
 
-    def read(self) -> list[Late]:
+    def read(self) -> list[LateRound]:
         """What was kept, oldest first. The last one may be half written while the loop runs."""
         written = self._written.value
         rows = self._view()[np.arange(max(0, written - KEPT), written) % KEPT].tolist()
-        return [Late(*row[:3], int(row[3]), int(row[4]), dict(zip(self.parts, row[5:], strict=True))) for row in rows]
+        return [
+            LateRound(*row[:3], int(row[3]), int(row[4]), dict(zip(self.parts, row[5:], strict=True))) for row in rows
+        ]
 
     def _view(self) -> np.ndarray:
         return np.frombuffer(self._rows).reshape(KEPT, self._width)

@@ -12,22 +12,21 @@ from multiprocessing.connection import Connection
 import numpy as np
 
 from bt_jax.deploy.link.egm import CYCLE, Feedback, Setpoint
-from bt_jax.deploy.link.loop_timing import Watch
+from bt_jax.deploy.link.loop_timing import LoopTimer
 from bt_jax.deploy.link.realtime import CONTEXT, Snapshot, take_priority
 from bt_jax.deploy.link.safety import Rules, Supervisor
+from bt_jax.deploy.link.settings import LinkTiming
 from bt_jax.deploy.planning.trajectory import Follower, Trajectory
 
-__all__ = ["ARM_FIELDS", "COUNTERS", "HISTORY", "Blocks", "Start", "serve"]
+__all__ = ["ARM_FIELDS", "COUNTERS", "HISTORY", "LinkStart", "SharedState", "serve"]
 
-IDLE = 0.002  # seconds between two looks at the watchdog while no message comes
-PARTING = 0.5  # seconds for which the arms are still held when the program above is gone
 HISTORY = 8192  # cycles of one arm that are kept for the log
 RECORD = 17  # numbers of a record: arm, time, setpoint [7], measured [7], sequence
 ARM_FIELDS = 34  # time, joints, velocity, commanded [7 each], flange [7], moving, motion, remaining, running, known
 COUNTERS = ("cycles", "missed", "late", "lost", "reordered", "clipped")
 
 
-class Blocks:
+class SharedState:
     """What the link process and the program share."""
 
     def __init__(self, arms: tuple[str, ...]) -> None:
@@ -39,11 +38,11 @@ class Blocks:
         self.stopped = CONTEXT.RawValue("b", 0)  # `reason` is complete
         self.history = CONTEXT.RawArray("d", HISTORY * RECORD)
         self.written = CONTEXT.RawValue("L", 0)  # records so far
-        self.watch = Watch(("messages", "commands", "supervision"))
+        self.watch = LoopTimer(("messages", "commands", "supervision"))
 
 
 @dataclasses.dataclass(frozen=True)
-class Start:
+class LinkStart:
     """What the process needs to begin."""
 
     host: str  # IPv4 address of the controller; what comes from elsewhere is dropped
@@ -51,10 +50,11 @@ class Start:
     rules: Rules
     realtime: bool  # the robot's clock is ours; False: it waits for our answers and stands still in between
     motion: bool  # False: listen and never answer
+    timing: LinkTiming
 
 
 @dataclasses.dataclass
-class _Arm:
+class _ArmSession:
     socket: socket.socket
     feedback: Feedback | None = None
     address: tuple | None = None
@@ -77,15 +77,15 @@ def open_socket(port: int) -> socket.socket:
     return found
 
 
-def serve(start: Start, blocks: Blocks, pipe: Connection) -> None:
+def serve(start: LinkStart, blocks: SharedState, pipe: Connection) -> None:
     """Runs until the program above says so, or is gone."""
     take_priority(realtime=start.realtime)
     try:
-        arms = {arm: _Arm(open_socket(port)) for arm, port in start.ports.items()}
+        arms = {arm: _ArmSession(open_socket(port)) for arm, port in start.ports.items()}
     except OSError as error:
         pipe.send(("failed", f"{error.strerror or error}: {error}"))
         return
-    loop = _Loop(start, blocks, pipe, arms)
+    loop = _LinkLoop(start, blocks, pipe, arms)
     pipe.send(("ready", None))
     try:
         loop.run()
@@ -94,8 +94,8 @@ def serve(start: Start, blocks: Blocks, pipe: Connection) -> None:
             arm.socket.close()
 
 
-class _Loop:
-    def __init__(self, start: Start, blocks: Blocks, pipe: Connection, arms: dict[str, _Arm]) -> None:
+class _LinkLoop:
+    def __init__(self, start: LinkStart, blocks: SharedState, pipe: Connection, arms: dict[str, _ArmSession]) -> None:
         self.start, self.blocks, self.pipe, self.arms = start, blocks, pipe, arms
         self.supervisor = Supervisor(start.rules, tuple(arms))
         self.answering = False  # a person has agreed to motion; until `enabled`, the arms hold where they were then
@@ -110,8 +110,8 @@ class _Loop:
         for name, arm in self.arms.items():
             selector.register(arm.socket, selectors.EVENT_READ, name)
         selector.register(self.pipe, selectors.EVENT_READ, None)
-        parted, watch = None, self.blocks.watch
-        deadline = time.monotonic() + IDLE
+        parted, watch, timing = None, self.blocks.watch, self.start.timing
+        deadline = time.monotonic() + timing.idle
         while not self.closing:
             ready = selector.select(max(0.0, deadline - time.monotonic()))
             began = time.monotonic()
@@ -131,9 +131,9 @@ class _Loop:
                 self.supervisor.watch(now, self.blocks.alive.value, moving=moving)
             self.tell()
             watch.done("supervision")
-            deadline = began + IDLE
+            deadline = began + timing.idle
             watch.end(deadline)
-            if parted is not None and now - parted > PARTING:
+            if parted is not None and now - parted > timing.parting:
                 return
 
     def tell(self) -> None:
@@ -169,7 +169,7 @@ class _Loop:
         if newest:
             self.answer(name, arm)
 
-    def answer(self, name: str, arm: _Arm) -> None:
+    def answer(self, name: str, arm: _ArmSession) -> None:
         feedback = arm.feedback
         assert feedback is not None
         self.cycles += 1
@@ -196,7 +196,7 @@ class _Loop:
             except OSError:
                 self.missed += 1
 
-    def publish(self, name: str, arm: _Arm) -> None:
+    def publish(self, name: str, arm: _ArmSession) -> None:
         feedback, follower = arm.feedback, arm.follower
         remaining = 0.0 if follower is None else follower.remaining
         motion = [follower is not None, arm.motion, remaining, feedback.running, 1.0]
@@ -207,7 +207,7 @@ class _Loop:
         counters = (self.cycles, self.missed, self.late, supervisor.lost, supervisor.reordered, supervisor.clipped)
         self.blocks.counters.write(np.array(counters, float))
 
-    def record(self, name: str, arm: _Arm) -> None:
+    def record(self, name: str, arm: _ArmSession) -> None:
         """Keeps this cycle for the log."""
         feedback = arm.feedback
         row = self.blocks.written.value % HISTORY
@@ -254,7 +254,7 @@ class _Loop:
         self.tell()  # before the answer: who asks afterwards finds the reason
         self.reply()
 
-    def fresh(self, name: str, arm: _Arm) -> bool:
+    def fresh(self, name: str, arm: _ArmSession) -> bool:
         """Does the arm speak now? Between telling where it is and following us, the robot is silent for a while."""
         if arm.feedback is None or not self.start.realtime:
             return arm.feedback is not None

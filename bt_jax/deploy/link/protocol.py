@@ -62,7 +62,7 @@ class RobotLink(Protocol):
     def arm(self, arm: str) -> ArmState: ...
 
     def stopped(self) -> str | None:
-        """Why a protective stop was latched, None where there is none."""
+        """Return why a protective stop was latched, None if none was."""
 
     def follow(self, arm: str, trajectory: Trajectory) -> int:
         """Starts a path at once and gives its number. Raises Rejected where it breaks a rule; then nothing moves."""

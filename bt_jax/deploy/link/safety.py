@@ -133,7 +133,7 @@ class Supervisor:
             if ahead <= 0 and (moving_allowed or ahead > -self.rules.gap):
                 self.reordered += 1
                 return False
-            ahead = max(ahead, 1)  # a new session: its numbers begin anew
+            ahead = max(ahead, 1)  # a new session: its numbers begin again
             self.lost += ahead - 1
             if ahead - 1 > self.rules.gap and moving_allowed:
                 self.stop(f"{arm}: {ahead - 1} messages of the controller were lost in a row")

@@ -1,62 +1,37 @@
 """The link to a YuMi, or to its twin.
 
-EGM runs in a process of its own (`link_process`), so that neither rendering nor planning can delay a setpoint; the state of
+EGM runs in a process of its own (`link.process`), so that neither rendering nor planning can delay a setpoint; the state of
 the controller and the grippers go over Robot Web Services from here.
 """
 
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import socket
 import threading
 import time
-from collections.abc import Mapping
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax._util.errors import UserError
+from bt_jax.deploy import yumi
 from bt_jax.deploy.link.egm import CYCLE
-from bt_jax.deploy.link.loop_timing import Late
-from bt_jax.deploy.link.process import HISTORY, RECORD, Blocks, Start, serve
+from bt_jax.deploy.link.loop_timing import LateRound
+from bt_jax.deploy.link.process import HISTORY, RECORD, LinkStart, SharedState, serve
 from bt_jax.deploy.link.protocol import ArmState, ControllerGone, Counters, SimulatedController
+from bt_jax.deploy.link.rapid_program import RapidProgram
 from bt_jax.deploy.link.realtime import CONTEXT
-from bt_jax.deploy.link.rws import (
-    EGM_MOTION,
-    GRIP_ACTUAL,
-    GRIP_FORCE,
-    GRIP_TARGET,
-    ControllerState,
-    Motion,
-    Rws,
-    symbol,
-)
+from bt_jax.deploy.link.rws import ControllerState
 from bt_jax.deploy.link.safety import Rejected, Rules, check_trajectory
+from bt_jax.deploy.link.settings import LinkConfig
+from bt_jax.deploy.planning.clearance import SafetyClearance
 from bt_jax.deploy.planning.trajectory import Trajectory
+from bt_jax.tasks import Task
 
-__all__ = ["LinkConfig", "YumiLink"]
+__all__ = ["YumiLink", "yumi_rules"]
 
-STARTED = 3.0  # seconds within which the arms must run once the program was started
-FIRST = 30.0  # seconds for the link process to come up
-ANSWER = 1.0  # seconds for it to answer by the clock: it looks 500 times as often
-POLL = 0.05  # seconds between two looks at the grippers in real time
-STATE = 5  # of these looks, one also asks for the controller's state
-RAMP = 0.5  # seconds within which the robot's program has ended guided motion: a look at the gripper, and its ramp
 ENDED, HANGS = "the link process has ended", "the link process does not answer"
-SILENT = 2.0  # seconds without an answer to such a look
-
-
-@dataclasses.dataclass(frozen=True)
-class LinkConfig:
-    """Where the controller is. The ports are ours: the controller must be set up to send each arm's EGM there."""
-
-    host: str = "192.168.125.1"  # the service port of an IRC5
-    ports: Mapping[str, int] = dataclasses.field(default_factory=lambda: {"left": 6511, "right": 6512})
-    rws_port: int = 80
-    user: str = "Default User"
-    password: str = "robotics"
-    motion: bool = False  # False: listen only; no setpoint ever leaves
 
 
 class YumiLink:
@@ -64,17 +39,19 @@ class YumiLink:
 
     def __init__(self, config: LinkConfig, rules: Rules, controller: SimulatedController | None = None) -> None:
         self.config, self.rules, self.arms = config, rules, tuple(config.ports)
+        self._timing = config.timing
         self._controller = controller
         self._lockstep = controller is not None and not controller.realtime
         self._clearance = rules.clearance_of() if rules.clearance_of is not None else None
-        self._blocks = Blocks(self.arms)
+        self._blocks = SharedState(self.arms)
         self._pipe, theirs = CONTEXT.Pipe()
-        start = Start(_address(config.host), dict(config.ports), rules, not self._lockstep, config.motion)
+        start = LinkStart(
+            _address(config.host), dict(config.ports), rules, not self._lockstep, config.motion, config.timing
+        )
         self._process = CONTEXT.Process(target=serve, args=(start, self._blocks, theirs), daemon=True)
         self._theirs = theirs
-        self._pipe_lock, self._rws_lock = threading.Lock(), threading.Lock()
-        self._rws = Rws(config.host, config.rws_port, config.user, config.password)
-        self._opening = dict.fromkeys(self.arms, 0.0)
+        self._pipe_lock = threading.Lock()
+        self._program = RapidProgram(config)
         self._target = dict.fromkeys(self.arms, 0.0)
         self._rejected = self._motions = self._drained = 0
         self._answering = False  # the robot's program was asked to follow
@@ -89,19 +66,18 @@ class YumiLink:
         self._process.start()
         self._theirs.close()
         try:
-            if not self._pipe.poll(FIRST):
+            if not self._pipe.poll(self._timing.startup):
                 raise UserError("the link process did not start; close other programs and try again")
             kind, value = self._pipe.recv()
             if kind != "ready":
                 ports = ", ".join(map(str, self.config.ports.values()))
                 raise UserError(f"the UDP ports {ports} cannot be used ({value}); end the program that uses them")
-            self._rws.state()
-            self._look()
+            self._program.state()
+            self._program.read_openings()
         except BaseException:
             self.close()
             raise
-        for arm in self.arms:
-            self._target[arm] = self._opening[arm]
+        self._target |= self._program.openings
         if not self._lockstep:
             self._poller = threading.Thread(target=self._poll, daemon=True)
             self._poller.start()
@@ -130,18 +106,17 @@ class YumiLink:
             raise UserError(f"{problem}; ask for motion to start the robot")
         self._answering = True
         if state.rapid != "running":
-            with self._rws_lock:
-                self._rws.start()
+            self._program.start()
         problem = "silent"
-        deadline = time.monotonic() + STARTED
+        deadline = time.monotonic() + self._timing.guided
         while problem is not None and time.monotonic() < deadline:
             if self._lockstep:
                 self._controller.advance(self.now() + CYCLE)
             time.sleep(0.005)
-            problem = self._guided() or self._ask("enable")
+            problem = self._program.ask_to_follow() or self._ask("enable")
         if problem is not None:
             raise UserError(
-                f"{problem} {STARTED:g} s after the start; check that EGM is set up to send to this machine"
+                f"{problem} {self._timing.guided:g} s after the start; check that EGM is set up to send to this machine"
             )
         self._enabled = True
 
@@ -154,7 +129,7 @@ class YumiLink:
                 stack.callback(self._stop_program)
                 stack.callback(self._end_motion)
             if self._poller is not None:
-                self._poller.join(SILENT + 1)
+                self._poller.join(self._timing.silent + 1)
 
     def _end_motion(self) -> None:
         well = self._enabled and self.stopped() is None and self._process.is_alive()
@@ -171,7 +146,7 @@ class YumiLink:
             self._process.join(2)
             self._process.kill()
             self._process.join()
-        self._rws.close()
+        self._program.close()
 
     def now(self) -> float:
         return self._controller.state()[0] if self._lockstep else time.monotonic()
@@ -185,7 +160,7 @@ class YumiLink:
         try:
             self._stop_if_dead()
             self._controller.advance(until)
-            self._look()
+            self._program.read_openings()
         except ControllerGone as gone:
             self.stop(str(gone))
             raise
@@ -213,14 +188,13 @@ class YumiLink:
             float(remaining),
             bool(running),
             _pose(values[22:29]),
-            self._opening[arm],
+            self._program.openings[arm],
             self._target[arm],
         )
 
     def state(self) -> ControllerState:
-        """Of the controller, asked for now."""
-        with self._rws_lock:
-            return self._rws.state()
+        """Return the controller's state, asked for now."""
+        return self._program.state()
 
     def stopped(self) -> str | None:
         if self._blocks.stopped.value:
@@ -265,9 +239,7 @@ class YumiLink:
         if not (np.isfinite(opening) and np.isfinite(force)):
             raise Rejected(f"{arm}: the gripper's target is not a number")
         self._target[arm] = opening
-        with self._rws_lock:
-            self._rws.set_number(symbol(arm, GRIP_FORCE), float(np.clip(force, 0, 20)))
-            self._rws.set_number(symbol(arm, GRIP_TARGET), 500 * float(np.clip(opening, 0, 0.05)))
+        self._program.grip(arm, opening, force)
 
     def stop(self, reason: str) -> None:
         try:
@@ -278,16 +250,14 @@ class YumiLink:
             self._stop_program()
 
     def _ramp_out(self) -> None:
-        """Ends guided motion as the robot's program does it: smoothly, while the arms are still held."""
-        with self._rws_lock:
-            for arm in self.arms:
-                self._rws.set_number(symbol(arm, EGM_MOTION), float(Motion.LISTEN))
+        """End guided motion as the robot's program does it: smoothly, while the arms are still held."""
+        self._program.end_guided_motion()
         if not self._lockstep:
-            time.sleep(RAMP)
+            time.sleep(self._timing.ramp)
 
     def _stop_program(self) -> None:
-        with contextlib.suppress(UserError), self._rws_lock:  # without a controller the arms hold by themselves
-            self._rws.stop()
+        with contextlib.suppress(UserError):  # without a controller the arms hold by themselves
+            self._program.stop()
 
     def _dead(self) -> bool:
         return not self._closing.is_set() and not self._process.is_alive()
@@ -299,7 +269,7 @@ class YumiLink:
     def counters(self) -> Counters:
         return Counters(*map(int, self._blocks.counters.read()), rejected=self._rejected)
 
-    def late_rounds(self) -> list[Late]:
+    def late_rounds(self) -> list[LateRound]:
         """When the link process was not there in time, lately; a message may have waited meanwhile."""
         return self._blocks.watch.read()
 
@@ -318,7 +288,7 @@ class YumiLink:
             try:
                 if not self._hangs:
                     self._pipe.send(message)
-                    if self._pipe.poll(FIRST if self._lockstep else ANSWER):
+                    if self._pipe.poll(self._timing.startup if self._lockstep else self._timing.answer):
                         return self._pipe.recv()
             except (OSError, EOFError) as error:
                 raise UserError(f"{ENDED}; start again") from error
@@ -328,39 +298,34 @@ class YumiLink:
                 self._stop_program()
         raise UserError(f"{HANGS}; start again")
 
-    def _guided(self) -> str | None:
-        """Which arms do not follow EGM yet; they are asked to. None where all do."""
-        waiting = []
-        with self._rws_lock:
-            for arm in self.arms:
-                motion = self._rws.number(symbol(arm, EGM_MOTION))
-                if motion == Motion.LISTEN:
-                    self._rws.set_number(symbol(arm, EGM_MOTION), float(Motion.ASKED))
-                if motion != Motion.GUIDED:
-                    waiting.append(arm)
-        return f"{' and '.join(waiting)}: not guided" if waiting else None
-
-    def _look(self) -> None:
-        for arm in self.arms:
-            with self._rws_lock:
-                self._opening[arm] = self._rws.number(symbol(arm, GRIP_ACTUAL)) / 500
-
     def _poll(self) -> None:
         """Real time: looks at grippers and state. Runs in a thread."""
-        answered, count = time.monotonic(), 0
-        while not self._closing.wait(POLL):
-            count += 1
+        answered = asked = time.monotonic()
+        while not self._closing.wait(self._timing.poll):
             self._stop_if_dead()
             try:
-                self._look()
-                if count % STATE == 0 and self._enabled:
+                self._program.read_openings()
+                if self._enabled and time.monotonic() - asked >= self._timing.state:
+                    asked = time.monotonic()
                     state = self.state()
                     if not (state.ready and state.rapid == "running"):
                         self.stop(f"the controller is in {state.control}, mode {state.mode}, RAPID {state.rapid}")
                 answered = time.monotonic()
             except (UserError, ValueError) as problem:
-                if self._enabled and not self._closing.is_set() and time.monotonic() - answered > SILENT:
+                if self._enabled and not self._closing.is_set() and time.monotonic() - answered > self._timing.silent:
                     self.stop(str(problem))
+
+
+def yumi_rules(task: Task, *, override: float = float("inf")) -> Rules:
+    """Return what a YuMi may do in a task's cell; `override` is the largest joint speed, rad/s."""
+    return Rules(
+        lower=tuple(map(float, yumi.LOWER)),
+        upper=tuple(map(float, yumi.UPPER)),
+        speed=tuple(map(float, yumi.SPEED)),
+        override=override,
+        points=yumi.points,
+        clearance_of=SafetyClearance(task),
+    )
 
 
 def _address(host: str) -> str:

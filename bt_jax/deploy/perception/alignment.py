@@ -18,7 +18,7 @@ import numpy as np
 
 from bt_jax.deploy.perception.markers import MODULES, Marker, marker_image
 
-__all__ = ["Alignment", "View", "align", "correlations"]
+__all__ = ["Alignment", "ImageSampler", "align", "correlations"]
 
 PER_MODULE = 3  # points along a module's edge
 MARGIN = (
@@ -48,7 +48,7 @@ class Alignment:
     sigma: float
 
 
-class View:
+class ImageSampler:
     """An image f32[h, w] of a camera without distortion, with its `matrix` f[3, 3] and derivatives."""
 
     def __init__(self, image: np.ndarray, matrix: np.ndarray) -> None:
@@ -79,7 +79,7 @@ class View:
 
 
 def align(
-    view: View, rotation: np.ndarray, position: np.ndarray, markers: Sequence[Marker], *, near: bool = False
+    view: ImageSampler, rotation: np.ndarray, position: np.ndarray, markers: Sequence[Marker], *, near: bool = False
 ) -> Alignment:
     """The pose near a given one at which `markers`, all of one body, look most like the image; `near` says that it is off by
     less than a pixel or so."""
@@ -107,7 +107,9 @@ def align(
     return Alignment(rotation, position, residual, float(np.sqrt(np.trace(covariance[3:, 3:]))))
 
 
-def _coarseness(view: View, rotation: np.ndarray, position: np.ndarray, markers: Sequence[Marker]) -> np.ndarray:
+def _coarseness(
+    view: ImageSampler, rotation: np.ndarray, position: np.ndarray, markers: Sequence[Marker]
+) -> np.ndarray:
     """Covariance f64[6, 6] of turn and shift where every corner is off by BIAS."""
     arms = np.concatenate([marker.corners for marker in markers]) @ rotation.T
     x, y, z = (arms + position).T
@@ -120,7 +122,7 @@ def _coarseness(view: View, rotation: np.ndarray, position: np.ndarray, markers:
 
 
 def correlations(
-    view: View, rotation: np.ndarray, position: np.ndarray, markers: Sequence[Marker], ids: Sequence[int]
+    view: ImageSampler, rotation: np.ndarray, position: np.ndarray, markers: Sequence[Marker], ids: Sequence[int]
 ) -> tuple[np.ndarray, np.ndarray]:
     """How the image correlates with each marker's pattern where the pose has it, and at most with another one: that of any
     of the `ids`, turned by any quarter. Both f64[m] in -1..1; the first is -1 where the marker is out of the image."""

@@ -21,7 +21,7 @@ from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
 from bt_jax.deploy.perception.calibration import Intrinsics
 
-__all__ = ["Camera", "CameraError", "Frame", "RecordedCamera", "Recorder", "UvcCamera", "open_camera"]
+__all__ = ["Camera", "CameraError", "CameraFrame", "RecordedCamera", "Recorder", "UvcCamera", "open_camera"]
 
 
 class CameraError(RuntimeError):
@@ -29,7 +29,7 @@ class CameraError(RuntimeError):
 
 
 @dataclasses.dataclass(frozen=True)
-class Frame:
+class CameraFrame:
     """`image` u8[h, w, 3] RGB, taken at `time` [s]; `matrix` f64[3, 3] and `distortion` f64[n] as OpenCV has them."""
 
     image: np.ndarray
@@ -42,8 +42,8 @@ class Frame:
 class Camera(Protocol):
     """A source of images."""
 
-    def read(self) -> Frame:
-        """The newest image, at once; its time tells how old it is. Raises CameraError where there is none."""
+    def read(self) -> CameraFrame:
+        """Return the newest image, at once; its time says how old it is. Raises CameraError if there is none."""
         ...
 
     def close(self) -> None:
@@ -86,12 +86,12 @@ class UvcCamera:
         self._thread = threading.Thread(target=self._grab, name="camera", daemon=True)
         self._thread.start()
 
-    def read(self) -> Frame:
+    def read(self) -> CameraFrame:
         """The newest image. Raises CameraError once the camera gives no more."""
         if self._lost:
             raise CameraError("the camera gives no more images")
         image, taken = self._newest
-        return Frame(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), taken, self._matrix, self._distortion)
+        return CameraFrame(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), taken, self._matrix, self._distortion)
 
     def close(self) -> None:
         """Ends the thread and gives the device back."""
@@ -116,7 +116,7 @@ class Recorder:
         self.camera, self.folder = camera, folder
         self._count, self._last = 0, float("-inf")
 
-    def read(self) -> Frame:
+    def read(self) -> CameraFrame:
         frame = self.camera.read()
         if frame.time > self._last:
             encoded = cv2.imencode(".png", cv2.cvtColor(frame.image, cv2.COLOR_RGB2BGR))[1].tobytes()
@@ -142,7 +142,7 @@ class RecordedCamera:
         self._clock, self._next = clock, 0
         self._began = clock() if clock else 0.0
 
-    def read(self) -> Frame:
+    def read(self) -> CameraFrame:
         """Raises CameraError at the end of the recording."""
         if self._clock is None:
             if self._next == len(self._frames):
@@ -156,12 +156,12 @@ class RecordedCamera:
     def close(self) -> None:
         """Nothing is held."""
 
-    def _load(self, index: int, shift: float) -> Frame:
+    def _load(self, index: int, shift: float) -> CameraFrame:
         path, taken, matrix, distortion = self._frames[index]
         image = cv2.imread(str(path))
         if image is None:
             raise CameraError(f"{path} cannot be read")
-        return Frame(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), taken + shift, matrix, distortion)
+        return CameraFrame(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), taken + shift, matrix, distortion)
 
 
 def open_camera(

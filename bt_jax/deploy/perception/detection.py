@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from bt_jax.deploy.perception.alignment import View, align, correlations
+from bt_jax.deploy.perception.alignment import ImageSampler, align, correlations
 from bt_jax.deploy.perception.markers import Marker, marker_dictionary, square
 
 __all__ = ["Detection", "Detector", "Gates"]
@@ -95,7 +95,7 @@ class Detector:
         gray = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         if np.any(distortion):
             gray = cv2.undistort(gray, matrix, distortion)
-        view = View(gray.astype(np.float32), matrix)
+        view = ImageSampler(gray.astype(np.float32), matrix)
         bodies: dict[str, dict[int, np.ndarray]] = {body: {} for body in known}
         for number, corners in self._corners(gray).items():
             bodies.setdefault(self._markers[number].body, {})[number] = corners
@@ -114,7 +114,7 @@ class Detector:
             if number in self._markers and numbers.count(number) == 1
         }
 
-    def _confirm(self, body: str, seen: dict[int, np.ndarray], view: View, known) -> Detection | None:
+    def _confirm(self, body: str, seen: dict[int, np.ndarray], view: ImageSampler, known) -> Detection | None:
         """The body where it is known to be, if the image agrees and no marker read elsewhere speaks against it."""
         if body not in known:
             return None
@@ -139,7 +139,7 @@ class Detector:
         error = self._error(fit, list(seen), seen, view) if seen else 0.0
         return Detection(body, fit.pose, None, error, alignment.sigma, tuple(marker.id for marker in kept))
 
-    def _locate(self, body: str, seen: dict[int, np.ndarray], view: View) -> Detection | None:
+    def _locate(self, body: str, seen: dict[int, np.ndarray], view: ImageSampler) -> Detection | None:
         rivals = self._by_corners(seen, view)
         fits = [fit for rival in rivals if (fit := self._by_image(body, rival, seen, view))]
         fits.sort(key=lambda fit: (-len(fit.markers), fit.residual))
@@ -152,7 +152,7 @@ class Detector:
                 alternative = fit.pose
         return Detection(body, best.pose, alternative, best.error, best.sigma, best.markers)
 
-    def _by_corners(self, seen: dict[int, np.ndarray], view: View) -> list[_Fit]:
+    def _by_corners(self, seen: dict[int, np.ndarray], view: ImageSampler) -> list[_Fit]:
         """The pose that most markers agree with, and another one where the corners leave a doubt."""
         fits: list[_Fit] = []
         for start in self._starts(seen, view):
@@ -184,7 +184,7 @@ class Detector:
         ]
         return fits[:1] + others[: RIVALS if one else 1]
 
-    def _starts(self, seen: dict[int, np.ndarray], view: View) -> Iterator[_Fit]:
+    def _starts(self, seen: dict[int, np.ndarray], view: ImageSampler) -> Iterator[_Fit]:
         for number, corners in seen.items():
             marker = self._markers[number]
             nudged = corners + NUDGE
@@ -197,7 +197,7 @@ class Detector:
                 rotation = cv2.Rodrigues(turn)[0] @ marker.axes.T
                 yield _Fit(rotation, np.ravel(position) - rotation @ marker.pose.translation)
 
-    def _by_image(self, body: str, start: _Fit, seen: dict[int, np.ndarray], view: View) -> _Fit | None:
+    def _by_image(self, body: str, start: _Fit, seen: dict[int, np.ndarray], view: ImageSampler) -> _Fit | None:
         """The pose refined on the image with every face that should be and is visible."""
         facing = [marker for marker in self._bodies[body] if self._faces(start, marker)]
         visible = self._correlating(start, facing, view, self.gates.correlation - 0.25)
@@ -220,7 +220,7 @@ class Detector:
             sigma=alignment.sigma,
         )
 
-    def _correlating(self, fit: _Fit, markers: list[Marker], view: View, least: float) -> list[Marker]:
+    def _correlating(self, fit: _Fit, markers: list[Marker], view: ImageSampler, least: float) -> list[Marker]:
         if not markers:
             return []
         own, others = correlations(view, fit.rotation, fit.position, markers, tuple(self._markers))
@@ -233,7 +233,7 @@ class Detector:
         outward = fit.rotation @ marker.axes[:, 2]
         return bool(position[2] > 0 and -outward @ position > self.gates.facing * math.sqrt(position @ position))
 
-    def _agreeing(self, fit: _Fit, seen: dict[int, np.ndarray], view: View, limit: float) -> list[int]:
+    def _agreeing(self, fit: _Fit, seen: dict[int, np.ndarray], view: ImageSampler, limit: float) -> list[int]:
         """Markers that appear within `limit` pixels of where the pose has them."""
         return [
             number
@@ -241,7 +241,7 @@ class Detector:
             if self._faces(fit, self._markers[number]) and self._error(fit, [number], seen, view) < limit
         ]
 
-    def _error(self, fit: _Fit, numbers: Sequence[int], seen: dict[int, np.ndarray], view: View) -> float:
+    def _error(self, fit: _Fit, numbers: Sequence[int], seen: dict[int, np.ndarray], view: ImageSampler) -> float:
         """Root mean square distance of the corners as detected from where the pose has them, px."""
         points = np.concatenate([self._markers[number].corners for number in numbers])
         pixels = np.concatenate([seen[number] for number in numbers])

@@ -216,7 +216,7 @@ class SafetyClearance:
         return CellClearance(self.task, movable=False).distance
 
 
-def _shape(shape: yumi.Shape):
+def _shape(shape: yumi.LinkShape):
     return coal.Box(*shape.end) if shape.kind == "box" else coal.Capsule(shape.radius, shape.length)
 
 

@@ -74,7 +74,7 @@ class ArmKinematics:
                 yield found
 
     def solve(self, target: RigidTransform, near: np.ndarray, *, enough: int = 1, seed: int = 0) -> np.ndarray | None:
-        """The best of the first `enough` solutions, None where there is none."""
+        """Return the best of the first `enough` solutions, None if there is none."""
         found = []
         for solution in self.solutions(target, near, seed=seed):
             found.append(solution)

@@ -27,10 +27,11 @@ class Trajectory:
         times, joints = np.asarray(self.times, float), np.asarray(self.joints, float)
         if joints.ndim != 2 or joints.shape[1:] != (7,) or times.shape != joints.shape[:1] or len(times) < 1:
             raise UserError(
-                f"a trajectory has times [n] and joints [n, 7], found {times.shape}, {joints.shape}; mend it"
+                f"a trajectory has times [n] and joints [n, 7], found {times.shape}, {joints.shape}; "
+                "give one time for each row of joints"
             )
         if times[0] != 0 or not np.all(np.diff(times) > 0):
-            raise UserError("the times of a trajectory must ascend from 0; mend them")
+            raise UserError("the times of a trajectory must ascend from 0; begin at 0 and let each be later")
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "joints", joints)
 

@@ -10,14 +10,14 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.deploy import yumi
-from bt_jax.deploy.twin.controller import Cell
+from bt_jax.deploy.twin.controller import CellModel
 from bt_jax.deploy.twin.marker_scene import marker_scene
 from bt_jax.deploy.twin.rendered_camera import cell_camera
 from bt_jax.mjx_env.scene.mjcf import build_mjcf
 from bt_jax.mjx_env.scene.placement import draw_kit_table, draw_places
 from bt_jax.tasks import Task
 
-__all__ = ["CAMERA", "FILM", "Scene", "box_poses", "build_scene", "solved", "target_distances"]
+__all__ = ["CAMERA", "FILM", "TwinScene", "box_poses", "build_scene", "solved", "target_distances"]
 
 CAMERA, FILM = "cell", "film"
 STEP = 0.002  # seconds of physics
@@ -25,16 +25,16 @@ SHELL = '<material name="shell" rgba=".88 .88 .86 1" specular=".3" shininess=".4
 
 
 @dataclasses.dataclass(frozen=True)
-class Scene:
+class TwinScene:
     """A cell for the twin's controller, its compiled model, and the world poses of the boxes at the start."""
 
     task: Task
-    cell: Cell
+    cell: CellModel
     model: mujoco.MjModel
     kit: RigidTransform
 
 
-def build_scene(task: Task, seed: int | list[int]) -> Scene:
+def build_scene(task: Task, seed: int | list[int]) -> TwinScene:
     """The cell of a task with boxes at random places and turned at random; the same for the same seed."""
     rng = np.random.default_rng(seed)
     table = task.tables[draw_kit_table(task, rng)]
@@ -55,7 +55,7 @@ def build_scene(task: Task, seed: int | list[int]) -> Scene:
             qpos[model.joint(joint).qposadr[0]] = angle
         for finger in yumi.finger_names(arm):
             qpos[model.joint(finger).qposadr[0]] = yumi.STROKE
-    cell = Cell(
+    cell = CellModel(
         xml=text,
         assets=files,
         qpos=qpos,
@@ -65,7 +65,7 @@ def build_scene(task: Task, seed: int | list[int]) -> Scene:
         finger_actuators={arm: yumi.finger_names(arm) for arm in yumi.ARMS},
         flanges={arm: f"{arm}_tool0" for arm in yumi.ARMS},
     )
-    return Scene(task, cell, model, RigidTransform.from_translation(kit))
+    return TwinScene(task, cell, model, RigidTransform.from_translation(kit))
 
 
 def _mjcf(task: Task, kit: np.ndarray) -> tuple[dict[str, bytes], str]:
@@ -103,7 +103,7 @@ def _film_camera(task: Task) -> str:
     return f'<camera name="{FILM}" pos="{" ".join(map(repr, map(float, eye)))}" xyaxes="{axes}" fovy="44"/>'
 
 
-def box_poses(scene: Scene, qpos: np.ndarray) -> dict[str, RigidTransform]:
+def box_poses(scene: TwinScene, qpos: np.ndarray) -> dict[str, RigidTransform]:
     """True poses of the boxes in the world, from a state of the model."""
     poses = {}
     for name in scene.task.box_names:
@@ -114,7 +114,7 @@ def box_poses(scene: Scene, qpos: np.ndarray) -> dict[str, RigidTransform]:
     return poses
 
 
-def target_distances(scene: Scene, qpos: np.ndarray) -> list[float]:
+def target_distances(scene: TwinScene, qpos: np.ndarray) -> list[float]:
     """How far each target's object truly is from its place, m."""
     poses = box_poses(scene, qpos) | {
         scene.task.kit.name: scene.kit,
@@ -126,6 +126,6 @@ def target_distances(scene: Scene, qpos: np.ndarray) -> list[float]:
     ]
 
 
-def solved(scene: Scene, qpos: np.ndarray) -> bool:
+def solved(scene: TwinScene, qpos: np.ndarray) -> bool:
     """Is every object where its target is, within the task's tolerance?"""
     return all(distance < scene.task.episode.tolerance for distance in target_distances(scene, qpos))

@@ -14,18 +14,16 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax._util.errors import UserError
-from bt_jax.deploy.link.loop_timing import Late, Watch
+from bt_jax.deploy.link.loop_timing import LateRound, LoopTimer
 from bt_jax.deploy.link.protocol import ControllerGone
 from bt_jax.deploy.link.realtime import CONTEXT, Snapshot
-from bt_jax.deploy.twin.controller_process import PARTS, STATS, Cell, Spec, serve
+from bt_jax.deploy.twin.controller_process import PARTS, STATS, TIMING, CellModel, ControllerSpec, serve
 
-__all__ = ["ANSWER", "Cell", "Controller", "Stats"]
-
-ANSWER = 30.0  # seconds within which the process must answer
+__all__ = ["CellModel", "Controller", "ControllerStats"]
 
 
 @dataclasses.dataclass(frozen=True)
-class Stats:
+class ControllerStats:
     """What the process counted since it began."""
 
     cycles: int
@@ -39,14 +37,14 @@ class Controller:
     """Handle of the process. Use it as a context manager; `start` and `stop` otherwise."""
 
     def __init__(
-        self, cell: Cell, *, ports: Mapping[str, int] | None = None, rws_port: int = 0, realtime: bool = True
+        self, cell: CellModel, *, ports: Mapping[str, int] | None = None, rws_port: int = 0, realtime: bool = True
     ) -> None:
         ports = dict(ports or {"left": 6511, "right": 6512})
         self._state = Snapshot(1 + len(cell.qpos))
         self._stats = Snapshot(STATS)
-        self._watch = Watch(PARTS)
+        self._watch = LoopTimer(PARTS)
         self._pipe, theirs = CONTEXT.Pipe()
-        spec = Spec(cell, ports, rws_port, realtime)
+        spec = ControllerSpec(cell, ports, rws_port, realtime)
         self._process = CONTEXT.Process(
             target=serve, args=(spec, self._state, self._stats, self._watch, theirs), daemon=True
         )
@@ -60,7 +58,7 @@ class Controller:
         self._theirs.close()
         kind, value = self._receive()
         if kind != "ready":
-            raise UserError(f"the twin's controller did not start ({value}); mend the cell or free its ports")
+            raise UserError(f"the twin's controller did not start ({value}); fix the cell or free its ports")
         self.rws_port = value
         return self
 
@@ -96,12 +94,12 @@ class Controller:
         values = self._state.read()
         return float(values[0]), values[1:]
 
-    def stats(self) -> Stats:
-        """See `Stats`."""
+    def stats(self) -> ControllerStats:
+        """See `ControllerStats`."""
         cycles, missed, unanswered, worst, busy = self._stats.read()
-        return Stats(int(cycles), int(missed), int(unanswered), float(worst), float(busy))
+        return ControllerStats(int(cycles), int(missed), int(unanswered), float(worst), float(busy))
 
-    def late_cycles(self) -> list[Late]:
+    def late_cycles(self) -> list[LateRound]:
         """The last cycles that began late in real time."""
         return self._watch.read()
 
@@ -130,12 +128,12 @@ class Controller:
             raise ControllerGone("the controller's process has ended") from error
         problem = self._receive()
         if problem is not None:
-            raise UserError(f"the twin's controller refuses {name}: {problem}; mend the call")
+            raise UserError(f"the twin's controller refuses {name}: {problem}; fix the call")
 
     def _receive(self) -> object:
         try:
-            if self._pipe.poll(ANSWER):
+            if self._pipe.poll(TIMING.process):
                 return self._pipe.recv()
         except (EOFError, OSError) as error:
             raise ControllerGone("the controller's process has ended") from error
-        raise ControllerGone(f"the controller's process did not answer for {ANSWER:g} s")
+        raise ControllerGone(f"the controller's process did not answer for {TIMING.process:g} s")

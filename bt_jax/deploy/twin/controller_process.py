@@ -13,26 +13,36 @@ import mujoco
 import numpy as np
 
 from bt_jax.deploy.link.egm import CYCLE, Feedback, Mci, Setpoint
-from bt_jax.deploy.link.loop_timing import Watch
+from bt_jax.deploy.link.loop_timing import LoopTimer
 from bt_jax.deploy.link.realtime import Snapshot, sleep_until, take_priority
 from bt_jax.deploy.link.rws import EGM_MOTION, GRIP_ACTUAL, GRIP_FORCE, GRIP_TARGET, Motion, symbol
 from bt_jax.deploy.twin.network import Network
 from bt_jax.deploy.twin.rws_server import serve_rws
 
-__all__ = ["PARTS", "STATS", "Cell", "Spec", "serve"]
+__all__ = ["PARTS", "STATS", "TIMING", "CellModel", "ControllerSpec", "serve"]
 
 PARTS = ("listen", "step", "speak", "commands")  # of a cycle
 STATS = 5  # cycles, missed, unanswered, worst, busy
-SILENCE = 0.5  # seconds without an answer after which the controller ends EGM
 FINGER_SPEED = 0.025  # m/s of each finger of the Smart Gripper
-ANSWER = 1.0  # seconds for which lock-step waits for an answer
-LOST = 0.01  # seconds for which it waits where answers may be lost
-PATIENCE = 0.04  # simulated seconds of silence after which it waits no more
-CATCH_UP = 12  # cycles that are made up for after a delay; the rest is lost
 
 
 @dataclasses.dataclass(frozen=True)
-class Cell:
+class ControllerTiming:
+    """How long the twin's controller waits for its client, and its handle for the process, in seconds."""
+
+    process: float = 30.0  # for the process to come up and to answer its handle
+    silence: float = 0.5  # without a setpoint after which the controller ends EGM
+    setpoint: float = 1.0  # by the clock for which lock-step waits for a setpoint
+    faulty: float = 0.01  # the same where setpoints may be lost
+    patience: float = 0.04  # simulated, of silence after which lock-step waits no more
+    catch_up: int = 12  # cycles that are made up for after a delay; the rest is lost
+
+
+TIMING = ControllerTiming()
+
+
+@dataclasses.dataclass(frozen=True)
+class CellModel:
     """A MuJoCo model with two arms. Actuators are position servos: `actuators` of the joints in chain order [rad],
     `finger_actuators` of each finger [m]. `flanges` are sites whose poses the controller tells, in the world of the model,
     which is the robot's base frame."""
@@ -48,19 +58,19 @@ class Cell:
 
 
 @dataclasses.dataclass(frozen=True)
-class Spec:
+class ControllerSpec:
     """What the process needs to begin."""
 
-    cell: Cell
+    cell: CellModel
     ports: dict[str, int]
     rws_port: int
     realtime: bool
 
 
-class Arm:
+class SimulatedArm:
     """One arm and its session."""
 
-    def __init__(self, model: mujoco.MjModel, cell: Cell, name: str, port: int) -> None:
+    def __init__(self, model: mujoco.MjModel, cell: CellModel, name: str, port: int) -> None:
         self.name = name
         joints = [model.joint(joint).id for joint in cell.joints[name]]
         fingers = [model.joint(joint).id for joint in cell.finger_joints[name]]
@@ -81,10 +91,10 @@ class Arm:
         self.numbers = {GRIP_TARGET: 0.0, GRIP_FORCE: 10.0, EGM_MOTION: float(Motion.LISTEN)}  # of its RAPID program
 
 
-class Robot:
+class SimulatedRobot:
     """The cell and its controller. Requests of other threads only set flags and numbers."""
 
-    def __init__(self, spec: Spec) -> None:
+    def __init__(self, spec: ControllerSpec) -> None:
         cell = spec.cell
         self.model = mujoco.MjModel.from_xml_string(cell.xml, dict(cell.assets))
         self.data = mujoco.MjData(self.model)
@@ -92,7 +102,7 @@ class Robot:
         mujoco.mj_forward(self.model, self.data)
         self.substeps = max(1, round(CYCLE / self.model.opt.timestep))
         self.model.opt.timestep = CYCLE / self.substeps
-        self.arms = [Arm(self.model, cell, name, port) for name, port in spec.ports.items()]
+        self.arms = [SimulatedArm(self.model, cell, name, port) for name, port in spec.ports.items()]
         self.control, self.mode, self.cycle, self.unanswered = "motoron", "AUTO", 0, 0
         self.pushes: list[tuple[int, np.ndarray, float]] = []  # body, force, until
         for arm in self.arms:
@@ -135,7 +145,7 @@ class Robot:
             value = float(Motion.GUIDED if value == Motion.ASKED else Motion.LISTEN)
         arm.numbers[name] = value
 
-    def _symbol(self, url: str) -> tuple[Arm, str]:
+    def _symbol(self, url: str) -> tuple[SimulatedArm, str]:
         name = url.rsplit("/", 1)[-1]
         for arm in self.arms:
             if name in (*arm.numbers, GRIP_ACTUAL) and url == symbol(arm.name, name):
@@ -159,12 +169,12 @@ class Robot:
             )
             arm.network.send(message.encode(), self.time)
 
-    def _flange(self, arm: Arm) -> np.ndarray:
+    def _flange(self, arm: SimulatedArm) -> np.ndarray:
         quaternion = np.zeros(4)
         mujoco.mju_mat2Quat(quaternion, self.data.site_xmat[arm.flange])
         return np.concatenate([self.data.site_xpos[arm.flange], np.roll(quaternion, -1)])
 
-    def listen(self, arm: Arm, patience: float) -> None:
+    def listen(self, arm: SimulatedArm, patience: float) -> None:
         """Takes what was answered; for at most `patience` seconds waits for the answer to the last message."""
         newest: Setpoint | None = None
         deadline = time.monotonic() + patience
@@ -196,7 +206,7 @@ class Robot:
         for arm in self.arms:
             if arm.mci == Mci.RUNNING:
                 arm.silent += CYCLE
-                if arm.silent > SILENCE:
+                if arm.silent > TIMING.silence:
                     self.stop_rapid(Mci.ERROR)
             goal = np.clip(arm.numbers[GRIP_TARGET] / 1000, 0, 0.025)
             reach = FINGER_SPEED * CYCLE
@@ -228,28 +238,34 @@ class Robot:
             arm.network.fault(kind, self.time, **details)
 
 
-def serve(spec: Spec, state: Snapshot, stats: Snapshot, watch: Watch, pipe: Connection) -> None:
+def serve(spec: ControllerSpec, state: Snapshot, stats: Snapshot, watch: LoopTimer, pipe: Connection) -> None:
     """Runs until the program above closes the pipe or says so."""
     take_priority(
         realtime=spec.realtime
     )  # before the server's threads start: they inherit it, and never hold the interpreter while they wait
     try:
-        robot = Robot(spec)
+        robot = SimulatedRobot(spec)
         server = serve_rws(robot, spec.rws_port)
     except (ValueError, KeyError, OSError) as error:
         pipe.send(("failed", str(error)))
         return
     pipe.send(("ready", server.server_address[1]))
-    loop = _Loop(spec, robot, state, stats, watch, pipe)
+    loop = _ControllerLoop(spec, robot, state, stats, watch, pipe)
     if spec.realtime:
         loop.run_realtime()
     else:
         loop.run_lockstep()
 
 
-class _Loop:
+class _ControllerLoop:
     def __init__(
-        self, spec: Spec, robot: Robot, state: Snapshot, stats: Snapshot, watch: Watch, pipe: Connection
+        self,
+        spec: ControllerSpec,
+        robot: SimulatedRobot,
+        state: Snapshot,
+        stats: Snapshot,
+        watch: LoopTimer,
+        pipe: Connection,
     ) -> None:
         self.robot, self.state, self.stats, self.watch, self.pipe = robot, state, stats, watch, pipe
         self.realtime = spec.realtime
@@ -266,8 +282,8 @@ class _Loop:
     def cycle(self) -> None:
         robot = self.robot
         for arm in robot.arms:
-            waits = not self.realtime and arm.heard and arm.mci == Mci.RUNNING and arm.silent < PATIENCE
-            robot.listen(arm, (LOST if arm.network.broken else ANSWER) if waits else 0.0)
+            waits = not self.realtime and arm.heard and arm.mci == Mci.RUNNING and arm.silent < TIMING.patience
+            robot.listen(arm, (TIMING.faulty if arm.network.broken else TIMING.setpoint) if waits else 0.0)
         self.watch.done("listen")
         robot.step()
         self.watch.done("step")
@@ -284,7 +300,7 @@ class _Loop:
             self.worst = max(self.worst, late)
             behind = int(late / CYCLE)  # cycles that should have begun meanwhile: the arms moved on without setpoints
             self.missed += behind
-            for _ in range(min(behind, CATCH_UP)):
+            for _ in range(min(behind, TIMING.catch_up)):
                 self.robot.step()
             self.cycle()
             deadline += (1 + behind) * CYCLE

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.deploy import yumi
-from bt_jax.deploy.twin.cell import Scene, box_poses
+from bt_jax.deploy.twin.cell import TwinScene, box_poses
 from bt_jax.deploy.twin.controller import Controller
 
 __all__ = ["Person", "Touch", "hands_of"]
@@ -36,7 +36,7 @@ class Person:
     """Touches a box at each of `times` [s], the first moment from then on at which one is free; never one that is in or near
     a hand, nor one with another on top."""
 
-    def __init__(self, scene: Scene, controller: Controller, rng: np.random.Generator, times: list[float]) -> None:
+    def __init__(self, scene: TwinScene, controller: Controller, rng: np.random.Generator, times: list[float]) -> None:
         self.scene, self.controller, self.rng = scene, controller, rng
         self.touches: list[Touch] = []
         self._times = sorted(times)
@@ -113,7 +113,7 @@ class Person:
         return next(box.size for box in self.scene.task.boxes if box.name == name)
 
 
-def hands_of(scene: Scene, qpos: np.ndarray) -> list[np.ndarray]:
+def hands_of(scene: TwinScene, qpos: np.ndarray) -> list[np.ndarray]:
     """The points between the fingers [3] in the world, from a state of the model."""
     base = RigidTransform.from_translation(scene.task.robot_position)
     return [

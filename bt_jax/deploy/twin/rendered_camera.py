@@ -10,11 +10,11 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from bt_jax.deploy.perception.camera import CameraError, Frame
+from bt_jax.deploy.perception.camera import CameraError, CameraFrame
 from bt_jax.mjx_env.render.offscreen import View
 from bt_jax.tasks import Task
 
-__all__ = ["Placement", "RenderedCamera", "cell_camera"]
+__all__ = ["CameraPlacement", "RenderedCamera", "cell_camera"]
 
 WIDTH, HEIGHT = 640, 480
 DISTANCE = 0.95  # from the camera to the middle of the tables' tops, as a share of the row's length
@@ -24,7 +24,7 @@ OPENCV = np.diag([1.0, -1.0, -1.0])  # MuJoCo's cameras look along -z with y up
 
 
 @dataclasses.dataclass(frozen=True)
-class Placement:
+class CameraPlacement:
     """A camera without distortion: `pose` of its frame (z forward, y down) in the world [m], vertical field of view `fovy`
     [deg], and the size of its images [px]."""
 
@@ -47,7 +47,7 @@ class Placement:
         return f'<camera name="{name}" pos="{position}" xyaxes="{numbers}" fovy="{self.fovy:.9g}"/>'
 
 
-def cell_camera(task: Task) -> Placement:
+def cell_camera(task: Task) -> CameraPlacement:
     """Where a camera of 640 x 480 sees all tables of a robot cell as large as it can: across the tables from the robot, and
     looking down at it, so that an arm that reaches for a box from above hides little."""
     positions = np.array([table.position for table in task.tables])
@@ -67,7 +67,7 @@ def cell_camera(task: Task) -> Placement:
     seen = (corners - eye) @ rotation
     across = ROOM * np.abs(seen[:, 0] / seen[:, 2]).max()
     fovy = math.degrees(2 * math.atan(across * HEIGHT / WIDTH))
-    return Placement(RigidTransform.from_components(eye, Rotation.from_matrix(rotation)), fovy)
+    return CameraPlacement(RigidTransform.from_components(eye, Rotation.from_matrix(rotation)), fovy)
 
 
 class RenderedCamera:
@@ -87,12 +87,12 @@ class RenderedCamera:
         self._data = mujoco.MjData(model)
         self._view = View(model, name, width=width, height=height, shadows=False)  # they cost most of the time
         fovy = float(model.cam_fovy[model.camera(name).id])
-        self._matrix = Placement(RigidTransform.identity(), fovy, width, height).matrix
-        self._frozen: Frame | None = None
+        self._matrix = CameraPlacement(RigidTransform.identity(), fovy, width, height).matrix
+        self._frozen: CameraFrame | None = None
         self._lost = False
         self._covered: dict[str, tuple[np.ndarray, np.ndarray]] = {}  # body -> its geoms and their materials
 
-    def read(self) -> Frame:
+    def read(self) -> CameraFrame:
         """The scene as it is now. Raises CameraError after `lose`."""
         if self._lost:
             raise CameraError("the camera gives no more images")
@@ -101,7 +101,7 @@ class RenderedCamera:
         time, self._data.qpos[:] = self._state()
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
-        return Frame(self._view(self._data), float(time), self._matrix, np.zeros(5))
+        return CameraFrame(self._view(self._data), float(time), self._matrix, np.zeros(5))
 
     def freeze(self) -> None:
         """From now on the image stays what it is."""

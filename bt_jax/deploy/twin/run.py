@@ -19,24 +19,26 @@ from scipy.spatial.transform import RigidTransform
 
 from bt_jax._util.errors import UserError
 from bt_jax.deploy import yumi
-from bt_jax.deploy.execution.executor import Executor, Limits, Outcome, Shown
+from bt_jax.deploy.execution.executor import Executor
 from bt_jax.deploy.execution.log import Log
 from bt_jax.deploy.execution.observer import Observer, Perceiving
+from bt_jax.deploy.execution.outcome import RunOutcome, TickReport
 from bt_jax.deploy.execution.program import Program
+from bt_jax.deploy.execution.settings import Limits
 from bt_jax.deploy.execution.skills import YumiSkills
 from bt_jax.deploy.link.protocol import Counters
-from bt_jax.deploy.link.yumi_link import LinkConfig, YumiLink
-from bt_jax.deploy.link.yumi_rules import yumi_rules
+from bt_jax.deploy.link.settings import LinkConfig
+from bt_jax.deploy.link.yumi_link import YumiLink, yumi_rules
 from bt_jax.deploy.perception.pipeline import Perception
 from bt_jax.deploy.perception.threaded import BackgroundPerception
 from bt_jax.deploy.planning.paths import Pace
 from bt_jax.deploy.planning.process import PlanningProcess
-from bt_jax.deploy.twin.cell import CAMERA, Scene, build_scene, solved, target_distances
-from bt_jax.deploy.twin.controller import Controller, Stats
+from bt_jax.deploy.twin.cell import CAMERA, TwinScene, build_scene, solved, target_distances
+from bt_jax.deploy.twin.controller import Controller, ControllerStats
 from bt_jax.deploy.twin.person import Person, Touch, hands_of
 from bt_jax.deploy.twin.rendered_camera import RenderedCamera, cell_camera
 
-__all__ = ["Moment", "Run", "run_twin"]
+__all__ = ["TwinRun", "TwinTick", "run_twin"]
 
 DISTURBED = (2.0, 40.0)  # seconds within which the person comes
 LIMIT = 240.0  # seconds for a run
@@ -44,24 +46,24 @@ WAITING = 60.0  # seconds by the clock that simulated time may stand still for a
 
 
 @dataclasses.dataclass(frozen=True)
-class Moment:
+class TwinTick:
     """One tick of a run, for displays and films: the executor's own view, the true state, and what a person just did."""
 
-    shown: Shown
+    shown: TickReport
     qpos: np.ndarray
     touch: Touch | None
 
 
 @dataclasses.dataclass(frozen=True)
-class Run:
+class TwinRun:
     """How a run in the twin went; `solved` and `distances` [m] are true ones, of the simulation."""
 
     seed: int
-    outcome: Outcome
+    outcome: RunOutcome
     solved: bool
     distances: tuple[float, ...]
     touches: tuple[Touch, ...]
-    stats: Stats
+    stats: ControllerStats
     counters: Counters
     seconds: float  # of the wall clock
 
@@ -80,9 +82,9 @@ def run_twin(
     log: Path | None = None,
     limits: Limits | None = None,
     pace: Pace | None = None,
-    on_tick: Callable[[Moment], None] | None = None,
+    on_tick: Callable[[TwinTick], None] | None = None,
     prepare: Callable[[Controller, Perceiving], None] | None = None,
-) -> Run:
+) -> TwinRun:
     """Runs a tree in one layout. `prepare` may break things before the run begins. Raises UserError where nothing can be
     drawn here, so that the camera would be blind."""
     began = time.monotonic()
@@ -103,13 +105,13 @@ def run_twin(
         times = [first + float(t) for t in rng.uniform(*DISTURBED, disturbances)]
         person = Person(scene, controller, rng, times)
 
-        def tick(shown: Shown) -> None:
+        def tick(shown: TickReport) -> None:
             qpos = controller.state()[1]
             touch = person(link.now(), lambda: hands_of(scene, qpos))
             if touch is not None:
                 log_file.write("disturbance", time=touch.time, what=touch.what, box=touch.box)
             if on_tick is not None:
-                on_tick(Moment(shown, qpos, touch))
+                on_tick(TwinTick(shown, qpos, touch))
 
         def verify() -> str:
             return "" if solved(scene, controller.state()[1]) else "not every object is where its target is"
@@ -132,7 +134,7 @@ def run_twin(
         link.start()
         outcome = executor.run()
         qpos = controller.state()[1]
-        return Run(
+        return TwinRun(
             seed=seed,
             outcome=outcome,
             solved=solved(scene, qpos),
@@ -145,7 +147,7 @@ def run_twin(
 
 
 @contextlib.contextmanager
-def _perception(scene: Scene, controller: Controller, *, background: bool) -> Iterator[Perceiving]:
+def _perception(scene: TwinScene, controller: Controller, *, background: bool) -> Iterator[Perceiving]:
     pose = RigidTransform.from_translation(scene.task.robot_position).inv() * cell_camera(scene.task).pose
 
     def make() -> Perception:

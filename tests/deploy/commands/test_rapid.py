@@ -8,12 +8,13 @@ import pytest
 from rich.console import Console
 
 from bt_jax._util.errors import UserError
+from bt_jax.deploy.commands.check import FASTEST
 from bt_jax.deploy.commands.rapid import RapidArguments, rapid_command, rapid_module
-from bt_jax.deploy.commands.run import FASTEST
-from bt_jax.deploy.link import rws, yumi_link
+from bt_jax.deploy.link import rws
 from bt_jax.deploy.link.egm import CYCLE
 from bt_jax.deploy.link.rws import EGM_MOTION, MODULE, TASKS, Motion, Rws, symbol
-from bt_jax.deploy.link.yumi_link import LinkConfig, YumiLink
+from bt_jax.deploy.link.settings import LinkConfig, LinkTiming
+from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.planning.trajectory import Trajectory
 from bt_jax.deploy.twin.controller import Controller
 from tests.helpers.cells import ARMS, RULES, cell, free_ports, run_for
@@ -62,7 +63,7 @@ def test_the_controller_limits_the_speed_but_not_below_ours():
 
 
 def test_we_hold_the_arms_until_guided_motion_has_ended():
-    assert constant("PERIOD") + constant("RAMP") < yumi_link.RAMP < constant("SILENT")
+    assert constant("PERIOD") + constant("RAMP") < LinkTiming().ramp < constant("SILENT")
 
 
 def test_egm_is_set_up_in_order():

@@ -15,20 +15,20 @@ import pytest
 from rich.console import Console
 
 from bt_jax._util.errors import UserError
+from bt_jax.deploy.commands import real_cell
 from bt_jax.deploy.commands import run as module
+from bt_jax.deploy.commands.check import CheckArguments, check_command
 from bt_jax.deploy.commands.run import (
     FASTEST,
     SENTENCE,
-    CheckArguments,
     RunArguments,
-    check_command,
     last_stop,
     run_command,
 )
 from bt_jax.deploy.execution import preflight
-from bt_jax.deploy.execution.executor import Exit, Limits
 from bt_jax.deploy.execution.log import Log, read_log
 from bt_jax.deploy.execution.program import load_program
+from bt_jax.deploy.execution.settings import Exit, Limits
 from bt_jax.deploy.perception.calibration import CameraPose, Intrinsics, save_camera
 from bt_jax.deploy.twin.cell import build_scene
 from bt_jax.deploy.twin.controller import Controller
@@ -41,7 +41,7 @@ TREE = "move(YellowBox, (0, 0, 0.021), KittingBox)\n"
 
 
 class Camera(RenderedCamera):
-    """Draws anew only when something has moved: the cores that draw are those on which everything else runs in real time."""
+    """Draws again only when something has moved: everything else runs in real time on the same cores."""
 
     drawn = None
 
@@ -75,7 +75,7 @@ def robot(tmp_path, monkeypatch):
             cameras.append(Camera(scene.model, controller.state))
             return cameras[-1]
 
-        monkeypatch.setattr(module, "open_camera", open_camera)
+        monkeypatch.setattr(real_cell, "open_camera", open_camera)
         monkeypatch.setattr(preflight, "IMAGE", 5.0)  # the twin renders on the cores on which everything else runs
         controller.cameras = cameras
         arguments = {
@@ -284,7 +284,7 @@ def test_no_recording_is_the_eyes_of_a_robot_that_moves(tmp_path):
 
 def test_an_attempt_has_the_time_that_its_speed_needs():
     fast, slow = (RunArguments(module.Path("x"), speed=speed).limits.action for speed in (0.2, 0.05))
-    assert fast > 2 * 62, "seconds of motion, measured at 0.2 rad/s, and once planned anew"
+    assert fast > 2 * 62, "seconds of motion, measured at 0.2 rad/s, and of one new plan"
     assert slow == pytest.approx(4 * fast)
     assert Limits().action < fast
 
@@ -329,5 +329,5 @@ def test_help_says_that_no_command_resets_a_stop():
 
 
 def test_the_password_is_not_logged():
-    told = module._told(RunArguments(source=module.Path("x"), password="secret"))
+    told = module._logged(RunArguments(source=module.Path("x"), password="secret"))
     assert "secret" not in str(told)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from bt_jax.behaviors import Behavior, Control, gene_pool
-from bt_jax.deploy.execution.attempts import SETTLED
-from bt_jax.deploy.execution.executor import Executor, Exit, Limits
+from bt_jax.deploy.execution.executor import Executor
 from bt_jax.deploy.execution.log import Log, read_log
 from bt_jax.deploy.execution.program import Program
+from bt_jax.deploy.execution.settings import Exit, Limits
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.status import Status
 from bt_jax.mjx_env.episodes.playback import play
@@ -240,7 +240,7 @@ def test_a_run_that_fails_during_a_look_brings_the_arms_to_rest_first():
     assert outcome.exit_code == Exit.FAILED
     assert "out of reach" in outcome.reason
     assert cell.skills.cancelled == [None], "the look was under way"
-    assert cell.link.time >= cancelled[0] + SETTLED
+    assert cell.link.time >= cancelled[0] + Limits().rest
 
 
 def test_a_run_has_a_time_limit():

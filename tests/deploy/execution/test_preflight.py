@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy.execution import preflight as module
 from bt_jax.deploy.execution.log import Log
-from bt_jax.deploy.execution.preflight import Cell, passed, preflight, show
+from bt_jax.deploy.execution.preflight import Equipment, passed, preflight, show
 from bt_jax.deploy.execution.program import Program
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from tests.deploy.execution.test_executor import STACK3, TASK
@@ -69,7 +69,7 @@ def rig():
 def good(rig, twin_log, monkeypatch):
     monkeypatch.setattr(module, "LISTEN", 0.6)
     _, link = rig
-    return Cell(
+    return Equipment(
         program=Program(TASK, STACK3),
         link=link,
         flange=flange,
@@ -178,7 +178,7 @@ def test_a_controller_that_is_not_ready_fails(twin_log, monkeypatch):
     with contextlib.ExitStack() as stack:
         controller, link = stack.enter_context(running(realtime=True, start=False))
         controller.fault("emergency_stop")
-        cell = Cell(Program(TASK, STACK3), link, flange, Seeing(link), 0.1, 0.001, lambda n, s: True, twin_log)
+        cell = Equipment(Program(TASK, STACK3), link, flange, Seeing(link), 0.1, 0.001, lambda n, s: True, twin_log)
         found = failing(cell)
         assert "emergencystop" in found["controller:state"].detail
         assert found["link:feedback"].passed is None

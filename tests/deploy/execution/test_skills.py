@@ -64,7 +64,7 @@ def test_a_box_that_is_moved_meanwhile_is_followed(link, skills):
     assert link.seen().holding == "YellowBox"
 
 
-def test_what_comes_into_the_way_has_the_way_planned_anew(link, skills):
+def test_what_comes_into_the_way_has_the_way_planned_again(link, skills):
     assert carried_out(skills, link, PICK) == Status.SUCCESS
 
     def push():
@@ -95,7 +95,7 @@ def test_nothing_is_put_down_where_something_was_once(link, skills):
     assert link.seen().holding == "YellowBox"
 
 
-def test_what_was_out_of_sight_is_waited_for_and_looked_at_anew(link, skills):
+def test_what_was_out_of_sight_is_waited_for_and_looked_at_again(link, skills):
     assert carried_out(skills, link, PICK) == Status.SUCCESS
     link.hidden.add(TASK.kit.name)
     moved = RigidTransform.from_translation([0.31, 0.06, 0.001])
@@ -124,7 +124,7 @@ def test_a_box_that_seems_to_wander_under_the_hand_is_grasped(link, skills):
     assert not link.halted
 
 
-def test_the_way_home_is_planned_anew_around_what_comes_into_it(link, skills):
+def test_the_way_home_is_planned_again_around_what_comes_into_it(link, skills):
     link.joints["left"] = yumi.HOME["left"] + 0.3
     skills.look()
     for _ in range(200):

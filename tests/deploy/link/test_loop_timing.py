@@ -5,12 +5,12 @@ import time
 
 import numpy as np
 
-from bt_jax.deploy.link.loop_timing import KEPT, NEAR, Watch
+from bt_jax.deploy.link.loop_timing import KEPT, NEAR, LoopTimer
 from tests.helpers.cells import running
 
 
 def test_only_late_rounds_are_kept_with_what_was_done_before():
-    watch = Watch(("think", "write"))
+    watch = LoopTimer(("think", "write"))
     watch.begin(0.0)
     time.sleep(0.02)
     watch.done("think")
@@ -30,7 +30,7 @@ def test_only_late_rounds_are_kept_with_what_was_done_before():
 
 
 def test_parts_that_are_done_often_add_up():
-    watch = Watch(("talk",))
+    watch = LoopTimer(("talk",))
     watch.begin(0.0)
     for _ in range(3):
         time.sleep(0.005)
@@ -40,14 +40,14 @@ def test_parts_that_are_done_often_add_up():
 
 
 def test_the_newest_are_kept():
-    watch = Watch(())
+    watch = LoopTimer(())
     for number in range(KEPT + 10):
         watch.begin(1.0 + number)
     np.testing.assert_array_equal([each.late for each in watch.read()], 1.0 + np.arange(10, KEPT + 10))
 
 
 def test_page_faults_are_counted():
-    watch = Watch(())
+    watch = LoopTimer(())
     watch.begin(0.0)
     with mmap.mmap(-1, 2**24) as fresh:
         fresh[:: mmap.PAGESIZE] = bytes(2**24 // mmap.PAGESIZE)

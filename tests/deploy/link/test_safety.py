@@ -116,7 +116,7 @@ def test_late_and_repeated_messages_are_ignored():
     assert supervisor.reason is None
 
 
-def test_a_new_session_may_count_anew_but_not_while_the_robot_follows():
+def test_a_new_session_may_count_again_but_not_while_the_robot_follows():
     supervisor = Supervisor(RULES, ARMS)
     for sequence in (1000, 1001, 1, 2):
         assert supervisor.accept("left", feedback(sequence), 0.0, moving_allowed=False)

@@ -16,7 +16,8 @@ from bt_jax.deploy.link.egm import CYCLE, Feedback, Mci
 from bt_jax.deploy.link.protocol import ControllerGone, RobotLink
 from bt_jax.deploy.link.rws import EGM_MOTION, Motion, Rws, symbol
 from bt_jax.deploy.link.safety import Rejected
-from bt_jax.deploy.link.yumi_link import FIRST, LinkConfig, YumiLink
+from bt_jax.deploy.link.settings import LinkConfig, LinkTiming
+from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.planning.trajectory import Trajectory
 from bt_jax.deploy.twin.controller import Controller
 from tests.helpers.cells import ARMS, RULES, cell, free_ports, run_for, running
@@ -238,7 +239,7 @@ def test_where_the_link_process_hangs_the_robots_program_is_stopped_at_once():
         assert link.state().rapid == "stopped"
         link.stop("somebody shouted")
         link.close()
-        assert time.monotonic() - began < FIRST / 2, "it is not waited for as for one that starts"
+        assert time.monotonic() - began < LinkTiming().startup / 2, "it is not waited for as for one that starts"
         assert link.stopped() == "the link process does not answer"
 
 

@@ -5,7 +5,15 @@ import numpy as np
 import pytest
 
 from bt_jax._util.errors import UserError
-from bt_jax.deploy.perception.camera import Camera, CameraError, Frame, RecordedCamera, Recorder, UvcCamera, open_camera
+from bt_jax.deploy.perception.camera import (
+    Camera,
+    CameraError,
+    CameraFrame,
+    RecordedCamera,
+    Recorder,
+    UvcCamera,
+    open_camera,
+)
 from bt_jax.deploy.twin.rendered_camera import RenderedCamera, cell_camera
 from bt_jax.tasks import load_task, task_names
 from tests.helpers.rendered import PLACEMENT, TASK, fresh_scene
@@ -19,10 +27,10 @@ class Pictures:
         self.images = [rng.integers(0, 256, (48, 64, 3), np.uint8) for _ in range(count)]
         self.index = 0
 
-    def read(self) -> Frame:
+    def read(self) -> CameraFrame:
         image = self.images[min(self.index, len(self.images) - 1)]
         self.index += 1
-        return Frame(image, 10.0 + 0.1 * min(self.index, len(self.images)), np.eye(3), np.arange(5.0))
+        return CameraFrame(image, 10.0 + 0.1 * min(self.index, len(self.images)), np.eye(3), np.arange(5.0))
 
     def close(self) -> None:
         self.images = []

@@ -3,9 +3,9 @@ import dataclasses
 import pytest
 
 from bt_jax.deploy.commands.replay import replay
-from bt_jax.deploy.execution.executor import Exit
 from bt_jax.deploy.execution.log import read_log
 from bt_jax.deploy.execution.program import Program
+from bt_jax.deploy.execution.settings import Exit
 from bt_jax.deploy.twin.run import run_twin
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.mjx_env.render.offscreen import available

@@ -11,15 +11,13 @@ from typing import Protocol, runtime_checkable
 from bt_jax.behaviors import Behavior
 from bt_jax.deploy.execution.log import Log
 from bt_jax.deploy.execution.observation import Observation
-from bt_jax.deploy.execution.outcome import Limits
+from bt_jax.deploy.execution.settings import Limits
 from bt_jax.deploy.execution.statuses import Context, Statuses
 from bt_jax.deploy.link.protocol import RobotLink
 from bt_jax.encoding.status import Status
 from bt_jax.tasks import Task
 
-__all__ = ["SETTLED", "ActionRunner", "Skills"]
-
-SETTLED = 0.35  # seconds that arms take to come to rest
+__all__ = ["ActionRunner", "Skills"]
 
 
 @runtime_checkable
@@ -109,7 +107,7 @@ class ActionRunner:
             late = now - self._began > self.limits.action
             self._end("TIMEOUT" if late else "CANCELLED", reason)
         self.looking = False
-        self.rest_at = now + SETTLED
+        self.rest_at = now + self.limits.rest
 
     def exhausted(self, most: int) -> frozenset[Behavior]:
         """The actions that were tried too often."""

@@ -1,0 +1,37 @@
+"""python -m bt_jax.deploy check: look at a real cell before anything moves. Never tried on a robot."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from rich.console import Console
+
+from bt_jax.deploy.commands.real_cell import RealCellArguments, open_real_cell
+from bt_jax.deploy.execution.preflight import CheckResult, Equipment, passed, preflight, show
+from bt_jax.deploy.execution.settings import Exit
+
+__all__ = ["FASTEST", "CheckArguments", "check_command", "print_preflight"]
+
+FASTEST = 0.2  # rad/s of any joint of a real robot
+
+
+@dataclasses.dataclass(frozen=True)
+class CheckArguments(RealCellArguments):
+    """Look at a real cell before anything moves: each item passes, or fails with the remedy."""
+
+
+def check_command(arguments: CheckArguments, console: Console | None = None) -> int:
+    """Print every item; return 0 where all have passed, else 1. Raises UserError where the controller cannot be reached."""
+    console = Console(highlight=False, soft_wrap=True) if console is None else console
+    with open_real_cell(arguments, motion=False, override=FASTEST) as cell:
+        items = print_preflight(cell.equipment, console)
+    return Exit.DONE if passed(items) else Exit.FAILED
+
+
+def print_preflight(equipment: Equipment, console: Console) -> list[CheckResult]:
+    """Look at everything and print each item at once."""
+    items = []
+    for item in preflight(equipment):
+        show(console, item)
+        items.append(item)
+    return items

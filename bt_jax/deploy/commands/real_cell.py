@@ -1,0 +1,108 @@
+"""A real cell, connected: where its parts are, as a user names them, and everything opened in the right order."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from bt_jax.deploy import yumi
+from bt_jax.deploy.execution.preflight import Equipment
+from bt_jax.deploy.execution.program import Program, load_program
+from bt_jax.deploy.execution.skills import YumiSkills
+from bt_jax.deploy.link.settings import LinkConfig
+from bt_jax.deploy.link.yumi_link import YumiLink, yumi_rules
+from bt_jax.deploy.perception.calibration import CameraPose, Intrinsics, load_camera
+from bt_jax.deploy.perception.camera import open_camera
+from bt_jax.deploy.perception.pipeline import Perception
+from bt_jax.deploy.perception.threaded import BackgroundPerception
+from bt_jax.deploy.planning.process import PlanningProcess
+
+__all__ = ["RealCell", "RealCellArguments", "open_real_cell"]
+
+
+@dataclasses.dataclass(frozen=True)
+class RealCellArguments:
+    """What to run, and how the robot and the camera are reached."""
+
+    source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_FOLDER|TREE")]
+    """folder that bt_jax.train or bt_jax.learn has written, or a tree as .txt or .xml"""
+    task: str | None = None
+    """name of a task or YAML file (default: that of the run folder, or yumi_stack)"""
+    robot: str = "192.168.125.1"
+    """address of the controller"""
+    camera: str | None = None
+    """number or address of the camera; without motion, also a folder with a recording"""
+    calibration: Path | None = None
+    """file that calibrate has written"""
+    twin_log: Path | None = None
+    """log of a run of the same tree in the twin"""
+    rws_port: int = 80
+    """TCP port of the controller's Robot Web Services"""
+    ports: tuple[int, int] = (6511, 6512)
+    """UDP ports of this machine to which the left and the right arm's EGM send"""
+    user: str = "Default User"
+    """user name on the controller"""
+    password: str = "robotics"
+    """password of that user"""
+
+
+@dataclasses.dataclass(frozen=True)
+class RealCell:
+    """The connected parts; `perception` is None without a camera or a calibration."""
+
+    program: Program
+    link: YumiLink
+    perception: BackgroundPerception | None
+    skills: YumiSkills
+    equipment: Equipment
+
+
+@contextlib.contextmanager
+def open_real_cell(arguments: RealCellArguments, *, motion: bool, override: float) -> Iterator[RealCell]:
+    """Connect to robot and camera; without `motion` no setpoint ever leaves. `override` is the largest joint speed, rad/s.
+
+    Raises UserError where the tree cannot be read or the controller or the camera cannot be reached.
+    """
+    program = load_program(arguments.source, arguments.task)
+    intrinsics: Intrinsics | None = None
+    placed: CameraPose | None = None
+    if arguments.calibration is not None:
+        intrinsics, placed = load_camera(arguments.calibration)
+    config = LinkConfig(
+        host=arguments.robot,
+        ports=dict(zip(yumi.ARMS, arguments.ports, strict=True)),
+        rws_port=arguments.rws_port,
+        user=arguments.user,
+        password=arguments.password,
+        motion=motion,
+    )
+    with contextlib.ExitStack() as stack:
+        perception = None
+        if arguments.camera is not None and intrinsics is not None and placed is not None:
+            perception = stack.enter_context(_perception(program, arguments.camera, intrinsics, placed))
+        link = stack.enter_context(YumiLink(config, yumi_rules(program.task, override=override)))
+        planning = stack.enter_context(PlanningProcess(program.task)) if motion else None
+        skills = YumiSkills(program.task, link, background=planning)
+        equipment = Equipment(
+            program=program,
+            link=link,
+            flange=yumi.flange,
+            perception=perception,
+            intrinsics_error=None if intrinsics is None else intrinsics.error,
+            camera_residual=None if placed is None else placed.residual,
+            reachable=skills.reachable,
+            twin_log=arguments.twin_log,
+        )
+        yield RealCell(program, link, perception, skills, equipment)
+
+
+def _perception(program: Program, camera: str, lens: Intrinsics, placed: CameraPose) -> BackgroundPerception:
+    def make() -> Perception:
+        return Perception(program.task, open_camera(camera, lens), placed.pose)
+
+    return BackgroundPerception(make, close=lambda made: made.camera.close())
