@@ -1,6 +1,7 @@
-"""The published settings at seed 0 give what they gave when `tests/data/golden_runs.json` was written: nothing seeded has moved.
+"""The published settings at seed 0 give what `tests/data/golden_runs.json` says: no seeded run has changed.
 
-`python -m pytest -m "slow or not slow" tests/training/test_golden_runs.py --rewrite-golden` writes the file again, for a change that is meant.
+To write the file again after an intended change: `python -m pytest -m "slow or not slow" tests/training/test_golden_runs.py
+--rewrite-golden`.
 """
 
 import json
