@@ -1,0 +1,56 @@
+"""Every command and every snippet of the documents runs, from an empty folder."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from tests.helpers.documents import DOCUMENTS, ROOT, blocks, commands
+
+MARKED = 8  # blocks that may not be run, in all documents together
+LANGUAGES = {"python", "sh", "text", "xml", "yaml"}
+
+RUNNABLE = [path for path in DOCUMENTS if any(b.language in ("python", "sh") for b in blocks(path.read_text("utf-8")))]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", RUNNABLE, ids=lambda path: str(path.relative_to(ROOT)))
+def test_every_block_runs(path, tmp_path):
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg"}
+    words = [sys.executable, "-m", "tests.helpers.documents", str(path)]
+    done = subprocess.run(words, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+
+
+def test_few_blocks_are_marked_as_not_run():
+    marked = [block for path in DOCUMENTS for block in blocks(path.read_text("utf-8")) if block.skipped]
+    assert len(marked) <= MARKED
+    assert all("(" in block.marker for block in marked)
+
+
+def test_blocks_name_a_language_that_says_whether_they_are_run():
+    for path in DOCUMENTS:
+        text = path.read_text("utf-8")
+        found = blocks(text)
+        assert {block.language for block in found} <= LANGUAGES, path
+        assert text.count("\n```") == 2 * len(found), f"{path}: a block is indented, or has no language"
+
+
+def test_the_readme_is_short_and_begins_with_the_two_commands():
+    text = (ROOT / "README.md").read_text("utf-8")
+    assert len(text.splitlines()) <= 150
+    assert "python -m pip install -e . && python -m bt_jax.train stack" in text
+    assert 'python -m pip install -e ".[app,test]" && python -m pytest' in text
+
+
+def test_a_replacement_that_is_out_of_date_is_an_error():
+    with pytest.raises(ValueError, match="not in the block"):
+        blocks("<!-- test: s/--runs 10/--runs 1/ -->\n```sh\npython -m bt_jax.experiments\n```\n")
+
+
+def test_commands_of_a_block(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "run-1").mkdir()
+    code = 'echo "a b"  # a comment\npython -m x run-* \\\n    --y && ls\n'
+    assert list(commands(code)) == [["echo", "a b"], ["python", "-m", "x", "run-1", "--y"], ["ls"]]
