@@ -12,7 +12,14 @@ from typing import Any
 
 from mkdocs.exceptions import PluginError
 
+from bt_jax._util.startup import configure_jax
+
 BLOCK = re.compile(r"^```python exec(?P<html> html)?\n(?P<code>.*?)^```$", re.M | re.S)
+
+
+def on_startup(**_: Any) -> None:
+    """Keep compiled functions between builds."""
+    configure_jax("cpu")
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:

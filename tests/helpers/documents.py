@@ -26,10 +26,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from bt_jax._util.startup import configure_jax
+
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 FENCE = re.compile(
-    r"(?:^<!-- test: (?P<marker>[^\n]*?) -->\n\s*)?^```(?P<language>\w+)(?P<rest>[^\n]*)\n(?P<code>.*?)^```$", re.M | re.S
+    r"(?:^<!-- test: (?P<marker>[^\n]*?) -->\n\s*)?^```(?P<language>\w+)(?P<rest>[^\n]*)\n(?P<code>.*?)^```$",
+    re.M | re.S,
 )
 SERVER_READY = 60.0  # seconds
 
@@ -102,7 +105,7 @@ def run_document(path: Path) -> None:
 
 
 def run_command(words: list[str]) -> None:
-    """Runs one command in this process where it is Python. Raises AssertionError unless its exit code is 0."""
+    """Runs one command in this process where it is Python. Raise RuntimeError unless its exit code is 0."""
     print("$", shlex.join(words), flush=True)
     match words:
         case ["python", "-m", "pip", "install", *wanted]:
@@ -117,7 +120,7 @@ def run_command(words: list[str]) -> None:
             module, function = _scripts()["bt-jax"].split(":")
             _run_python(rest, lambda: sys.exit(getattr(__import__(module, fromlist=["_"]), function)()))
         case _:
-            assert subprocess.run(words, check=False).returncode == 0, words
+            subprocess.run(words, check=True)
 
 
 def _run_python(rest: list[str], work, *, name: str = "python") -> None:
@@ -126,7 +129,8 @@ def _run_python(rest: list[str], work, *, name: str = "python") -> None:
     try:
         work()
     except SystemExit as end:
-        assert end.code in (None, 0), f"exit code {end.code}"
+        if end.code:
+            raise RuntimeError(f"exit code {end.code}") from None
     finally:
         sys.argv = before
         for number, handler in handlers.items():
@@ -170,6 +174,7 @@ def _serve(rest: list[str]) -> None:
 
 if __name__ == "__main__":
     os.environ.setdefault("COLUMNS", "120")
+    configure_jax("cpu")  # snippets keep what they compile, too
     try:
         run_document(Path(sys.argv[1]).resolve())
     except RuntimeError:
