@@ -30,8 +30,17 @@ def best_seconds(function: Callable[[], Any], *, repeat: int = 5) -> float:
     return min(times)
 
 
-def report(name: str, title: str, rows: Sequence[dict[str, Any]], *, out: Path | None = None, **more: Any) -> None:
-    """Prints rows as a table and writes them, with machine and date, to `results/NAME.json` or `out`."""
+def report(
+    name: str,
+    title: str,
+    rows: Sequence[dict[str, Any]],
+    *,
+    out: Path | None = None,
+    where: dict[str, Any] | None = None,
+    **more: Any,
+) -> None:
+    """Prints rows as a table and writes them, with date and machine (this one, or `where`), to `results/NAME.json` or
+    `out`."""
     show(title, rows)
     for key, value in more.items():
         if not isinstance(value, list | dict):
@@ -39,7 +48,8 @@ def report(name: str, title: str, rows: Sequence[dict[str, Any]], *, out: Path |
     path = out or RESULTS / f"{name}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
     rows = [{key: None if value != value else value for key, value in row.items()} for row in rows]  # NaN: not measured
-    path.write_text(json.dumps({"rows": rows, **more, **machine()}, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    content = {"rows": rows, **more, **(machine() if where is None else where)}
+    path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     Console().print(f"written to {path}")
 
 
@@ -71,7 +81,7 @@ def machine() -> dict[str, str]:
 
 
 def _text(value: Any) -> str:
-    if value != value:
+    if value is None or value != value:
         return ""
     if isinstance(value, float):
         return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
