@@ -14,7 +14,8 @@ from bt_jax.encoding.formats.xml import from_xml, to_xml
 from bt_jax.gp.config import GPConfig
 from bt_jax.mjx_env.render.offscreen import available
 from bt_jax.tasks import load_task
-from bt_jax.training.run_folder import RunConfig, RunFolder
+from bt_jax.training.run_config import RunConfig
+from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import Settings
 
 STACK = "Sequence\n  move(YellowBox, (0, 0, 0.055), KittingBox)\n  move(GreenBox, (0, 0, 0.1), YellowBox)\n"

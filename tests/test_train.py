@@ -12,13 +12,13 @@ import jax
 import numpy as np
 import pytest
 
-from bt_jax.commands.train import _Interruption
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.formats.xml import from_xml
 from bt_jax.gp.config import GPConfig
 from bt_jax.tasks import load_task
 from bt_jax.train import main
-from bt_jax.training.run_folder import RunConfig, RunFolder
+from bt_jax.training.run_config import RunConfig
+from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import Settings
 from tests.helpers.samples import train, train_command
 
@@ -232,18 +232,3 @@ def test_an_interruption_before_the_first_generation(tmp_path):
     _, err = process.communicate(timeout=120)
     assert "Traceback" not in err
     assert process.returncode in (0, 2, 130)
-
-
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_a_swallowed_interruption_ends_the_evolution_after_the_generation():
-    interruption = _Interruption()
-    interruption.check()
-
-    class Swallowing:
-        def __del__(self):
-            interruption()
-
-    thing = Swallowing()
-    del thing
-    with pytest.raises(KeyboardInterrupt):
-        interruption.check()

@@ -40,9 +40,9 @@ from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.tasks import load_task
+from bt_jax.training.levels import make_level
 from bt_jax.training.phases import choose_frames, lesson_from
 from bt_jax.training.settings import UNSEEN, Settings
-from bt_jax.training.training import make_level
 
 __all__ = ["run"]
 

@@ -35,11 +35,11 @@ from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.world import World, concatenate
 from bt_jax.tasks import Task, load_task
+from bt_jax.training.levels import make_level
 from bt_jax.training.phases import baseline_from
 from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import UNSEEN, Backend, Level, Settings
 from bt_jax.training.simplify import simplify
-from bt_jax.training.training import make_level
 
 __all__ = ["robot", "run"]
 

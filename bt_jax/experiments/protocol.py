@@ -20,8 +20,9 @@ from bt_jax.gp.evolution import Generation, State
 from bt_jax.lfd import Demonstrations, Frames, Lesson, learn, plan_task
 from bt_jax.tasks import Task, load_task, with_subgoal
 from bt_jax.teaching.script import parse_script, record
+from bt_jax.training.levels import make_level
 from bt_jax.training.settings import Settings
-from bt_jax.training.training import Training, make_level
+from bt_jax.training.training import Training
 
 __all__ = ["EXPERIMENTS", "Experiment", "Outcome", "Variant", "perform"]
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -12,34 +12,27 @@ from rich.panel import Panel
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
+from bt_jax.behaviors import Tree
 from bt_jax.encoding.drawing.terminal import draw_text
 from bt_jax.encoding.walk import prefix
-from bt_jax.gp.evolution import Generation, State
-from bt_jax.training.training import Result, Training
+from bt_jax.gp.evolution import Generation
+from bt_jax.training.progress import Stage
+from bt_jax.training.result import Result, Session
+from bt_jax.training.training import Training
 
-__all__ = ["Session", "TrainingDisplay"]
+__all__ = ["TrainingDisplay"]
 
-LINES = 10  # printed instead of the live display where there is no terminal
-
-
-@dataclasses.dataclass(frozen=True)
-class Session:
-    """What one process did; a resumed run has several."""
-
-    seconds: float  # of evolution
-    compile_seconds: float  # of these
-    broken: int  # how often physics gave no number
-    stopped: bool  # by the user
+LINES = 10  # printed instead of a progress bar if this is not a terminal
 
 
 class TrainingDisplay:
-    """Progress of a training; `last` is the latest complete state with its history."""
+    """Shows a run on the console, as its listener: a progress bar, or some lines if this is not a terminal."""
 
     def __init__(self, training: Training, folder: Path) -> None:
         self.training, self.folder = training, folder
-        self.last: tuple[State | None, list[Generation]] = (None, [])
         self.console = Console(highlight=False)
-        self._began = self._first_episode = 0
+        self._began, self._first_episode = time.monotonic(), -1
+        self._shown = -1  # the last generation
         self._progress = Progress(
             TextColumn("generation"),
             MofNCompleteColumn(),
@@ -51,66 +44,64 @@ class TrainingDisplay:
             transient=True,
             disable=not self.console.is_terminal,
         )
+        nothing = float("nan")
+        self._bar = self._progress.add_task("", total=training.config.generations, best=nothing, mean=nothing, rate=0.0)
 
-    def __enter__(self) -> TrainingDisplay:
-        training = self.training
-        self.console.print(
-            f"[bold]{escape(training.task.title)}[/]\n"
-            f"population {training.config.population}, {training.config.generations} generations, "
-            f"{len(training.vocabulary.leaves)} behaviors; {training.level.name}: {training.level.why}"
-        )
-        self._bar = self._progress.add_task(
-            "", total=training.config.generations, best=float("nan"), mean=float("nan"), rate=0.0
-        )
-        self._progress.start()
-        self._began = time.monotonic()
-        return self
+    def on_stage(self, stage: Stage, message: str = "") -> None:
+        """Say what is evolved before it begins, and show the bar until the evolution ends."""
+        if stage == "starting":
+            training = self.training
+            self.console.print(
+                f"[bold]{escape(training.task.title)}[/]\n"
+                f"population {training.config.population}, {training.config.generations} generations, "
+                f"{len(training.vocabulary.leaves)} behaviors; {training.level.name}: {training.level.why}"
+            )
+            self._progress.start()
+        elif stage != "evolving":
+            self._progress.stop()
 
-    def __exit__(self, *_: object) -> None:
-        self._progress.stop()
-
-    def update(self, state: State, history: list[Generation]) -> None:
-        """Shows a generation; `history` ends with its rows, one for each run."""
-        fresh = self.last[0] is None
-        self.last = (state, history)
+    def on_generation(self, history: Sequence[Generation], best_tree: Callable[[], Tree]) -> None:
+        """Show a generation."""
         rows = history[-self.training.config.runs :]
-        episodes = sum(row.episodes for row in rows)
-        if fresh:
-            self._first_episode = episodes
+        episodes, generation = sum(row.episodes for row in rows), rows[0].generation
+        if self._first_episode < 0:
+            self._began, self._first_episode = time.monotonic(), episodes
         rate = (episodes - self._first_episode) / max(time.monotonic() - self._began, 1e-9)
         best, mean = max(row.best for row in rows), sum(row.mean for row in rows) / len(rows)
-        self._progress.update(self._bar, completed=state.generation, best=best, mean=mean, rate=rate)
+        self._progress.update(self._bar, completed=generation, best=best, mean=mean, rate=rate)
         every = max(1, self.training.config.generations // LINES)
-        if not self.console.is_terminal and state.generation % every == 0:
-            self.console.print(f"generation {state.generation:4d}  best {best:9.1f}  mean {mean:9.1f}  {rate:8,.0f} /s")
-
-    def finish(self, result: Result, state: State, session: Session) -> None:
-        """The learnt tree and what there is to know of it."""
-        episodes = sum(state.trees_measured) * self.training.settings.layouts
-        self.console.print(Panel(Text(draw_text(result.tree).rstrip()), title="learnt tree", title_align="left"))
-        if session.stopped:
+        if not self.console.is_terminal and generation % every == 0 and generation != self._shown:
             self.console.print(
-                f"stopped after generation {state.generation}; go on with --resume {escape(str(self.folder))}"
+                f"generation {generation:4d}  best {best:9.1f}  mean {mean:9.1f}  {rate:8,.0f} episodes/s"
             )
-        success = result.test.success_rate * len(result.test.solved)
+        self._shown = generation
+
+    def finish(self, result: Result, session: Session) -> None:
+        """Show the learnt tree and what is known of it."""
+        self.console.print(Panel(Text(draw_text(result.tree).rstrip()), title="learnt tree", title_align="left"))
+        folder = escape(str(self.folder))
+        if session.stopped:
+            self.console.print(f"stopped after generation {result.generations}; go on with --resume {folder}")
+        success = result.success_rate * len(result.test.solved)
         self.console.print(
             f"fitness      [bold]{result.fitness:.1f}[/]\n"
             f"success      [bold]{success:.0f} of {len(result.test.solved)}[/] unseen layouts, "
             f"fitness there {result.test.fitness.mean():.1f} ± {result.test.fitness.std():.1f}\n"
-            f"evolution    {state.generation} generations, {episodes:,} episodes; this session "
+            f"evolution    {result.generations} generations, {sum(result.trees_measured):,} distinct trees, "
+            f"{sum(result.episodes):,} episodes; this session "
             f"{session.seconds:.1f} s, {session.compile_seconds:.1f} s of it compiling\n"
             f"{self._simulated()}"
-            f"results      {escape(str(self.folder))}",
+            f"results      {folder}",
             soft_wrap=True,
         )
         if len(prefix(result.tree)) > 1 + len(self.training.task.targets):
-            self.console.print(
-                f"simplify     python -m bt_jax.run {escape(str(self.folder))} --simplify", soft_wrap=True
-            )
+            self.console.print(f"simplify     python -m bt_jax.run {folder} --simplify", soft_wrap=True)
         if session.broken:
-            self.console.print(
-                f"warning: physics gave no number {session.broken} times; the trees that met it got the worst fitness"
-            )
+            self.warn(f"the simulation diverged {session.broken} times; those trees got the worst fitness")
+
+    def warn(self, problem: str) -> None:
+        """Show what went wrong and did not end the run."""
+        self.console.print(f"warning: {escape(problem)}", soft_wrap=True)
 
     def _simulated(self) -> str:
         if self.training.settings.evaluator != "table":

@@ -1,20 +1,30 @@
-"""What demonstrations change in a training: more genes, a tree to breed from, other targets, a subgoal with its reward."""
+"""Runs that go on, and what demonstrations change in them: more genes, a tree to start from, other targets, a subgoal with
+its reward."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Tree
 from bt_jax.encoding.formats.files import read_tree
 from bt_jax.encoding.walk import leaves as tree_leaves
+from bt_jax.gp.config import GPConfig
 from bt_jax.lfd import DemonstrationFolder, Lesson, learn, plan_task
 from bt_jax.tasks import Task, with_subgoal, with_targets
-from bt_jax.training.run_folder import RunConfig
+from bt_jax.training.run_config import RunConfig, package_version
+from bt_jax.training.run_folder import RunFolder
+from bt_jax.training.settings import Settings
 
-__all__ = ["Changes", "baseline_from", "choose_frames", "lesson_from", "subgoal_name"]
+__all__ = ["KEPT", "Changes", "baseline_from", "choose_frames", "lesson_from", "resumed", "subgoal_name"]
+
+KEPT = (
+    "--resume keeps task and settings; give only --generations, --target-fitness or --time-limit, or a new "
+    "--baseline, --add-target-from or --add-subgoal-from"
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,8 +37,13 @@ class Changes:
     subgoal_from: Path | None = None
     baseline_index: int | None = None
 
+    @property
+    def begin_phase(self) -> bool:
+        """Whether these begin another phase of a run."""
+        return dataclasses.replace(self, baseline_index=None) != Changes()
+
     def applied(self, config: RunConfig) -> RunConfig:
-        """The configuration with these changes.
+        """Return the configuration with these changes.
 
         Demonstrations of targets add their places to the targets and to the gene pool, and their tree is the baseline if no
         other is given. Demonstrations of a subgoal become one gene, guarded by `reached(subgoal)`; the task rewards reaching
@@ -62,6 +77,37 @@ class Changes:
         return dataclasses.replace(
             config, task=task, baseline=baseline, extra_leaves=tuple(dict.fromkeys(leaves)), gp=gp
         )
+
+
+def resumed(folder: RunFolder, gp: GPConfig, settings: Settings, changes: Changes) -> RunConfig:
+    """Return the configuration with which a run goes on: as many generations as `gp` says, in a new phase if there are
+    changes. Raise UserError if anything else differs from the run's own settings, or if its version was another."""
+    config = folder.config()
+    if config.version != package_version():
+        raise UserError(
+            f"{folder.path} was begun with version {config.version} and this is {package_version()}; go on "
+            "with that version, or train again"
+        )
+    phase = changes.begin_phase
+    free: dict[str, Any] = {
+        "generations": config.gp.generations,
+        "baseline_index": config.gp.baseline_index if phase else None,
+    }
+    if dataclasses.replace(gp, **free) != dataclasses.replace(config.gp, **free) or settings != config.settings:
+        raise UserError(KEPT)
+    gp.check()
+    if not phase:
+        return dataclasses.replace(config, gp=dataclasses.replace(config.gp, generations=gp.generations))
+    saved = folder.load_checkpoint()
+    if saved is None:
+        raise UserError(f"{folder.path} has no generation yet to go on from; train again with these options")
+    now, generations = saved.state.generation, gp.generations
+    if generations <= now and generations != config.gp.generations:
+        raise UserError(f"the run is at generation {now} and --generations is {generations}; give more than {now}")
+    if generations <= now:
+        generations = now + max(1, now - config.since)
+    gp = dataclasses.replace(gp, generations=generations)
+    return changes.applied(dataclasses.replace(config, gp=gp, phase=config.phase + 1, since=now))
 
 
 def lesson_from(folder: Path, task: Task) -> Lesson:

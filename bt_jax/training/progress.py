@@ -1,6 +1,6 @@
-"""What a training says of itself to other processes while it runs: `progress.json` in its run folder.
+"""What a training tells other processes while it runs: `progress.json` in its run folder.
 
-Whether a process trains there is told by a lock on `training.lock`, which ends with the process however that ends.
+A lock on `training.lock` says whether a process trains there; it ends with the process, however that ends.
 """
 
 from __future__ import annotations
@@ -12,14 +12,15 @@ import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Literal
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
+from bt_jax.behaviors import Tree
+from bt_jax.encoding.formats.text import one_line
 from bt_jax.gp.evolution import Generation
 
-__all__ = ["Progress", "Reporter", "is_alive", "locked", "read_progress"]
+__all__ = ["Progress", "Reporter", "Stage", "is_alive", "locked", "read_progress"]
 
 Stage = Literal["starting", "evolving", "testing", "finished", "stopped", "failed"]
 SECONDS = 0.2  # between two writings of generations, at least
@@ -30,7 +31,7 @@ LOCK_SECONDS = 1.0  # `is_alive` holds the lock for a moment
 
 @dataclasses.dataclass(frozen=True)
 class Progress:
-    """Where a training is. Fitness is the best over its runs, and the mean of their means.
+    """Where a training is: fitness is the best over its runs, and the mean of their means; `episodes` are of all runs.
 
     `history` has rows of generation, best and mean; of long trainings, some hundreds evenly chosen, and the last.
     """
@@ -47,7 +48,7 @@ class Progress:
     history: tuple[tuple[int, float, float], ...] = ()
 
     def with_history(self, rows: Sequence[Generation]) -> Progress:
-        """This with everything that follows from the history of a training: one row a generation and run, in their order."""
+        """Return this with all that follows from the history of a training: one row a generation and run, in their order."""
         if not rows:
             return self
         runs = rows[-1].run + 1
@@ -67,60 +68,48 @@ class Progress:
 
 
 class Reporter:
-    """Writes the progress of this process into a run folder; without one, it does nothing. As a context, it also says that
-    the training has failed or was interrupted. What was reported before is kept until there is news. A report that cannot be
-    written is left out: the training goes on.
+    """Writes the progress of this process into a run folder, as a listener of its run.
+
+    What another process reported there before stays until there is news. A report that cannot be written is left out: the
+    training goes on.
     """
 
-    def __init__(self, folder: Path | None, generations: int) -> None:
+    def __init__(self, folder: Path, generations: int) -> None:
         self._folder, self._written = folder, 0.0
-        before = None if folder is None else read_progress(folder)
-        new = {"pid": os.getpid(), "stage": "starting", "generations": generations, "message": ""}
-        self._now = dataclasses.replace(before or Progress(0), **new)
+        self._news: tuple[Sequence[Generation], Callable[[], Tree]] | None = None  # told, and not yet written
+        known = read_progress(folder) or Progress(0)
+        self._now = dataclasses.replace(known, pid=os.getpid(), stage="starting", generations=generations, message="")
 
-    def __enter__(self) -> Reporter:
-        self._write()
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
-        if isinstance(error, KeyboardInterrupt):
-            self.stage("stopped")
-        elif error is not None:
-            said = str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
-            self._now = dataclasses.replace(self._now, message=said)
-            self.stage("failed")
-
-    def stage(self, stage: Stage) -> None:
-        """Another part of the work begins, or the last has ended."""
-        self._now = dataclasses.replace(self._now, stage=stage)
+    def on_stage(self, stage: Stage, message: str = "") -> None:
+        """Write that another part of the work begins, or that the last has ended."""
+        self._now = dataclasses.replace(self._now, stage=stage, message=message)
         self._write()
 
-    def update(self, history: Sequence[Generation], tree: Callable[[], str], *, now: bool = False) -> None:
-        """A generation was evolved; `tree` makes the best tree as one line. Written at most five times a second, except the
-        first, and what should be written `now`."""
-        if self._now.stage == "starting":
-            self._now, now = dataclasses.replace(self._now, stage="evolving"), True
-        if self._folder is not None and (now or time.monotonic() - self._written >= SECONDS):
-            self._now = dataclasses.replace(self._now, tree=tree()).with_history(history)
+    def on_generation(self, history: Sequence[Generation], best_tree: Callable[[], Tree]) -> None:
+        """Write where the evolution is, five times a second at most."""
+        first = self._now.stage == "evolving" and self._news is None
+        self._news = history, best_tree
+        if first or time.monotonic() - self._written >= SECONDS:
             self._write()
 
     def _write(self) -> None:
-        if self._folder is None:
-            return
         self._written = time.monotonic()
+        if self._news is not None:
+            history, best_tree = self._news
+            self._now = dataclasses.replace(self._now, tree=one_line(best_tree())).with_history(history)
         with contextlib.suppress(UserError):
             write_atomic(self._folder / "progress.json", json.dumps(dataclasses.asdict(self._now)) + "\n")
 
 
 def _chosen(count: int) -> list[int]:
-    """Numbers below `count`: all, or as many as are kept, the first and the last among them."""
+    """Return numbers below `count`: all, or as many as are kept, the first and the last among them."""
     if count <= ROWS:
         return list(range(count))
     return [round(i * (count - 1) / (ROWS - 1)) for i in range(ROWS)]
 
 
 def read_progress(folder: Path) -> Progress | None:
-    """The progress of the training in a run folder; None where there is none that can be read."""
+    """Return the progress of the training in a run folder; None if there is none, or none that can be read."""
     try:
         data = json.loads((folder / "progress.json").read_text(encoding="utf-8"))
         return Progress(**{**data, "history": tuple(map(tuple, data["history"]))})
@@ -129,7 +118,7 @@ def read_progress(folder: Path) -> Progress | None:
 
 
 def is_alive(folder: Path) -> bool:
-    """Whether a process is training in a run folder."""
+    """Return whether a process is training in a run folder."""
     try:
         with open(folder / LOCK, "rb") as file:
             return not _lock(file, shared=True)
@@ -139,7 +128,7 @@ def is_alive(folder: Path) -> bool:
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Keeps other processes from training in a run folder meanwhile. Raises UserError where one does already."""
+    """Keep other processes from training in a run folder meanwhile. Raise UserError if one does already."""
     folder.mkdir(parents=True, exist_ok=True)
     began = time.monotonic()
     with open(folder / LOCK, "wb") as file:
@@ -151,10 +140,10 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def _lock(file: IO[bytes], *, shared: bool) -> bool:
-    """Whether the lock of an open file could be had; it is given back when the file is closed. Where a system has no such
-    locks, it always can."""
+    """Return whether this process got the lock of an open file, which it holds until the file is closed; always on a system
+    without such locks."""
     try:
-        import fcntl
+        import fcntl  # not on Windows
     except ImportError:
         return True
     try:

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float32, Int32
+from jaxtyping import Float32, Int32
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import FIRST_LEAF, Behavior, Tree, gene_pool
 from bt_jax.encoding.arrays import Trees, decode, encode, violations
-from bt_jax.encoding.formats.text import one_line
 from bt_jax.encoding.walk import leaves
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.config import GPConfig
@@ -21,65 +21,18 @@ from bt_jax.gp.evolution import Evolution, Generation, State, best_of
 from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
 from bt_jax.mjx_env.episodes.playback import play
 from bt_jax.mjx_env.episodes.rollout import RolloutEvaluator
-from bt_jax.mjx_env.physics.factory import make_physics
-from bt_jax.mjx_env.physics.kinematic import Kinematic
-from bt_jax.mjx_env.physics.protocol import Physics, SettleFn
 from bt_jax.mjx_env.render.film import solved_picture
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.world import concatenate, take
 from bt_jax.tasks import Task
+from bt_jax.training.checkpoint import Checkpoint
+from bt_jax.training.levels import make_level, make_settle
+from bt_jax.training.result import Result, Test
+from bt_jax.training.run_config import RunConfig
 from bt_jax.training.settings import UNSEEN, Settings
 
-__all__ = ["Result", "Test", "Training", "evolve", "make_level"]
-
-
-@dataclasses.dataclass(frozen=True)
-class Test:
-    """A tree in layouts that it never saw."""
-
-    solved: Bool[np.ndarray, "K"]
-    fitness: Float32[np.ndarray, "K"]
-
-    @property
-    def success_rate(self) -> float:
-        return float(self.solved.mean())
-
-
-@dataclasses.dataclass(frozen=True)
-class Result:
-    """What an evolution has found, and how it went."""
-
-    tree: Tree
-    fitness: float
-    test: Test
-    trees: list[Tree]  # the best of each run
-    history: list[Generation]
-
-    @property
-    def lines(self) -> list[str]:
-        """The best tree of each run, on one line each."""
-        return [one_line(tree) for tree in self.trees]
-
-
-def make_level(task: Task, settings: Settings) -> Physics:
-    """What lets boxes fall at the chosen level."""
-    return (
-        Kinematic(task)
-        if settings.level == "kinematic"
-        else make_physics(task, settings.backend, implementation=settings.implementation)
-    )
-
-
-def make_settle(task: Task, level: Physics, settings: Settings) -> SettleFn:
-    """The same as a pure JAX function. Raises UserError for the C engine, which has none."""
-    if level.name == "kinematic":
-        return Kinematic(task).settle
-    if level.name == "mujoco":
-        raise UserError("the rollout evaluator cannot call the C engine; use --backend mjx, or --evaluator table")
-    from bt_jax.mjx_env.physics.mjx import settle_fn
-
-    return settle_fn(task, implementation=settings.implementation)
+__all__ = ["Training", "evolve"]
 
 
 class Training:
@@ -104,6 +57,7 @@ class Training:
         own = [] if baseline is None else _checked_leaves(baseline, config)
         self.vocabulary = gene_pool(task).extended([*extra_leaves, *own])
         self.level = make_level(task, settings)
+        self.run_config = _pinned(RunConfig(task, config, settings, baseline, extra_leaves), self.level.name)
         batch = config.runs * max(config.population, config.num_offspring)
         semantics = LeafSemantics(task, self.vocabulary)
         table = TableEvaluator(semantics, self.level, batch=batch)
@@ -122,6 +76,15 @@ class Training:
             baseline=None if baseline is None else encode(baseline, self.vocabulary, config.max_nodes),
             episodes_per_tree=settings.layouts,
         )
+
+    @staticmethod
+    def of(config: RunConfig) -> Training:
+        """Return the training of a configuration."""
+        training = Training(
+            config.task, config.gp, config.settings, baseline=config.baseline, extra_leaves=config.extra_leaves
+        )
+        training.run_config = _pinned(config, training.level.name)
+        return training
 
     def _fitness(self, trees: Trees) -> Float32[np.ndarray, "R P"]:
         return self._evaluation(trees).fitness.reshape(trees.tokens.shape[:2])
@@ -143,36 +106,34 @@ class Training:
         return self.evaluator(flat, self.layouts, which)
 
     def carried(self, state: State, vocabulary: Sequence[Behavior]) -> State:
-        """The populations of a training with that vocabulary, measured for this one's task: how evolution goes
-        on with another target, more genes or a baseline. Raises UserError where a leaf is not in this vocabulary."""
+        """Return the populations of a training with that vocabulary, measured for this one's task: so evolution goes on with
+        another target, more genes or a baseline. Raise UserError if a leaf is not in this vocabulary."""
         tokens = np.array([*range(FIRST_LEAF), *(self.vocabulary.token(leaf) for leaf in vocabulary)], np.int16)
         old = jax.device_get(state.population.trees)
         trees = Trees(jnp.asarray(tokens[old.tokens]), jnp.asarray(old.sizes))
         return self.evolution.adopt(trees, generation=state.generation, earlier=state.trees_measured)
 
     def best_trees(self, state: State) -> list[Tree]:
-        """The best tree of each run."""
+        """Return the best tree of each run."""
         trees, _ = best_of(state)
         return [decode(trees[run], self.vocabulary) for run in range(self.config.runs)]
 
     def best_tree(self, state: State) -> Tree:
-        """The best tree over all runs."""
+        """Return the best tree over all runs."""
         return self.best_trees(state)[int(best_of(state)[1].argmax())]
 
     @property
     def num_broken(self) -> int:
-        """How often physics gave no number: transitions with the table, episodes with the rollout."""
+        """How many simulations diverged: transitions with the table, episodes with the rollout."""
         return self.evaluator.num_broken
 
     def result(self, state: State, history: list[Generation]) -> Result:
-        """The best tree over all runs, tested."""
-        trees, fitness = self.best_trees(state), best_of(state)[1]
-        best = int(fitness.argmax())
-        test = self.test(trees[best])
-        return Result(trees[best], float(fitness[best]), test, trees, history)
+        """Return the best trees, the best of all tested in unseen layouts."""
+        checkpoint = Checkpoint(state, self.vocabulary.leaves, self.run_config.phase, history)
+        return Result(self.run_config, checkpoint, self.best_trees(state), self.test(self.best_tree(state)))
 
     def test(self, tree: Tree, *, count: int | None = None) -> Test:
-        """Runs a tree in layouts that no run of this training has seen."""
+        """Run a tree in `count` layouts (default: `test_layouts`) that no run of this training has seen."""
         count = self.settings.test_layouts if count is None else count
         layouts = sample_layouts(self.task, [UNSEEN, self.config.seed], count)
         per_tree = self.settings.layouts
@@ -184,17 +145,23 @@ class Training:
         return Test(result.solved.reshape(-1)[:count], result.values.reshape(-1)[:count])
 
     def picture(self, tree: Tree) -> bytes | None:
-        """PNG of the scene after an episode in the first training layout; None where there is no renderer."""
+        """Return a PNG of the scene after an episode in the first training layout, None if there is no renderer."""
         playback = play(self.table.semantics, self.table.settler, tree, take(self.layouts, slice(1)))
         return solved_picture(self.task, playback)
 
 
+def _pinned(config: RunConfig, level: str) -> RunConfig:
+    """Return the configuration with the backend that `auto` stands for here, so that a resumed run takes the same."""
+    settings: dict[str, Any] = {"backend": level} if config.settings.level == "physics" else {}
+    return dataclasses.replace(config, settings=dataclasses.replace(config.settings, **settings))
+
+
 def _checked_leaves(baseline: Tree, config: GPConfig) -> list[Behavior]:
-    """The leaves of a baseline. Raises UserError where it breaks a rule of evolved trees."""
+    """Return the leaves of a baseline. Raise UserError if it breaks a rule of evolved trees."""
     broken = violations(baseline, gene_under_fallback=config.gene_under_fallback)
     if broken:
-        remedy = "allow it with --gene-under-fallback" if "directly under a Fallback" in broken[0] else "mend the tree"
-        raise UserError(f"the baseline cannot be bred from: {broken[0]}; {remedy}")
+        remedy = "allow it with --gene-under-fallback" if "directly under a Fallback" in broken[0] else "fix the tree"
+        raise UserError(f"the baseline cannot be evolved: {broken[0]}; {remedy}")
     return leaves(baseline)
 
 
@@ -209,10 +176,10 @@ def evolve(
     hook: Callable[[Training, State], None] | None = None,
     extra_leaves: tuple[Behavior, ...] = (),
 ) -> Result:
-    """Evolves a tree for a task and tests it in unseen layouts.
+    """Evolve a tree for a task and test it in unseen layouts.
 
-    `baseline` is a tree to start from, `extra_leaves` join the gene pool. `target` stops once every run has that fitness,
-    `time_limit` [s] after that time; `hook` is called after each generation.
+    `baseline` is a tree to start from, `extra_leaves` join the gene pool. The evolution ends at its last generation, once
+    every run has the `target` fitness, or after `time_limit` seconds; `hook` is called after each generation.
     """
     training = Training(task, config, settings, baseline=baseline, extra_leaves=extra_leaves)
     history: list[Generation] = []

@@ -16,7 +16,8 @@ from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.tasks import load_task
 from bt_jax.teaching.script import parse_script, record
 from bt_jax.training.phases import Changes, subgoal_name
-from bt_jax.training.run_folder import RunConfig, RunFolder
+from bt_jax.training.run_config import RunConfig
+from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import Settings
 from bt_jax.training.training import Training
 from tests.helpers.samples import train

@@ -11,10 +11,12 @@ import time
 import pytest
 
 from bt_jax._util.errors import UserError
+from bt_jax.behaviors import Behavior
 from bt_jax.encoding.formats.text import one_line
 from bt_jax.gp.evolution import Generation
+from bt_jax.training.history import read_history
 from bt_jax.training.progress import Progress, Reporter, is_alive, locked, read_progress
-from bt_jax.training.run_folder import RunFolder, read_history
+from bt_jax.training.run_folder import RunFolder
 from tests.helpers.samples import train, train_command
 
 QUICK = ("stack", "--level", "kinematic", "--population", 8, "--max-nodes", 32, "--test-layouts", 10, "--device", "cpu")
@@ -51,21 +53,27 @@ def holder(tmp_path):
     process.communicate()
 
 
+def pick() -> Behavior:
+    return Behavior("pick", ("YellowBox",))
+
+
 def test_what_is_written_is_read(tmp_path):
-    with Reporter(tmp_path, 50) as reporter:
-        assert read_progress(tmp_path) == Progress(os.getpid(), "starting", generations=50)
-        history = [
-            row(0, -90.0, -200.5),
-            row(0, -80.0, -100.5, run=1),
-            row(1, -30.0, -50.0),
-            row(1, -40.0, -60.0, run=1),
-        ]
-        reporter.update(history, lambda: "pick(YellowBox)")
-        found = read_progress(tmp_path)
-        assert found.history == ((0, -80.0, -150.5), (1, -30.0, -55.0))
-        assert (found.stage, found.generation, found.best, found.mean) == ("evolving", 1, -30.0, -55.0)
-        assert (found.tree, found.episodes) == ("pick(YellowBox)", 20)
-        reporter.stage("finished")
+    reporter = Reporter(tmp_path, 50)
+    reporter.on_stage("starting")
+    assert read_progress(tmp_path) == Progress(os.getpid(), "starting", generations=50)
+    history = [
+        row(0, -90.0, -200.5),
+        row(0, -80.0, -100.5, run=1),
+        row(1, -30.0, -50.0),
+        row(1, -40.0, -60.0, run=1),
+    ]
+    reporter.on_stage("evolving")
+    reporter.on_generation(history, pick)
+    found = read_progress(tmp_path)
+    assert found.history == ((0, -80.0, -150.5), (1, -30.0, -55.0))
+    assert (found.stage, found.generation, found.best, found.mean) == ("evolving", 1, -30.0, -55.0)
+    assert (found.tree, found.episodes) == ("pick(YellowBox)", 20)
+    reporter.on_stage("finished")
     assert read_progress(tmp_path) == dataclasses.replace(found, stage="finished")
 
 
@@ -81,35 +89,14 @@ def test_of_a_long_history_some_rows_are_kept():
 def test_it_is_written_five_times_a_second_at_most(tmp_path, monkeypatch):
     now = [100.0]
     monkeypatch.setattr("bt_jax.training.progress.time.monotonic", lambda: now[0])
-    with Reporter(tmp_path, 50) as reporter:
-        for generation, seconds in enumerate([0.0, 0.1, 0.05, 0.1, 0.0]):
-            now[0] += seconds
-            reporter.update([row(generation, -1.0, -2.0)], lambda: "")
-            assert read_progress(tmp_path).generation == [0, 0, 0, 3, 3][generation]
-        reporter.update([row(5, -1.0, -2.0)], lambda: "", now=True)
-        assert read_progress(tmp_path).generation == 5
-
-
-@pytest.mark.parametrize(
-    ("error", "stage", "message"),
-    [
-        (KeyboardInterrupt(), "stopped", ""),
-        (UserError("mend it"), "failed", "mend it"),
-        (ValueError("odd"), "failed", "ValueError: odd"),
-    ],
-)
-def test_how_it_ended(tmp_path, error, stage, message):
-    with pytest.raises(type(error)), Reporter(tmp_path, 50):
-        raise error
-    assert (read_progress(tmp_path).stage, read_progress(tmp_path).message) == (stage, message)
-
-
-def test_without_a_folder_nothing_is_written(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with Reporter(None, 50) as reporter:
-        reporter.update([row(1, -1.0, -2.0)], lambda: pytest.fail("nobody asks for the tree"), now=True)
-        reporter.stage("finished")
-    assert list(tmp_path.iterdir()) == []
+    reporter = Reporter(tmp_path, 50)
+    reporter.on_stage("evolving")
+    for generation, seconds in enumerate([0.0, 0.1, 0.05, 0.1, 0.0]):
+        now[0] += seconds
+        reporter.on_generation([row(generation, -1.0, -2.0)], pick)
+        assert read_progress(tmp_path).generation == [0, 0, 0, 3, 3][generation]
+    reporter.on_stage("testing")
+    assert read_progress(tmp_path).generation == 4
 
 
 @pytest.mark.parametrize(
@@ -142,23 +129,21 @@ def test_two_processes_do_not_train_in_one_folder(tmp_path, holder):
 
 
 def test_what_was_reported_before_is_kept_until_there_is_news(tmp_path):
-    history = [row(0, -90.0, -200.5), row(1, -30.0, -50.0)]
-    with Reporter(tmp_path, 50) as reporter:
-        reporter.update(history, lambda: "pick(YellowBox)")
-        reporter.stage("finished")
-    before = read_progress(tmp_path)
-    with Reporter(tmp_path, 60):
-        assert read_progress(tmp_path) == dataclasses.replace(before, stage="starting", generations=60)
-    with pytest.raises(UserError), Reporter(tmp_path, 60):
-        raise UserError("mend it")
-    assert read_progress(tmp_path) == dataclasses.replace(before, stage="failed", generations=60, message="mend it")
+    reporter = Reporter(tmp_path, 50)
+    reporter.on_generation([row(0, -90.0, -200.5), row(1, -30.0, -50.0)], pick)
+    reporter.on_stage("finished")
+    before, later = read_progress(tmp_path), Reporter(tmp_path, 60)
+    later.on_stage("starting")
+    assert read_progress(tmp_path) == dataclasses.replace(before, stage="starting", generations=60)
+    later.on_stage("failed", "fix it")
+    assert read_progress(tmp_path) == dataclasses.replace(before, stage="failed", generations=60, message="fix it")
 
 
 def test_a_report_that_cannot_be_written_ends_no_training(tmp_path):
     (tmp_path / "file").write_text("in the way")
-    with Reporter(tmp_path / "file", 50) as reporter:
-        reporter.update([row(1, -1.0, -2.0)], lambda: "", now=True)
-        reporter.stage("finished")
+    reporter = Reporter(tmp_path / "file", 50)
+    reporter.on_generation([row(1, -1.0, -2.0)], pick)
+    reporter.on_stage("finished")
     assert (tmp_path / "file").read_text() == "in the way"
 
 
@@ -171,6 +156,7 @@ def test_a_training_reports_what_it_writes_at_the_end(tmp_path):
     assert [row[1] for row in found.history] == pytest.approx([row.best for row in rows], abs=0.006)
     result = json.loads((tmp_path / "run" / "result.json").read_text())
     assert found.tree == result["runs"][0]["tree"]
+    assert [found.episodes] == [rows[-1].episodes] == result["episodes"] == result["trees_measured"]
     assert not is_alive(tmp_path / "run")
 
 

@@ -15,7 +15,10 @@ from bt_jax.encoding.formats.xml import from_xml
 from bt_jax.gp.config import GPConfig, Selection
 from bt_jax.gp.evolution import Generation, Population, State
 from bt_jax.tasks import load_task, task_names
-from bt_jax.training.run_folder import Checkpoint, RunConfig, RunFolder, history_csv, read_history
+from bt_jax.training.checkpoint import Checkpoint
+from bt_jax.training.history import history_csv, read_history
+from bt_jax.training.run_config import RunConfig
+from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import Settings
 from tests.helpers.samples import assert_same
 from tests.helpers.strategies import trees as random_trees

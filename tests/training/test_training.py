@@ -13,7 +13,9 @@ from bt_jax.gp.config import GPConfig, Selection
 from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS
 from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.tasks import load_task
-from bt_jax.training.run_folder import Checkpoint, RunConfig, RunFolder
+from bt_jax.training.checkpoint import Checkpoint
+from bt_jax.training.run_config import RunConfig
+from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import Settings
 from bt_jax.training.training import Training, evolve
 from tests.helpers.samples import assert_same
@@ -146,7 +148,7 @@ def test_physics_that_fails_costs_the_individual_and_the_evolution_goes_on(monke
                 settled, poses=np.where(bad[:, None, None], np.float32(np.nan), settled.poses), ok=~bad
             )
 
-    monkeypatch.setattr("bt_jax.training.training.Kinematic", Fragile)
+    monkeypatch.setattr("bt_jax.training.levels.Kinematic", Fragile)
     training, states = run()
     fitness = np.concatenate([np.asarray(state.population.fitness)[0] for state in states])
     assert np.isfinite(fitness).all()

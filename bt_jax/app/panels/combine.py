@@ -17,7 +17,8 @@ from bt_jax.gp.config import GPConfig
 from bt_jax.lfd import Lesson
 from bt_jax.tasks import Task
 from bt_jax.training.phases import Changes
-from bt_jax.training.run_folder import RunConfig, RunFolder
+from bt_jax.training.run_config import RunConfig
+from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import Settings
 
 if TYPE_CHECKING:

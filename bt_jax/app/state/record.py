@@ -11,8 +11,10 @@ from typing import Any, TypeVar
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Tree
 from bt_jax.encoding.formats.text import one_line, parse_tree
+from bt_jax.training.history import read_history
 from bt_jax.training.progress import Progress, read_progress
-from bt_jax.training.run_folder import RunConfig, RunFolder, read_history
+from bt_jax.training.run_config import RunConfig
+from bt_jax.training.run_folder import RunFolder
 
 __all__ = ["Record", "read_record", "read_result", "tested"]
 

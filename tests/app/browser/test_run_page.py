@@ -9,7 +9,8 @@ from playwright.sync_api import expect
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.gp.config import GPConfig
 from bt_jax.tasks import load_task
-from bt_jax.training.run_folder import RunConfig, RunFolder
+from bt_jax.training.run_config import RunConfig
+from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import Settings
 from tests.helpers.browser.keys import press_on
 from tests.helpers.browser.menus import choose_option

@@ -11,7 +11,8 @@ from bt_jax.lfd import DemonstrationFolder, Frames
 from bt_jax.lfd.evaluation.synthetic import demonstration_set
 from bt_jax.tasks import Target, load_task
 from bt_jax.training.phases import Changes
-from bt_jax.training.run_folder import RunConfig, RunFolder
+from bt_jax.training.run_config import RunConfig
+from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import Settings
 
 STACK, RESTACK = load_task("stack"), load_task("restack")

@@ -11,7 +11,8 @@ from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.gp.config import GPConfig, Selection
 from bt_jax.tasks import load_task, task_names
 from bt_jax.training.phases import Changes
-from bt_jax.training.run_folder import RunConfig, RunFolder
+from bt_jax.training.run_config import RunConfig
+from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import Settings
 
 TREE = parse_tree("Sequence(pick(YellowBox), place(YellowBox, (0, 0, 0.052), KittingBox))")

@@ -16,7 +16,8 @@ from bt_jax.gp.config import GPConfig
 from bt_jax.gp.evolution import Generation
 from bt_jax.tasks import load_task
 from bt_jax.training.progress import Reporter, locked, read_progress
-from bt_jax.training.run_folder import RunConfig, RunFolder
+from bt_jax.training.run_config import RunConfig
+from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import Settings
 
 STACK = load_task("stack")

@@ -11,7 +11,8 @@ from bt_jax.app.state.workspace import Workspace
 from bt_jax.gp.config import GPConfig
 from bt_jax.lfd import Frames
 from bt_jax.tasks import load_task
-from bt_jax.training.run_folder import RunConfig, RunFolder
+from bt_jax.training.run_config import RunConfig
+from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import Settings
 
 STACK = load_task("stack")

@@ -1,0 +1,123 @@
+"""What an evolution has found."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float32
+
+from bt_jax.behaviors import Tree
+from bt_jax.encoding.formats.text import one_line
+from bt_jax.gp.evolution import Generation, best_of
+from bt_jax.training.checkpoint import Checkpoint
+from bt_jax.training.run_config import RunConfig
+from bt_jax.training.run_folder import RunFolder
+
+__all__ = ["Result", "Session", "Test"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Test:
+    """A tree in K layouts that it never saw."""
+
+    solved: Bool[np.ndarray, " K"]
+    fitness: Float32[np.ndarray, " K"]
+
+    @property
+    def success_rate(self) -> float:
+        """The share of the layouts that the tree solves."""
+        return float(self.solved.mean())
+
+
+@dataclasses.dataclass(frozen=True)
+class Session:
+    """What one process did; a resumed run has several."""
+
+    seconds: float  # of evolution
+    compile_seconds: float  # of these
+    broken: int  # simulations that diverged
+    stopped: bool  # by the user
+
+
+@dataclasses.dataclass(frozen=True)
+class Result:
+    """What R runs have found, and how they went: `trees` are the best of each, `test` is of the best of all."""
+
+    config: RunConfig
+    checkpoint: Checkpoint  # where the runs ended
+    trees: list[Tree]
+    test: Test
+
+    @property
+    def fitnesses(self) -> Float32[np.ndarray, " R"]:
+        """The fitness of the best tree of each run."""
+        return best_of(self.checkpoint.state)[1]
+
+    @property
+    def tree(self) -> Tree:
+        """The best tree of all runs."""
+        return self.trees[int(self.fitnesses.argmax())]
+
+    @property
+    def fitness(self) -> float:
+        """Its fitness."""
+        return float(self.fitnesses.max())
+
+    @property
+    def success_rate(self) -> float:
+        """The share of unseen layouts that it solves."""
+        return self.test.success_rate
+
+    @property
+    def history(self) -> list[Generation]:
+        """One row for each generation and run."""
+        return self.checkpoint.history
+
+    @property
+    def generations(self) -> int:
+        """The last generation."""
+        return self.checkpoint.state.generation
+
+    @property
+    def trees_measured(self) -> list[int]:
+        """How many distinct trees each run has measured."""
+        return self.checkpoint.state.trees_measured
+
+    @property
+    def episodes(self) -> list[int]:
+        """How many episodes that took in each run."""
+        return [count * self.config.settings.layouts for count in self.trees_measured]
+
+    @property
+    def lines(self) -> list[str]:
+        """The best tree of each run, on one line each."""
+        return [one_line(tree) for tree in self.trees]
+
+    def save(self, path: str | Path) -> None:
+        """Write a new run folder, which `train --resume` and `run` take. Raise UserError if it is not empty."""
+        folder = RunFolder.create(Path(path), self.config)
+        folder.save_checkpoint(self.checkpoint)
+        self.write(folder)
+
+    def write(self, folder: RunFolder, session: Session | None = None) -> None:
+        """Write trees, history and `result.json` into a run folder."""
+        folder.save_tree(self.tree, title=f"{self.config.task.name}: fitness {self.fitness:.1f}")
+        folder.save_history(self.history)
+        folder.save_result(self._as_data(session))
+
+    def _as_data(self, session: Session | None) -> dict[str, Any]:
+        return {
+            "fitness": self.fitness,
+            "success_rate": self.test.success_rate,
+            "test_layouts": len(self.test.solved),
+            "test_fitness_mean": float(self.test.fitness.mean()),
+            "test_fitness_std": float(self.test.fitness.std()),
+            "generations": self.generations,
+            "trees_measured": self.trees_measured,
+            "episodes": self.episodes,
+            "last_session": None if session is None else dataclasses.asdict(session),
+            "runs": [{"fitness": float(f), "tree": t} for f, t in zip(self.fitnesses, self.lines, strict=True)],
+        }

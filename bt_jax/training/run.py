@@ -1,0 +1,170 @@
+"""One run in its folder: it owns state, history and checkpoints, and says what happens when somebody presses Ctrl-C."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator, Sequence
+from typing import Protocol, runtime_checkable
+
+from bt_jax._util.errors import UserError
+from bt_jax._util.startup import CompileClock
+from bt_jax.behaviors import Tree
+from bt_jax.gp.evolution import Generation, State
+from bt_jax.training.checkpoint import Checkpoint
+from bt_jax.training.interruption import Interruption
+from bt_jax.training.progress import Stage, locked
+from bt_jax.training.result import Result, Session
+from bt_jax.training.run_config import RunConfig
+from bt_jax.training.run_folder import RunFolder
+from bt_jax.training.training import Training
+
+__all__ = ["Listener", "TrainingRun"]
+
+CHECKPOINT_SECONDS = 2.0
+CHECKPOINT_SHARE = 20  # of the time goes into checkpoints: at most one part in so many
+
+
+@runtime_checkable
+class Listener(Protocol):
+    """Whoever shows how a run goes. It only listens: what it raises ends the run."""
+
+    def on_stage(self, stage: Stage, message: str = "") -> None:
+        """Hear that another part of the work begins, or that the last has ended; `message` says why it has failed."""
+        ...
+
+    def on_generation(self, history: Sequence[Generation], best_tree: Callable[[], Tree]) -> None:
+        """Hear that a generation was measured, the last of the `history`. The last one before an interruption may be told
+        twice."""
+        ...
+
+
+class TrainingRun:
+    """A run, new or `resumed`, bound to its folder.
+
+    run = TrainingRun(folder, config)
+    with run.opened(listener):
+        result, session = run.evolve()
+        run.draw(result)
+    """
+
+    def __init__(self, folder: RunFolder, config: RunConfig, *, resumed: bool = False) -> None:
+        self.folder, self.resumed = folder, resumed
+        self.training = Training.of(config)
+        self.config = self.training.run_config
+        self._stopped = False
+        self._checkpoint: Checkpoint | None = None  # the last complete generation of this process
+        self._listeners: tuple[Listener, ...] = ()
+        self._interruption = Interruption()
+
+    @contextlib.contextmanager
+    def opened(self, *listeners: Listener) -> Iterator[None]:
+        """Claim the folder, and tell the listeners all that happens. Raise UserError if the folder is not empty or another
+        process trains in it."""
+        if not self.resumed:
+            self.folder.start(self.config)
+        self._listeners = listeners
+        with locked(self.folder.path), self._interruption:
+            try:
+                self._stage("starting")
+                if self.resumed:
+                    self.folder.begin_again(self.config)
+                yield
+            except KeyboardInterrupt:
+                self._stage("stopped")
+                raise
+            except BaseException as error:
+                self._stage(
+                    "failed", str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
+                )
+                raise
+            self._stage("stopped" if self._stopped else "finished")
+
+    def evolve(self, *, target: float | None = None, time_limit: float | None = None) -> tuple[Result, Session]:
+        """Evolve, test the best tree, write the folder but for the pictures, and return what was found and what it took.
+
+        The evolution ends at its last generation, once every run has the `target` fitness, after `time_limit` seconds, or at
+        Ctrl-C. Even then the tree is tested and everything written, unless a second Ctrl-C ends the test. Raise UserError if
+        it was stopped before the first generation.
+        """
+        began, clock = time.monotonic(), CompileClock()
+        try:
+            self._evolve(target, time_limit)
+        except KeyboardInterrupt:
+            self._stopped = True
+        with self._interruption.ignored():
+            if self._checkpoint is None:
+                raise UserError("stopped before the first generation was measured; nothing was learnt")
+            session = Session(time.monotonic() - began, clock.seconds, self.training.num_broken, self._stopped)
+            if self._stopped:
+                self._tell_generation()
+            self._stage("testing")
+            self._save(self._checkpoint)
+            self.folder.save_tree(self.training.best_tree(self._checkpoint.state), title=self.config.task.name)
+        if self._stopped:  # the interruption may have come in the middle of an entry into the table
+            self.training = Training.of(self.config)
+        result = self.training.result(self._checkpoint.state, self._checkpoint.history)
+        result.write(self.folder, session)
+        return result, session
+
+    def draw(self, result: Result) -> str:
+        """Draw the pictures of the folder; Ctrl-C waits for them. Return why one is missing, or an empty text."""
+        with self._interruption.ignored():
+            try:
+                self._draw(result)
+            except Exception as error:  # whatever it is, everything else of the run is written
+                return f"not all pictures could be drawn ({error}); the results are complete without them"
+        return ""
+
+    def _draw(self, result: Result) -> None:
+        from bt_jax.training.plots import learning_curve  # heavy: Matplotlib, after everything is said
+
+        curve = learning_curve(result.history, title=self.config.task.name, phases=self.folder.phases())
+        self.folder.save_picture("learning_curve.png", curve)
+        if (picture := self.training.picture(result.tree)) is not None:
+            self.folder.save_picture("solved.png", picture)
+
+    def _evolve(self, target: float | None, time_limit: float | None) -> None:
+        start, history = self._restored()
+        known = {row.generation for row in history}
+        saved, wait = time.monotonic(), CHECKPOINT_SECONDS
+        evolution, leaves = self.training.evolution, self.training.vocabulary.leaves
+        for state in evolution.run(start, target=target, time_limit=time_limit):
+            if state.generation not in known:
+                history = [*history, *evolution.describe(state)]
+            if self._checkpoint is None:
+                self._stage("evolving")
+            self._checkpoint = Checkpoint(state, leaves, self.config.phase, history)
+            self._tell_generation()
+            if time.monotonic() - saved >= wait:
+                began = time.monotonic()
+                self._save(self._checkpoint)
+                saved = time.monotonic()
+                wait = max(CHECKPOINT_SECONDS, CHECKPOINT_SHARE * (saved - began))
+            self._interruption.check()
+
+    def _restored(self) -> tuple[State | None, list[Generation]]:
+        """Where to go on: at the checkpoint, measured again if it is of the phase before; at a new population if there is
+        none."""
+        saved = self.folder.load_checkpoint()
+        if saved is None:
+            return None, []
+        if saved.phase == self.config.phase:
+            return saved.state, saved.history
+        return self.training.carried(saved.state, saved.leaves), saved.history
+
+    def _save(self, checkpoint: Checkpoint) -> None:
+        """Replace the checkpoint; if somebody has removed the folder meanwhile, make it again."""
+        if not (self.folder.path / "config.json").is_file():
+            self.folder.save_config(self.config)
+        self.folder.save_checkpoint(checkpoint)
+
+    def _stage(self, stage: Stage, message: str = "") -> None:
+        for listener in self._listeners:
+            listener.on_stage(stage, message)
+
+    def _tell_generation(self) -> None:
+        checkpoint = self._checkpoint
+        assert checkpoint is not None
+        for listener in self._listeners:
+            listener.on_generation(checkpoint.history, lambda: self.training.best_tree(checkpoint.state))

@@ -1,0 +1,115 @@
+"""A run in its folder: what listeners hear, what is written, and what an interruption or a failure leaves behind."""
+
+import json
+
+import pytest
+
+from bt_jax._util.errors import UserError
+from bt_jax.gp.config import GPConfig
+from bt_jax.tasks import load_task
+from bt_jax.training.history import read_history
+from bt_jax.training.progress import Reporter, read_progress
+from bt_jax.training.run import TrainingRun
+from bt_jax.training.run_config import RunConfig
+from bt_jax.training.run_folder import RunFolder
+from bt_jax.training.settings import Settings
+from bt_jax.training.training import evolve
+
+GP = GPConfig(population=8, generations=3, max_nodes=32, runs=2)
+SETTINGS = Settings(level="kinematic", layouts=2, test_layouts=4)
+CONFIG = RunConfig(load_task("stack"), GP, SETTINGS)
+
+
+class Recorder:
+    """Hears everything, and fails or interrupts where it is told to."""
+
+    def __init__(self, error=None, at=2):
+        self.heard, self.error, self.at = [], error, at
+
+    def on_stage(self, stage, message=""):
+        self.heard.append((stage, message) if message else stage)
+
+    def on_generation(self, history, best_tree):
+        generation = history[-1].generation
+        self.heard.append(generation)
+        if self.error is not None and generation == self.at:
+            error, self.error = self.error, None
+            raise error
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """A run of three generations, and what was heard of it."""
+    folder, recorder = RunFolder(tmp_path_factory.mktemp("runs") / "run"), Recorder()
+    run = TrainingRun(folder, CONFIG)
+    with run.opened(recorder, Reporter(folder.path, GP.generations)):
+        result, session = run.evolve()
+        assert not session.stopped
+        assert run.draw(result) == ""
+    return folder, recorder, result
+
+
+def test_listeners_hear_every_stage_and_generation(done):
+    assert done[1].heard == ["starting", "evolving", 0, 1, 2, 3, "testing", "finished"]
+
+
+def test_episodes_are_counted_the_same_everywhere(done):
+    folder, _, result = done
+    data = json.loads((folder.path / "result.json").read_text())
+    last = read_history((folder.path / "history.csv").read_text())[-GP.runs :]
+    assert data["episodes"] == [row.episodes for row in last] == result.episodes
+    assert data["episodes"] == [SETTINGS.layouts * count for count in data["trees_measured"]]
+    assert read_progress(folder.path).episodes == sum(data["episodes"])
+
+
+def test_pictures_are_written_after_everything_else(done):
+    folder, *_ = done
+    curve, result = (folder.path / name for name in ("learning_curve.png", "result.json"))
+    assert curve.read_bytes().startswith(b"\x89PNG")
+    assert curve.stat().st_mtime_ns > result.stat().st_mtime_ns
+
+
+def test_a_result_is_saved_as_a_folder_that_goes_on(done, tmp_path):
+    folder, _, result = done
+    result.save(tmp_path / "mine")
+    for name in ("history.csv", "best_tree.txt", "config.json"):
+        assert (tmp_path / "mine" / name).read_bytes() == (folder.path / name).read_bytes(), name
+    run = TrainingRun(RunFolder(tmp_path / "mine"), RunFolder(tmp_path / "mine").config(), resumed=True)
+    with run.opened():
+        again, _ = run.evolve()
+    assert again.tree == result.tree
+    with pytest.raises(UserError, match="is not empty"):
+        result.save(tmp_path / "mine")
+
+
+def test_evolve_gives_what_a_run_in_a_folder_gives(done):
+    result = evolve(CONFIG.task, GP, SETTINGS)
+    assert (result.trees, result.episodes) == (done[2].trees, done[2].episodes)
+
+
+def test_an_interruption_keeps_the_last_generation(tmp_path):
+    folder, recorder = RunFolder(tmp_path / "run"), Recorder(KeyboardInterrupt(), at=1)
+    run = TrainingRun(folder, CONFIG)
+    with run.opened(recorder):
+        result, session = run.evolve()
+    assert (session.stopped, result.generations) == (True, 1)
+    assert recorder.heard == ["starting", "evolving", 0, 1, 1, "testing", "stopped"]
+    assert folder.load_checkpoint().state.generation == 1
+
+
+@pytest.mark.parametrize(
+    ("error", "stage", "message"),
+    [(UserError("fix it"), "failed", "fix it"), (ValueError("odd"), "failed", "ValueError: odd")],
+)
+def test_a_failure_is_told(tmp_path, error, stage, message):
+    recorder, run = Recorder(error, at=0), TrainingRun(RunFolder(tmp_path / "run"), CONFIG)
+    with pytest.raises(type(error)), run.opened(recorder):
+        run.evolve()
+    assert recorder.heard[-1] == (stage, message)
+
+
+def test_a_picture_that_fails_costs_only_the_picture(done, monkeypatch):
+    folder, _, result = done
+    run = TrainingRun(folder, CONFIG, resumed=True)
+    monkeypatch.setattr("bt_jax.training.plots.learning_curve", lambda *_, **__: 1 / 0)
+    assert "results are complete" in run.draw(result)
