@@ -18,8 +18,8 @@ from scipy.spatial.transform import RigidTransform
 from benchmarks._report import report
 from bt_jax.deploy import yumi
 from bt_jax.deploy.planning.kinematics import arm_kinematics
-from bt_jax.deploy.planning.paths import Pace
-from bt_jax.deploy.planning.planner import Planner, Unplannable
+from bt_jax.deploy.planning.paths import Pace, timed
+from bt_jax.deploy.planning.planner import Planner, Surroundings, Unplannable
 from bt_jax.deploy.twin.cell import TwinScene, box_poses, build_scene
 from bt_jax.tasks import load_task
 
@@ -84,14 +84,14 @@ def plan(count: int) -> dict:
         box = task.box_names[seed % len(task.boxes)]
         start = time.perf_counter()
         try:
-            reach = planner.pick(box, poses, yumi.HOME, yumi.ARMS)
+            reach = planner.pick(box, Surroundings(poses, yumi.HOME), yumi.ARMS)
         except Unplannable:
             continue
         finally:
             seconds.append(time.perf_counter() - start)
         planned += 1
-        paths = [planner.timed(reach.arm, path, Pace(), yumi.HOME).joints[::2] for path in (reach.approach, reach.line)]
-        colliding += any(contacts(scene, reach.arm, joints, box) for joints in paths)
+        ways = planner.timed(reach.approach, Pace()), timed(reach.line, Pace(), reach.arm)
+        colliding += any(contacts(scene, reach.arm, way.joints[::2], box) for way in ways)
     median, slow = np.percentile(seconds, [50, 99])
     return {
         "layouts": count,

@@ -13,6 +13,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 
 import numpy as np
+from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
 __all__ = [
@@ -25,7 +26,10 @@ __all__ = [
     "SPEED",
     "TCP",
     "UPPER",
+    "JointRows",
+    "Joints",
     "LinkShape",
+    "Point",
     "actuator_names",
     "add_to_mjcf",
     "finger_names",
@@ -38,6 +42,13 @@ __all__ = [
     "tip_matrix",
     "urdf",
 ]
+
+Joints = Float[np.ndarray, " 7"]
+"""The joints of one arm in chain order, rad."""
+JointRows = Float[np.ndarray, "n 7"]
+"""Configurations of one arm, one a row."""
+Point = Float[np.ndarray, " 3"]
+"""A position, m."""
 
 ARMS = ("left", "right")
 BODY = "yumi_body"

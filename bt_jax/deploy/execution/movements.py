@@ -20,7 +20,7 @@ from bt_jax.deploy.execution.settings import GraspSettings, MotionSettings
 from bt_jax.deploy.link.protocol import RobotLink
 from bt_jax.deploy.planning.clearance import Carried
 from bt_jax.deploy.planning.paths import Pace, timed
-from bt_jax.deploy.planning.planner import Planner
+from bt_jax.deploy.planning.planner import JointPath, Planner, Surroundings
 from bt_jax.deploy.planning.process import PlanningProcess
 from bt_jax.deploy.planning.trajectory import Trajectory
 from bt_jax.tasks import Task
@@ -97,21 +97,19 @@ class Movements:
             while np.abs((joints := self.joints())[arm] - yumi.HOME[arm]).max() > self.motion.at_home:
                 if plans == self.motion.replans:
                     raise Failed(f"things do not stay where they are on the {arm} arm's way home")
-                held, around = next(iter(self.carried.values()), None), self.obstacles()
-                path = yield from self.planned(self.planner.home, arm, around, joints, held)
-                yield from self.follow(arm, path, watch=around)
+                among = Surroundings(self.obstacles(), joints, next(iter(self.carried.values()), None))
+                path = yield from self.planned(self.planner.home, arm, among)
+                yield from self.follow(path)
                 plans += 1
 
     def others_home(self, arm: str) -> Routine:
         yield from self.go_home([other for other in self.link.arms if other != arm])
 
-    def follow(
-        self, arm: str, path: np.ndarray, *, watch: Poses = NOWHERE, aim: str = "", held: str | None = None
-    ) -> Moved:
-        """Moves freely along a path. True, at rest on it, where something watched, above all what it aims at, is seen to
-        have left its pose. Raises where what is held is lost, or the arm is halted by something else."""
-        trajectory = yield from self.planned(self.planner.timed, arm, path, self._pace, self.joints())
-        return (yield from self._move(arm, trajectory, watch, aim, held))
+    def follow(self, path: JointPath, *, aim: str = "", held: str | None = None) -> Moved:
+        """Move freely along a path. Return True, at rest on it, where something that it was planned among, above all what it
+        aims at, is seen to have left its pose. Raises where what is held is lost, or the arm is halted by something else."""
+        trajectory = yield from self.planned(self.planner.timed, path, self._pace)
+        return (yield from self._move(path.arm, trajectory, path.among.poses, aim, held))
 
     def straight(
         self, arm: str, line: np.ndarray, *, watch: Poses = NOWHERE, aim: str = "", held: str | None = None
@@ -184,6 +182,10 @@ class Movements:
             for arm, carried in self.carried.items()
             if carried.box == self.seen.holding or self.holds(arm, self.sizes[carried.box])
         }
+
+    def surroundings(self) -> Surroundings:
+        """Return what a motion is planned among now, with nothing carried."""
+        return Surroundings(self.obstacles(), self.joints())
 
     def joints(self) -> dict[str, np.ndarray]:
         return {arm: self.link.arm(arm).commanded for arm in self.link.arms}

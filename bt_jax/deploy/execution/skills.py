@@ -14,7 +14,7 @@ from scipy.spatial.transform import RigidTransform
 
 from bt_jax.behaviors import Behavior
 from bt_jax.deploy import yumi
-from bt_jax.deploy.execution.movements import Failed, Moved, Movements, Poses, Routine
+from bt_jax.deploy.execution.movements import Failed, Moved, Movements, Routine
 from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.settings import GraspSettings, MotionSettings
 from bt_jax.deploy.link.protocol import RobotLink
@@ -24,12 +24,13 @@ from bt_jax.deploy.planning.grasps import carried_pose, grasp_poses, put_poses, 
 from bt_jax.deploy.planning.paths import Pace
 from bt_jax.deploy.planning.planner import Reach, Unplannable
 from bt_jax.deploy.planning.process import PlanningProcess
+from bt_jax.deploy.yumi import Point
 from bt_jax.encoding.status import Status
 from bt_jax.tasks import Task
 
 __all__ = ["YumiSkills"]
 
-Goal = tuple[np.ndarray, float]  # where a box's centre should be, base frame [m], and the yaw of its edges [rad]
+Goal = tuple[Point, float]  # where a box's centre should be, base frame [m], and the yaw of its edges [rad]
 
 
 class YumiSkills:
@@ -127,19 +128,19 @@ class YumiSkills:
         self._moves.forget_lost()
         yield from self._moves.found(box)
         for _ in range(self._motion.replans):
-            reach, around = yield from self._plan_pick(box)
+            reach = yield from self._plan_pick(box)
             self.link.grip(reach.arm, yumi.OPENING, self._grasping.force)
-            moved = yield from self._moves.follow(reach.arm, reach.approach, watch=around, aim=box)
+            moved = yield from self._moves.follow(reach.approach, aim=box)
             if moved:
                 continue
             yield from self._moves.fingers(reach.arm, at_least=self._moves.sizes[box] + self._grasping.fit)
-            moved = yield from self._grasp(box, reach, around[box])
+            moved = yield from self._grasp(box, reach)
             if not moved:
                 return
         raise Failed(f"things do not stay where they are on the way to {box}")
 
-    def _plan_pick(self, box: str) -> Generator[None, None, tuple[Reach, Poses]]:
-        """A way for the arm on the box's side, else for the other; one that should not comes last. And where things were."""
+    def _plan_pick(self, box: str) -> Generator[None, None, Reach]:
+        """Plan for the arm on the box's side, else for the other; one that should not take it comes last."""
         last = self._avoid.get(box)
         side = "left" if self._moves.known[box].translation[1] > 0 else "right"
         order = sorted(yumi.ARMS, key=lambda arm: (arm == last, arm != side))
@@ -147,20 +148,19 @@ class YumiSkills:
         for arm in order:
             try:
                 yield from self._moves.others_home(arm)
-                around = self._moves.obstacles()
-                reach = yield from self._moves.planned(
-                    self._moves.planner.pick, box, around, self._moves.joints(), [arm]
-                )
-                return reach, around
+                among = self._moves.surroundings()
+                return (yield from self._moves.planned(self._moves.planner.pick, box, among, [arm]))
             except Unplannable as error:
                 problem = problem or error
         assert problem is not None
         raise problem
 
-    def _grasp(self, box: str, reach: Reach, pose: RigidTransform) -> Moved:
-        """Down, fingers around it, up. `pose` is the box's as it was seen before the hand came between it and the camera.
-        Gives True, above it again, where the box was moved meanwhile."""
-        arm, size = reach.arm, self._moves.sizes[box]
+    def _grasp(self, box: str, reach: Reach) -> Moved:
+        """Go down, close the fingers around it, go up. Return True, above it again, where the box was moved meanwhile.
+
+        Its pose is that of the plan: it was seen before the hand came between it and the camera.
+        """
+        arm, size, pose = reach.arm, self._moves.sizes[box], reach.approach.among.poses[box]
         moved = yield from self._moves.straight(arm, reach.line, watch={box: pose})
         if moved:
             yield from self._moves.back(arm, reach.line)
@@ -189,7 +189,8 @@ class YumiSkills:
         if frame != self.task.robot_frame:
             yield from self._moves.found(frame)
         goal, yaw = self._goal(position, frame)
-        if not self._reaches(arm, goal, yaw):
+        carried = self._moves.carried[arm].pose
+        if not self._reaches(arm, goal, yaw, carried):
             yield from self._hand_over(box, arm, goal, yaw)
             return
         for _ in range(self._motion.replans):
@@ -203,15 +204,13 @@ class YumiSkills:
         has moved meanwhile."""
         carried = self._moves.carried[arm]
         yield from self._moves.others_home(arm)
-        around, (place, yaw) = self._moves.obstacles(), goal()
+        among, (place, yaw) = self._moves.surroundings(), goal()
         above = place + np.array([0, 0, self._grasping.let_go])
-        reach = yield from self._moves.planned(
-            self._moves.planner.put, carried, above, yaw, tuple(supports), around, self._moves.joints()
-        )
-        moved = yield from self._moves.follow(arm, reach.approach, watch=around, aim=frame, held=carried.box)
+        reach = yield from self._moves.planned(self._moves.planner.put, carried, above, yaw, tuple(supports), among)
+        moved = yield from self._moves.follow(reach.approach, aim=frame, held=carried.box)
         if moved:
             return True
-        aimed = {name: pose for name, pose in around.items() if name == frame}
+        aimed = {name: pose for name, pose in among.poses.items() if name == frame}
         moved = yield from self._moves.straight(arm, reach.line, watch=aimed, aim=frame, held=carried.box)
         if moved:
             return True
@@ -224,10 +223,10 @@ class YumiSkills:
         self.committed = False
         return False
 
-    def _hand_over(self, box: str, arm: str, goal: np.ndarray, yaw: float) -> Routine:
+    def _hand_over(self, box: str, arm: str, goal: Point, yaw: float) -> Routine:
         """Sets the box down where both arms reach it, for the tree to have it picked again: by the other one then."""
         other = next(name for name in yumi.ARMS if name != arm)
-        if not self._reaches(other, goal, yaw):
+        if not self._reaches(other, goal, yaw, self._moves.carried[arm].pose):
             raise Failed(f"neither arm reaches the place for {box}")
         self._avoid[box] = arm
         yield from self._set_down(arm, both=True)
@@ -244,7 +243,7 @@ class YumiSkills:
         for spot in self._moves.planner.spots(carried.box, self._moves.obstacles(), near):
             if tried == self._motion.spots:
                 break
-            if all(self._reaches(name, spot, 0.0) for name in arms):
+            if all(self._reaches(name, spot, 0.0, carried.pose) for name in arms):
                 tried += 1
                 with contextlib.suppress(Unplannable):
                     moved = yield from self._put(arm, lambda spot=spot: (spot, 0.0), tables)
@@ -284,8 +283,8 @@ class YumiSkills:
         pose = self._moves.known[frame]
         return pose.apply(position), yaw_of(pose.rotation)
 
-    def _reaches(self, arm: str, goal: np.ndarray, yaw: float) -> bool:
-        held = next(iter(self._moves.carried.values())).pose if self._moves.carried else RigidTransform.identity()
+    def _reaches(self, arm: str, goal: Point, yaw: float, held: RigidTransform) -> bool:
+        """Can an arm put a box that is at `held` in its TCP's frame there?"""
         return any(self._moves.planner.can_reach(arm, pose) for pose in put_poses(goal, yaw, held))
 
     def _below(self, frame: str) -> list[str]:

@@ -7,10 +7,10 @@ clearance with what was last seen of the cell.
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import numpy as np
+from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy import yumi
@@ -19,9 +19,10 @@ from bt_jax.deploy.planning.grasps import grasp_poses, put_poses, raised
 from bt_jax.deploy.planning.kinematics import arm_kinematics
 from bt_jax.deploy.planning.paths import Pace, connect, timed
 from bt_jax.deploy.planning.trajectory import Trajectory
+from bt_jax.deploy.yumi import JointRows, Joints, Point
 from bt_jax.tasks import Task
 
-__all__ = ["Planner", "Reach", "Unplannable"]
+__all__ = ["JointPath", "Planner", "Reach", "Surroundings", "Unplannable"]
 
 ABOVE = 0.08  # metres above the place where a straight path begins
 STEPS = 8  # of a straight path
@@ -36,77 +37,80 @@ class Unplannable(Exception):
 
 
 @dataclasses.dataclass(frozen=True)
-class Reach:
-    """A motion of one arm: `approach` [n, 7] to above the place, `line` [m, 7] straight down; `tcp` at the end of it."""
+class Surroundings:
+    """What a motion is planned among: `poses` of boxes and kit in the base frame, `joints` where each arm is, and the box
+    that one of them carries."""
+
+    poses: Mapping[str, RigidTransform]
+    joints: Mapping[str, Joints]
+    carried: Carried | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class JointPath:
+    """A free path of one arm, and what it was planned among."""
 
     arm: str
-    approach: np.ndarray
-    line: np.ndarray
+    rows: JointRows
+    among: Surroundings
+
+
+@dataclasses.dataclass(frozen=True)
+class Reach:
+    """A motion of one arm: `approach` to above the place, `line` straight down; `tcp` at the end of it, base frame."""
+
+    arm: str
+    approach: JointPath
+    line: JointRows
     tcp: RigidTransform
 
 
 class Planner:
-    """Plans for one cell. `joints` maps arms to where they are [7]; poses are in the base frame."""
+    """Plans for one cell. Poses are in the base frame."""
 
     def __init__(self, task: Task) -> None:
         self.task = task
         self._clearance = CellClearance(task)
         self._seed, self._looks = 0, 0
 
-    def pick(
-        self, box: str, poses: Mapping[str, RigidTransform], joints: Mapping[str, np.ndarray], arms: Iterable[str]
-    ) -> Reach:
-        """To around a box, with the best arm that has a way. Raises Unplannable."""
-        targets = [(arm, tcp) for arm in arms for tcp in grasp_poses(poses[box])]
-        down = functools.partial(self._clearance.place, poses, gripped=box)
-        return self._reach(targets, joints, f"grasp {box}", functools.partial(self._clearance.place, poses), down)
+    def pick(self, box: str, among: Surroundings, arms: Iterable[str]) -> Reach:
+        """Plan to around a box, with the best arm that has a way. Raises Unplannable."""
+        targets = [(arm, tcp) for arm in arms for tcp in grasp_poses(among.poses[box])]
+        return self._reach(targets, among, f"grasp {box}", gripped=box)
 
-    def put(
-        self,
-        carried: Carried,
-        position: np.ndarray,
-        yaw: float,
-        supports: Iterable[str],
-        poses: Mapping[str, RigidTransform],
-        joints: Mapping[str, np.ndarray],
-    ) -> Reach:
-        """To where a carried box has its centre at `position` [3] and its edges along `yaw`. Raises Unplannable."""
+    def put(self, carried: Carried, position: Point, yaw: float, supports: Iterable[str], among: Surroundings) -> Reach:
+        """Plan to where a carried box has its centre at `position` and its edges along `yaw`; it may touch `supports`.
+
+        Raises Unplannable.
+        """
         targets = [(carried.arm, tcp) for tcp in put_poses(position, yaw, carried.pose)]
-        across = functools.partial(self._clearance.place, poses, carried=carried)
-        down = functools.partial(across, supports=tuple(supports))
-        return self._reach(targets, joints, f"put {carried.box} down", across, down)
+        among = dataclasses.replace(among, carried=carried)
+        return self._reach(targets, among, f"put {carried.box} down", supports=tuple(supports))
 
-    def home(
-        self,
-        arm: str,
-        poses: Mapping[str, RigidTransform],
-        joints: Mapping[str, np.ndarray],
-        carried: Carried | None = None,
-    ) -> np.ndarray:
-        """Path [n, 7] to the arm's place of rest, around what is carried by either arm. Raises Unplannable."""
+    def home(self, arm: str, among: Surroundings) -> JointPath:
+        """Plan to the arm's place of rest. Raises Unplannable."""
         self._looks = 0
-        self._clearance.place(poses, carried=carried)
-        free = self._free(arm, joints)
-        path = connect(joints[arm], yumi.HOME[arm], free, seed=self._next())
-        if path is None:
+        free = self._free(arm, among)
+        rows = connect(among.joints[arm], yumi.HOME[arm], free, seed=self._next())
+        if rows is None:
             raise Unplannable(f"the {arm} arm finds no way home")
-        return path
+        return JointPath(arm, rows, among)
 
     def can_reach(self, arm: str, tcp: RigidTransform) -> bool:
-        """Do joints exist for a pose and for the one above it?"""
+        """Are there joints for a pose and for the one above it?"""
         kinematics = arm_kinematics(arm)
         return all(kinematics.solve(pose, yumi.HOME[arm]) is not None for pose in (tcp, raised(tcp, ABOVE)))
 
-    def timed(self, arm: str, path: np.ndarray, pace: Pace, joints: Mapping[str, np.ndarray]) -> Trajectory:
-        """The path that was planned last, as a trajectory; corners are only cut where there is room for it."""
-        trajectory = timed(path, pace, arm)
-        if len(path) <= 2:
+    def timed(self, path: JointPath, pace: Pace) -> Trajectory:
+        """Return a path as a trajectory; corners are only cut where there is room for it."""
+        trajectory = timed(path.rows, pace, path.arm)
+        if len(path.rows) <= 2:
             return trajectory
         self._looks = 0
-        free = self._free(arm, joints)
+        free = self._free(path.arm, path.among)
         if all(free(row) for row in trajectory.joints[::4]):
             return trajectory
-        pieces = [timed(path[i : i + 2], pace, arm) for i in range(len(path) - 1)]
+        pieces = [timed(path.rows[i : i + 2], pace, path.arm) for i in range(len(path.rows) - 1)]
         times, rows, end = [np.array([0.0])], [pieces[0].joints[:1]], 0.0
         for piece in pieces:
             times.append(piece.times[1:] + end)
@@ -114,8 +118,8 @@ class Planner:
             end += piece.duration
         return Trajectory(np.concatenate(times), np.concatenate(rows))
 
-    def spots(self, box: str, poses: Mapping[str, RigidTransform], near: np.ndarray) -> Iterator[np.ndarray]:
-        """Free places [3] for a box on the tables, the nearest to `near` first; `box` itself is not in its own way."""
+    def spots(self, box: str, poses: Mapping[str, RigidTransform], near: Point) -> Iterator[Point]:
+        """Yield free places for a box on the tables, the nearest to `near` first; `box` itself is not in its own way."""
         size = next(b.size for b in self.task.boxes if b.name == box)
         base = np.array(self.task.robot_position)
         found = []
@@ -129,17 +133,27 @@ class Planner:
             if all(self._apart(spot, name, pose, size) for name, pose in poses.items() if name != box):
                 yield spot
 
-    def _apart(self, spot: np.ndarray, name: str, pose: RigidTransform, size: float) -> bool:
+    def _apart(self, spot: Point, name: str, pose: RigidTransform, size: float) -> bool:
         away = pose.inv().apply(spot)[:2] if name == self.task.kit.name else spot[:2] - pose.translation[:2]
         if name == self.task.kit.name:
             return bool(np.abs(away).max() > self.task.kit.size / 2 + size)
         return bool(np.linalg.norm(away) > 2 * size)
 
-    def _reach(self, targets, joints, what: str, across: Callable[[], None], down: Callable[[], None]) -> Reach:
-        """The best way to one of `targets` (arm, TCP). `across` and `down` tell the clearance what may be touched on the
-        path to above the place, and on the straight one."""
+    def _reach(
+        self,
+        targets: Iterable[tuple[str, RigidTransform]],
+        among: Surroundings,
+        what: str,
+        *,
+        gripped: str | None = None,
+        supports: tuple[str, ...] = (),
+    ) -> Reach:
+        """Return the best way to one of `targets` (arm, TCP). On the straight path down, hands may touch the box `gripped`
+        and a carried box what is in `supports`."""
         self._looks = 0
-        candidates, blocked = [], ""
+        joints = among.joints
+        candidates: list[tuple[float, str, JointRows, RigidTransform]] = []
+        blocked = ""
         for arm, tcp in targets:
             kinematics = arm_kinematics(arm)
             above = raised(tcp, ABOVE)
@@ -154,26 +168,27 @@ class Planner:
         if not candidates:
             raise Unplannable(f"no arm reaches the place to {what}")
         for _, arm, line, tcp in sorted(candidates, key=lambda candidate: candidate[0]):
-            down()
-            free = self._free(arm, joints)
+            free = self._free(arm, among, gripped=gripped, supports=supports)
             hit = next((row for row in line if not free(row)), None)
             if hit is not None:
                 blocked = blocked or self._between(arm, joints, hit)
                 continue
-            across()
-            free = self._free(arm, joints)
+            free = self._free(arm, among)
             path = connect(joints[arm], line[0], free, seed=self._next(), tries=TRIES)
             if path is not None:
-                return Reach(arm, path, line, tcp)
+                return Reach(arm, JointPath(arm, path, among), line, tcp)
             blocked = blocked or "no path"
         raise Unplannable(f"there is no free way to {what}: {blocked}")
 
-    def _free(self, arm: str, joints: Mapping[str, np.ndarray]) -> Callable[[np.ndarray], bool]:
-        """Is a configuration free? What an arm is too near to already, it may be as near to. Raises Unplannable after too
-        many questions for one plan."""
-        other = next(name for name in yumi.ARMS if name != arm)
+    def _free(
+        self, arm: str, among: Surroundings, *, gripped: str | None = None, supports: tuple[str, ...] = ()
+    ) -> Callable[[Joints], bool]:
+        """Return what says whether a configuration is free, until it is called again. What an arm is too near to already, it
+        may be as near to. Raises Unplannable after too many questions for one plan."""
+        self._clearance.place(among.poses, carried=among.carried, gripped=gripped, supports=supports)
+        joints, other = among.joints, next(name for name in yumi.ARMS if name != arm)
 
-        def slacks(q: np.ndarray) -> np.ndarray:
+        def slacks(q: Joints) -> Float[np.ndarray, " pairs"]:
             self._looks += 1
             if self._looks > LOOKS:
                 raise Unplannable(f"there is no way for the {arm} arm that would be found in time")
@@ -183,7 +198,7 @@ class Planner:
         least = np.minimum(0.0, slacks(joints[arm]) - 1e-4)
         return lambda q: bool((slacks(q) >= least).all())
 
-    def _between(self, arm: str, joints: Mapping[str, np.ndarray], q: np.ndarray) -> str:
+    def _between(self, arm: str, joints: Mapping[str, Joints], q: Joints) -> str:
         both = {**joints, arm: q}
         return self._clearance.nearest(both["left"], both["right"])
 

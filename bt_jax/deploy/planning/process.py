@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import signal
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
@@ -18,14 +19,14 @@ _planners: list[Planner] = []  # of the worker: one
 
 
 class PlanningProcess:
-    """Plans for one cell, one after the other. Use it as a context manager."""
+    """Makes plans for one cell, one after the other. Use it as a context manager."""
 
     def __init__(self, task: Task) -> None:
         self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin, (task,))
         self._ready = self._pool.submit(_nothing)
 
     def __enter__(self) -> PlanningProcess:
-        """Waits until the process can plan. Raises UserError where it cannot be started."""
+        """Wait until the process can plan. Raises UserError where it cannot be started."""
         try:
             self._ready.result(START)
         except (BrokenProcessPool, TimeoutError) as error:
@@ -35,14 +36,12 @@ class PlanningProcess:
     def __exit__(self, *_: object) -> None:
         self._pool.shutdown(wait=False, cancel_futures=True)
 
-    def submit(self, plan: str, *arguments: Any) -> Future:
-        """What a method of `Planner` gives, or raises, for arguments that can be pickled."""
+    def submit(self, plan: str, *arguments: Any) -> Future[Any]:
+        """Call a method of `Planner` there, with arguments that can be pickled; the future has what it returns or raises."""
         return self._pool.submit(_plan, plan, arguments)
 
 
 def _begin(task: Task) -> None:
-    import signal
-
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the executor, which ends this process
     _planners.append(Planner(task))
 

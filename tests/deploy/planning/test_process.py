@@ -11,7 +11,8 @@ from bt_jax._util.errors import UserError
 from bt_jax.behaviors import parse_behavior
 from bt_jax.deploy import yumi
 from bt_jax.deploy.execution.skills import YumiSkills
-from bt_jax.deploy.planning.planner import Planner, Unplannable
+from bt_jax.deploy.planning.paths import Pace
+from bt_jax.deploy.planning.planner import JointPath, Planner, Surroundings, Unplannable
 from bt_jax.deploy.planning.process import PlanningProcess
 from bt_jax.encoding.status import Status
 from bt_jax.tasks import load_task
@@ -40,14 +41,15 @@ def process():
 
 
 def test_it_plans_what_a_planner_plans(process):
-    planned = process.submit("home", "left", {}, away()).result(30)
-    np.testing.assert_allclose(planned, Planner(TASK).home("left", {}, away()))
+    planned = process.submit("home", "left", Surroundings({}, away())).result(30)
+    np.testing.assert_allclose(planned.rows, Planner(TASK).home("left", Surroundings({}, away())).rows)
 
 
 def test_what_cannot_be_planned_is_raised_here(process):
     inside = {"YellowBox": yumi.forward("left", yumi.HOME["left"])}
+    among = Surroundings({**inside, "GreenBox": inside["YellowBox"]}, away())
     with pytest.raises(Unplannable):
-        process.submit("pick", "YellowBox", {**inside, "GreenBox": inside["YellowBox"]}, away(), ["right"]).result(60)
+        process.submit("pick", "YellowBox", among, ["right"]).result(60)
 
 
 @pytest.mark.parametrize("noticed", [False, True])
@@ -59,7 +61,7 @@ def test_a_dead_process_is_told(noticed):
             os.kill(worker.pid, signal.SIGKILL)
         if noticed:
             with pytest.raises(BrokenProcessPool):
-                process.submit("home", "left", {}, away()).result(30)
+                process.submit("home", "left", Surroundings({}, away())).result(30)
         skills.start(parse_behavior("pick(YellowBox)"), link.seen())
         with pytest.raises(UserError, match="has ended; start the run again"):
             polled_until_done(skills, link)
@@ -77,3 +79,15 @@ def test_ticks_go_on_while_a_plan_is_made(process):
     assert polls > 2
     skills.cancel()
     assert not link.arm("left").moving
+
+
+def test_a_path_is_timed_among_what_it_was_planned_among():
+    """Whatever was planned in between: a corner that has no room stays a stop."""
+    planner, among = Planner(TASK), Surroundings({}, {arm: yumi.HOME[arm].copy() for arm in yumi.ARMS})
+    bend = yumi.HOME["left"] + 0.3 * np.array([[0, 0, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0, 0], [1, 0, 0, 0, 1, 0, 0]])
+    path = JointPath("left", bend, among)
+    expected = planner.timed(path, Pace())
+    crowd = {box: yumi.forward("left", bend[1]) for box in TASK.box_names}
+    crowded = planner.timed(JointPath("left", bend, Surroundings(crowd, among.joints)), Pace())
+    assert crowded.duration > expected.duration, "boxes at the corner leave no room to cut it"
+    assert planner.timed(path, Pace()).duration == expected.duration
