@@ -9,6 +9,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from bt_jax.behaviors import NOTHING, Behavior
+from bt_jax.behaviors.geometry import rests_on
 from bt_jax.lfd.demonstration import Action, Demonstrations
 from bt_jax.tasks import Subgoal, Task
 
@@ -38,13 +39,11 @@ def _is_under(box: str, action: Action, task: Task) -> bool:
     """Whether another box stands on this one at the moment of an action."""
     sizes = {other.name: other.size for other in task.boxes}
     here = _position(box, action, task)
-    for other in task.box_names:
-        middle = (sizes[box] + sizes[other]) / 2
-        x, y, z = _position(other, action, task) - here
-        # As for the condition `clear` in the scene: a box on top is about one size higher, and not beside.
-        if other != box and max(abs(x), abs(y)) < middle and 0.6 * middle < z < 1.3 * middle:
-            return True
-    return False
+    return any(
+        rests_on(_position(other, action, task), here, sizes[other], sizes[box])
+        for other in task.box_names
+        if other != box
+    )
 
 
 def _position(frame: str, action: Action, task: Task) -> Float[np.ndarray, "3"]:

@@ -25,6 +25,7 @@ from bt_jax.behaviors import (
     check_names,
     subgoal_conditions,
 )
+from bt_jax.behaviors.geometry import GEOMETRY
 from bt_jax.encoding.tick import Status
 from bt_jax.mjx_env.world import Array, World, distances, frames, namespace, to_world
 from bt_jax.tasks import Task
@@ -33,7 +34,6 @@ __all__ = ["COMMAND_BITS", "LeafSemantics", "reachable", "see_subgoals"]
 
 COMMAND_BITS = 2  # an outcome is command << COMMAND_BITS | status, in 16 bits
 MAX_COMMANDS = 1 << (15 - COMMAND_BITS)
-SEATED = 0.1  # how far below the table's top a box may be, in its own sizes, and still be within reach
 
 
 @dataclasses.dataclass(frozen=True)
@@ -216,7 +216,7 @@ def reachable(world: World, task: Task) -> Bool[Array, "S B"]:
     """The gripper reaches what is not below the lowest table's top, that is, what has not fallen to the floor."""
     sizes = np.array([[box.size for box in task.boxes]], np.float32)
     lowest = np.float32(min(table.top for table in task.tables))
-    return world.poses[..., 2] > lowest - np.float32(SEATED) * sizes
+    return world.poses[..., 2] > lowest - np.float32(GEOMETRY.seated) * sizes
 
 
 def _rests_on(world: World, task: Task) -> Bool[Array, "S B B"]:
@@ -225,8 +225,8 @@ def _rests_on(world: World, task: Task) -> Bool[Array, "S B B"]:
     sizes = np.array([box.size for box in task.boxes], np.float32)
     middle = ((sizes[:, None] + sizes[None, :]) / 2)[None]
     offset = world.poses[..., :, None, :3] - world.poses[..., None, :, :3]
-    # Centres of a tilted box are up to sqrt(3) apart; 0.6 to 1.3 of the mean size covers what lies on top and not beside.
-    above = (offset[..., 2] > np.float32(0.6) * middle) & (offset[..., 2] < np.float32(1.3) * middle)
+    least, most = np.float32(GEOMETRY.above_least), np.float32(GEOMETRY.above_most)
+    above = (offset[..., 2] > least * middle) & (offset[..., 2] < most * middle)
     over = xp.max(xp.abs(offset[..., :2]), axis=-1) < middle
     held = world.held[..., None] == np.arange(len(sizes), dtype=np.int8)[None]
     return above & over & ~held[..., :, None] & ~held[..., None, :]

@@ -1,17 +1,16 @@
 """What every leaf of a tree returns on the robot, from what is known of the world. The meaning of the leaves is that of the
-simulation (`mjx_env.statuses`); what is added is what the simulation never meets: not knowing, and actions that take time.
+simulation (`mjx_env.semantics`); what is added is what the simulation never meets: not knowing, and actions that take time.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
 
-import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax.behaviors import NOTHING, OPEN, Behavior, Kind, subgoal_conditions
+from bt_jax.behaviors.geometry import is_at, is_reachable, rests_on
 from bt_jax.deploy.execution.observation import Observation
 from bt_jax.encoding.status import Status
 from bt_jax.tasks import Task
@@ -19,7 +18,6 @@ from bt_jax.tasks import Task
 __all__ = ["Context", "Statuses", "seen_subgoals"]
 
 OPENED = 0.9  # share of its stroke from which a gripper counts as open
-SEATED = 0.1  # how far below the lowest table's top a box may be, in its own sizes, and still be within reach
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,7 +62,7 @@ class Statuses:
         match condition.name:
             case "at":
                 in_hand = self.seen.holding == condition.object
-                return known and not in_hand and self._distance(condition) < self.task.episode.tolerance
+                return known and not in_hand and self._is_at(condition)
             case "holding":
                 wanted = condition.object
                 return self.seen.holding is None if wanted == NOTHING else self.seen.holding == wanted
@@ -97,13 +95,13 @@ class Statuses:
             return True
         return all(self.holds(pre) for pre in action.preconditions if pre.name in ("clear", "reachable"))
 
-    def _distance(self, at: Behavior) -> float:
-        """From the object to where it should be, m; infinite where one of them is in the hand and not seen."""
+    def _is_at(self, at: Behavior) -> bool:
+        """Is the object where it should be? Not where one of them is in the hand and not seen."""
         poses = self.seen.poses
         if at.object not in poses or at.frame not in (self.task.robot_frame, *poses):
-            return math.inf
+            return False
         frame = RigidTransform.identity() if at.frame == self.task.robot_frame else poses[at.frame]
-        return float(np.linalg.norm(frame.apply(at.position) - poses[at.object].translation))
+        return is_at(poses[at.object].translation, frame.apply(at.position), self.task.episode.tolerance)
 
     def _in_reach(self, name: str) -> bool:
         return self._above_tables(name) and name not in self.context.unreachable
@@ -111,7 +109,7 @@ class Statuses:
     def _above_tables(self, name: str) -> bool:
         if name not in self.seen.poses:  # in the hand
             return True
-        return bool(self.seen.poses[name].translation[2] > self._lowest - SEATED * self._sizes[name])
+        return is_reachable(float(self.seen.poses[name].translation[2]), self._lowest, self._sizes[name])
 
     def _may_be_covered(self, lower: str) -> bool:
         """Could a box out of sight stand on it, since it did when it was seen last, or never was seen?"""
@@ -124,9 +122,7 @@ class Statuses:
         held = self.seen.holding
         if upper == lower or upper not in poses or lower not in poses or held in (upper, lower):
             return False
-        middle = (self._sizes[upper] + self._sizes[lower]) / 2
-        offset = poses[upper].translation - poses[lower].translation
-        return bool(0.6 * middle < offset[2] < 1.3 * middle and np.max(np.abs(offset[:2])) < middle)
+        return rests_on(poses[upper].translation, poses[lower].translation, self._sizes[upper], self._sizes[lower])
 
 
 def seen_subgoals(task: Task, seen: Observation) -> frozenset[str]:
