@@ -8,6 +8,7 @@ import pytest
 
 from tests.helpers.documents import ROOT
 
+pytest.importorskip("mkdocs", reason='the site needs pip install -e ".[docs]"')
 CONCEPTS = sorted((ROOT / "docs" / "concepts").glob("*.md"))
 
 
