@@ -18,10 +18,10 @@ __all__ = ["Arguments", "main"]
 
 @dataclasses.dataclass(frozen=True)
 class Arguments:
-    """Serve the page on which one teaches, evolves, watches and corrects."""
+    """Serve the page for teaching a task, evolving a tree for it, watching and correcting."""
 
     folder: Path = Path()
-    """where runs, demonstrations and tasks are kept"""
+    """where runs, demonstrations and tasks are kept; created if missing"""
     port: int = 8080
     """of the page"""
     host: str = "127.0.0.1"
@@ -30,9 +30,7 @@ class Arguments:
     """open a browser"""
 
     def check(self) -> None:
-        """Raises UserError where the page cannot be served like this."""
-        if not self.folder.is_dir():
-            raise UserError(f"there is no folder {self.folder}; make it, or give another with --folder")
+        """Raise UserError if the page cannot be served at this address."""
         try:
             with socket.socket() as probe:
                 probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -50,16 +48,25 @@ def main() -> None:
 
 
 def run(arguments: Arguments) -> None:
-    """Serves the page until it is interrupted."""
+    """Serve the page until it is interrupted."""
     arguments.check()
-    reserve = WarmWorker()  # gets ready while the server does, and ends with this process where that fails
-    try:
+    _create(arguments.folder)
+    worker = WarmWorker()  # gets ready while the server does; its stdin ends with this process
+    try:  # NiceGUI is optional
         from bt_jax.app.server import serve
     except ModuleNotFoundError as error:
         raise UserError(f'{error.name} is not installed; run pip install -e ".[app]"') from error
     configure_jax("cpu")
     print(f"the page is at http://{arguments.host}:{arguments.port} (Ctrl-C ends it; an evolution goes on)", flush=True)
-    serve(arguments.folder, host=arguments.host, port=arguments.port, show=arguments.show, reserve=reserve)
+    serve(arguments.folder, host=arguments.host, port=arguments.port, show=arguments.show, worker=worker)
+
+
+def _create(folder: Path) -> None:
+    """Create the workspace. Raise UserError if that is impossible."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"{folder} cannot be created ({error.strerror}); give another --folder") from None
 
 
 if __name__ in {"__main__", "__mp_main__"}:

@@ -7,32 +7,35 @@ import inspect
 import traceback
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from nicegui import background_tasks, ui
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.panels import PANELS
-from bt_jax.app.state.studio import Studio, Topic
+from bt_jax.app.state.bus import Topic
+from bt_jax.app.state.studio import Studio
+from bt_jax.app.widgets.context import STEPS, Step
 from bt_jax.app.widgets.scene_view import SceneView
 
-__all__ = ["STEPS", "Page", "Step"]
+__all__ = ["Page"]
 
-Step = Literal["task", "evolve", "demonstrate", "understand", "combine", "run", "keep"]
-STEPS: tuple[Step, ...] = ("task", "evolve", "demonstrate", "understand", "combine", "run", "keep")
-STYLE = Path(__file__).parent / "static" / "page.css"
+STATIC = Path(__file__).parent / "static"
+SCRIPTS = ("keys.js", "undo_keys.js", "focus.js")
 BLUE, GREEN, ORANGE, VERMILION = "#0072b2", "#009e73", "#e69f00", "#d55e00"  # Okabe and Ito
 
 
 class Page:
-    """What the panels of one window share: the step that is shown, messages, and callbacks that end with the window."""
+    """A window, as its panels and widgets see it (`widgets.context.PageContext`); its callbacks end with it."""
 
     def __init__(self, studio: Studio, step: str = STEPS[0]) -> None:
         self.studio, self.client = studio, ui.context.client
-        self.step: Step = step if step in STEPS else STEPS[0]
+        self.step: Step = next((name for name in STEPS if name == step), STEPS[0])
         self._on_step: list[Callable[[Step], None]] = []
         ui.colors(primary=BLUE, secondary="#56616d", positive=GREEN, negative=VERMILION, warning=ORANGE)
-        ui.add_css(STYLE)
+        ui.add_css(STATIC / "page.css")
+        for script in SCRIPTS:
+            ui.add_head_html(f"<script>{(STATIC / script).read_text(encoding='utf-8')}</script>")
         with ui.element("div").classes("page"):
             with ui.element("header").classes("page-header"):
                 ui.label("bt_jax").classes("page-name")
@@ -41,12 +44,15 @@ class Page:
                 )
                 with self._tabs:
                     for number, name in enumerate(STEPS, start=1):
-                        ui.tab(name, f"{number} {name.capitalize()}").props(f"data-testid=tab-{name}")
+                        with ui.tab(name, f"{number} {name.capitalize()}").props(f"data-testid=tab-{name}"):
+                            if name == "task":
+                                unsaved = ui.badge().props("floating rounded color=warning data-testid=unsaved-mark")
+                                unsaved.props('aria-label="not saved" title="not saved"').classes("unsaved-mark")
             with ui.element("main").classes("page-main"):
                 self.scene_area = ui.element("section").classes("page-scene").props("aria-label=Scene")
                 with self.scene_area:
                     self.scene = SceneView(studio, self)
-                self._panels = {}
+                self._panels: dict[Step, ui.element] = {}
                 with ui.element("section").classes("page-side"):
                     for name in STEPS:
                         self._panels[name] = ui.element("div").classes("page-panel").props(f"data-testid=panel-{name}")
@@ -55,31 +61,35 @@ class Page:
         for name, panel in self._panels.items():
             with panel:
                 self._build(name)
-        self.on("message", lambda: self._message.set_text(studio.message))
+        for topic in ("task", "runs", "tree"):
+            self.on(topic, lambda: unsaved.set_visibility(studio.unsaved))
+        self.on("message", lambda: self._message.set_text(studio.bus.message))
         self._tabs.set_value(self.step)
         self._show(self.step)
 
     def _build(self, step: Step) -> None:
-        """One panel; where that fails, the others are there nevertheless."""
+        """Build one panel; if that fails, the others are still there."""
         try:
             PANELS[step](self.studio, self)
         except Exception as error:
             traceback.print_exc()
-            ui.label(f"This step cannot be shown ({type(error).__name__}: {error}); the others can, see the terminal.")
+            ui.label(
+                f"This step cannot be shown ({type(error).__name__}: {error}); see the terminal, and use the others."
+            )
 
     def on(self, topic: Topic, callback: Callable[[], Any], *, now: bool = True) -> None:
-        """Calls back after each change of the studio, in this window, as long as it is open; and `now`, at once. The
-        function may be a coroutine."""
-        self.client.on_delete(self.studio.subscribe(topic, lambda: self._call(callback)))
+        """Call back in this window after each change, as long as it is open, and at once if `now`; the function may be a
+        coroutine."""
+        self.client.on_delete(self.studio.bus.subscribe(topic, lambda: self._call(callback)))
         if now:
             self._call(callback)
 
     def on_step(self, callback: Callable[[Step], Any]) -> None:
-        """Calls back with the name of the step whenever this window shows another; the function may be a coroutine."""
+        """Call back whenever this window shows another step; the function may be a coroutine."""
         self._on_step.append(callback)
 
     def go(self, step: Step) -> None:
-        """Shows another step in this window."""
+        """Show another step in this window."""
         self._tabs.set_value(step)
 
     def _show(self, step: Step) -> None:
@@ -92,7 +102,7 @@ class Page:
             self._call(callback, step)
 
     def _call(self, callback: Callable[..., Any], *args: Any) -> None:
-        """Calls back in this window, or starts what is a coroutine."""
+        """Call back in this window; a coroutine is started as a task."""
         try:
             with self.client:
                 result = callback(*args)
@@ -110,7 +120,7 @@ class Page:
             self._fail(error)
 
     def guard(self, handler: Callable[..., Any]) -> Callable[..., Any]:
-        """A handler whose errors become a sentence on the page."""
+        """Return a handler whose errors become a sentence on the page."""
 
         @functools.wraps(handler)
         async def guarded(*args: Any, **kwargs: Any) -> None:
@@ -124,16 +134,16 @@ class Page:
         return guarded
 
     def _fail(self, error: Exception) -> None:
-        """Says that something went wrong which nobody has foreseen, or what a person can mend."""
+        """Report an error: a UserError is a sentence for people, any other is a defect of the program."""
         if isinstance(error, UserError):
-            self.complain(str(error))
+            self._complain(str(error))
             return
         traceback.print_exception(error)
-        self.complain(f"{type(error).__name__}: {error}; nothing was lost, see the terminal")
+        self._complain(f"{type(error).__name__}: {error}; nothing was lost, see the terminal")
 
-    def complain(self, sentence: str) -> None:
-        """Says what went wrong, in the footer and as a notification in this window."""
-        self.studio.say(sentence)
+    def _complain(self, sentence: str) -> None:
+        """Say what went wrong, in the footer and as a notification in this window."""
+        self.studio.bus.say(sentence)
         with self.client:
             ui.notify(
                 sentence,

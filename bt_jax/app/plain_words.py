@@ -1,7 +1,7 @@
 """Trees in plain words, for people who do not program: "Put GreenBox on top of YellowBox".
 
-Places are described as by a person who faces the robot across the tables (`Task.right`, `Task.away`). Words say what is
-meant within the tolerance of the task; the exact numbers are in the behavior itself.
+Places are described as by a person who faces the robot across the tables (`Task.right`, `Task.away`). Words are
+exact within the tolerance of the task; the numbers are in the behavior itself.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from bt_jax.tasks import Task
 
 __all__ = ["Words"]
 
-NEAR = 0.2  # offsets below this part of a box's size go without saying
+NEAR = 0.2  # offsets below this part of a box's size are not mentioned
 LEVEL = 0.3  # heights that differ by less than this part of a box's size are the same level
 Vec3 = tuple[float, float, float]
 
@@ -27,15 +27,14 @@ class Words:
     task: Task
 
     def __call__(self, node: Tree) -> str:
-        """What a node does or asks."""
+        """Say what a node does or asks."""
         if isinstance(node, Control):
             return "Do all, in this order" if node.kind == Kind.SEQUENCE else "Try in turn, until one works"
         name, thing = node.name, node.object
         if node.position is not None:
-            where = self.place(node.object, node.position, node.frame)
-            return {"move": f"Put {thing} {where}", "place": f"Set down {thing} {where}", "at": f"Is {thing} {where}?"}[
-                name
-            ]
+            where = self._where(node)
+            texts = {"move": f"Put {thing} {where}", "place": f"Set down {thing} {where}", "at": f"Is {thing} {where}?"}
+            return texts[name]
         match name:
             case "pick":
                 return f"Pick up {thing}"
@@ -54,10 +53,10 @@ class Words:
         return f"{name.removesuffix('_gripper').capitalize()} the gripper"
 
     def statement(self, condition: Behavior) -> str:
-        """A condition as something that is so: "GreenBox is on top of YellowBox"."""
+        """Say a condition as a statement: "GreenBox is on top of YellowBox"."""
         name, thing = condition.name, condition.object
         if condition.position is not None:
-            return f"{thing} is {self.place(thing, condition.position, condition.frame)}"
+            return f"{thing} is {self._where(condition)}"
         match name:
             case "holding":
                 return "the gripper is empty" if thing == NOTHING else f"{thing} is in the gripper"
@@ -70,8 +69,8 @@ class Words:
         return f"“{_spoken(condition.args[0])}” was reached before"
 
     def place(self, thing: str, position: Vec3, frame: str) -> str:
-        """Where `thing` is with its centre at `position` [m] in `frame`: "on top of YellowBox". A thing or a frame that the
-        task does not have is told by numbers."""
+        """Say where `thing` is with its centre at `position` [m] in `frame`: "on top of YellowBox". If the task does not
+        have the thing or the frame, say it in numbers."""
         if thing not in self.task.box_names or frame not in self.task.frames:
             return f"at {_numbers(position)} cm from {frame}"
         if frame == self.task.kit.name:
@@ -80,8 +79,11 @@ class Words:
             return self._on_table(thing, position)
         return self._by_box(thing, position, frame)
 
+    def _where(self, node: Behavior) -> str:
+        return self.place(str(node.object), node.position or (0.0, 0.0, 0.0), str(node.frame))
+
     def _seen(self, position: Sequence[float]) -> tuple[float, float]:
-        """How far to the right and how far away, metres."""
+        """Return how far to the right and how far away, metres."""
         right, away = (
             sum(a * b for a, b in zip(position, axis, strict=True)) for axis in (self.task.right, self.task.away)
         )
@@ -124,7 +126,7 @@ class Words:
         return f"{self._offset(right, away, size)} the middle of the kit{height}"
 
     def _on_table(self, thing: str, position: Vec3) -> str:
-        """A place in the robot's frame, told by the table that is there."""
+        """Say a place in the robot's frame by the table that is there."""
         size = self.task.size(thing)
         point = [a + b for a, b in zip(position, self.task.robot_position, strict=True)]
         for table in self.task.tables:
@@ -158,5 +160,5 @@ def _numbers(position: Vec3) -> str:
     )
 
 
-def _spoken(name: str) -> str:
-    return name.replace("_", " ")
+def _spoken(name: object) -> str:
+    return str(name).replace("_", " ")

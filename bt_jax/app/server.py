@@ -13,23 +13,23 @@ from bt_jax.app.state.workspace import Workspace
 
 __all__ = ["serve"]
 
-WATCH_SECONDS = 0.1  # between two looks at the evolution
-RECONNECT_SECONDS = 30.0  # for which a window that is not heard of is kept, on a machine that has too much to do
+WATCH_SECONDS = 0.1  # between two readings of the evolution's progress
+RECONNECT_SECONDS = 30.0  # for which a window that is not heard of is kept, on a busy machine
 
 
-def serve(folder: Path, *, host: str, port: int, show: bool, reserve: WarmWorker) -> None:
-    """Serves the page, which works in a folder, until it is interrupted; the first evolution takes the `reserve`."""
+def serve(folder: Path, *, host: str, port: int, show: bool, worker: WarmWorker) -> None:
+    """Serve the page, which works in a folder, until it is interrupted; the first evolution is done by `worker`."""
     workspace = Workspace(folder)
-    studio = Studio(workspace, workspace.task("stack"), reserve)
-    studio.find_evolution()
+    studio = Studio(workspace, workspace.task("stack"), worker)
+    studio.restore()
 
     def prepare() -> None:
-        studio.evolution.prepare(studio.task, studio.gp)
+        studio.evolution.prepare(studio.edited.task)
 
     app.on_startup(prepare)
-    studio.subscribe("task", prepare)
-    studio.subscribe("evolution", prepare)
-    app.on_shutdown(studio.evolution.discard_reserve)
+    studio.bus.subscribe("task", prepare)
+    studio.bus.subscribe("evolution", prepare)
+    app.on_shutdown(studio.evolution.close)
     app.timer(WATCH_SECONDS, studio.watch)
 
     @ui.page("/")

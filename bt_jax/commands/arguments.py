@@ -53,7 +53,7 @@ class TrainArguments:
     resume: Path | None = None
     """run folder to go on with, bit for bit; only --generations, --target-fitness and --time-limit may differ. With
     --baseline, --plan, --add-target-from or --add-subgoal-from a new phase begins there, of as many generations as the
-    one before unless --generations says otherwise"""
+    one before unless --generations says otherwise; so it does with --task, for the targets and starts of that file"""
     target_fitness: float | None = None
     """stop once the best fitness of every run has reached this"""
     time_limit: float | None = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Callable
 from datetime import datetime
@@ -59,8 +60,10 @@ def _configuration(arguments: TrainArguments) -> tuple[RunConfig, RunFolder]:
     if arguments.resume is not None:
         if arguments.out is not None:
             raise UserError("--resume goes on in its own folder; leave out --out")
-        if arguments.name or arguments.task:
+        if arguments.name:
             raise UserError(KEPT)
+        if arguments.task is not None:
+            changes = dataclasses.replace(changes, task=load_task(arguments.task))
         folder = RunFolder(arguments.resume)
         return resumed(folder, arguments.gp, arguments.settings, changes), folder
     if arguments.name is not None and arguments.task is not None:

@@ -1,6 +1,6 @@
 """Tasks: what a scene holds and what should become of it, written as YAML files."""
 
-from bt_jax.tasks.changes import with_subgoal, with_targets
+from bt_jax.tasks.changes import with_goal_of, with_subgoal, with_targets
 from bt_jax.tasks.files import load_task, task_from_dict, task_names
 from bt_jax.tasks.task import Box, Episode, GeneSettings, Kit, Layout, Subgoal, Table, Target, Task, Weights
 
@@ -18,6 +18,7 @@ __all__ = [
     "load_task",
     "task_from_dict",
     "task_names",
+    "with_goal_of",
     "with_subgoal",
     "with_targets",
 ]

@@ -9,7 +9,7 @@ from bt_jax._util.errors import UserError
 from bt_jax.tasks.checks import check
 from bt_jax.tasks.task import Subgoal, Target, Task
 
-__all__ = ["with_subgoal", "with_targets"]
+__all__ = ["with_goal_of", "with_subgoal", "with_targets"]
 
 
 def with_targets(task: Task, targets: Sequence[Target], *, source: str) -> Task:
@@ -18,6 +18,14 @@ def with_targets(task: Task, targets: Sequence[Target], *, source: str) -> Task:
     changed = dataclasses.replace(task, targets=tuple(kept.values()))
     check(changed, source)
     return changed
+
+
+def with_goal_of(task: Task, other: Task) -> Task:
+    """Return the task with the targets and the starts of another. Raise UserError unless both have the same boxes and
+    frames."""
+    if (task.boxes, task.frames) != (other.boxes, other.frames):
+        raise UserError(f"{other.name} has other boxes or frames than {task.name}; evolve a new tree for it")
+    return dataclasses.replace(task, targets=other.targets, layout=other.layout)
 
 
 def with_subgoal(task: Task, subgoal: Subgoal, *, source: str) -> Task:

@@ -14,7 +14,7 @@ from bt_jax.encoding.formats.files import read_tree
 from bt_jax.encoding.walk import leaves as tree_leaves
 from bt_jax.gp.config import GPConfig
 from bt_jax.lfd import DemonstrationFolder, Lesson, learn, plan_task
-from bt_jax.tasks import Task, with_subgoal, with_targets
+from bt_jax.tasks import Task, with_goal_of, with_subgoal, with_targets
 from bt_jax.training.run_config import RunConfig, package_version
 from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import Settings
@@ -22,20 +22,22 @@ from bt_jax.training.settings import Settings
 __all__ = ["KEPT", "Changes", "baseline_from", "choose_frames", "lesson_from", "resumed", "subgoal_name"]
 
 KEPT = (
-    "--resume keeps task and settings; give only --generations, --target-fitness or --time-limit, or a new "
-    "--baseline, --add-target-from or --add-subgoal-from"
+    "--resume keeps the settings; give only --generations, --target-fitness or --time-limit, or a new --task, --baseline, "
+    "--add-target-from or --add-subgoal-from"
 )
 
 
 @dataclasses.dataclass(frozen=True)
 class Changes:
-    """What is new in a training, or in the next phase of one. `plan`: a planner's tree for the targets is the baseline."""
+    """What is new in a training, or in the next phase of one. `plan`: a planner's tree for the targets is the baseline;
+    `task`: the targets and starts are those of this task."""
 
     baseline: Tree | None = None
     plan: bool = False
     target_from: Path | None = None
     subgoal_from: Path | None = None
     baseline_index: int | None = None
+    task: Task | None = None
 
     @property
     def begin_phase(self) -> bool:
@@ -49,7 +51,8 @@ class Changes:
         other is given. Demonstrations of a subgoal become one gene, guarded by `reached(subgoal)`; the task rewards reaching
         it, and the gene is the baseline if there is no other.
         """
-        task, leaves, baseline = config.task, list(config.extra_leaves), self.baseline
+        task = config.task if self.task is None else with_goal_of(config.task, self.task)
+        leaves, baseline = list(config.extra_leaves), self.baseline
         if config.baseline is not None:
             leaves += [leaf for leaf in tree_leaves(config.baseline) if leaf not in leaves]
         if self.target_from is not None:

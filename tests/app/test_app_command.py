@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from bt_jax.app.__main__ import Arguments, main
+from bt_jax.app.__main__ import Arguments, main, run
 
 
 def refused(monkeypatch, capsys, *arguments):
@@ -20,9 +20,21 @@ def refused(monkeypatch, capsys, *arguments):
     return said
 
 
-def test_a_folder_that_is_not_there(monkeypatch, capsys, tmp_path):
-    assert "make it, or give another" in refused(monkeypatch, capsys, "--folder", tmp_path / "nowhere", "--no-show")
-    assert list(tmp_path.iterdir()) == []
+def test_a_missing_folder_is_created(monkeypatch, tmp_path):
+    served = []
+    monkeypatch.setattr("bt_jax.app.server.serve", lambda folder, **_: served.append(folder.is_dir()))
+    monkeypatch.setattr("bt_jax.app.__main__.WarmWorker", lambda: None)
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = probe.getsockname()[1]
+    run(Arguments(folder=tmp_path / "a" / "b", port=port, show=False))
+    assert served == [True]
+
+
+def test_a_folder_that_cannot_be_created(monkeypatch, capsys, tmp_path):
+    (tmp_path / "file").write_text("")
+    said = refused(monkeypatch, capsys, "--folder", tmp_path / "file" / "work", "--port", 0, "--no-show")
+    assert "cannot be created" in said
+    assert "give another --folder" in said
 
 
 def test_a_port_that_cannot_be_used(monkeypatch, capsys, tmp_path):

@@ -1,16 +1,18 @@
-"""Step 5: what was taught goes into the evolution, which goes on from there."""
+"""Step 5: what was taught becomes part of the evolution, which goes on from there."""
 
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from nicegui import ui
 
 from bt_jax._util.errors import UserError
+from bt_jax.app.panels.going_on import ask_goal
 from bt_jax.app.panels.parts import MOST, button, heading, whole, whole_field
 from bt_jax.app.plain_words import Words
 from bt_jax.app.state.studio import Studio
+from bt_jax.app.widgets.context import PageContext, Step
 from bt_jax.app.widgets.tree_view import TreeView
 from bt_jax.behaviors import Tree, parse_behavior
 from bt_jax.gp.config import GPConfig
@@ -20,9 +22,6 @@ from bt_jax.training.phases import Changes
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import Settings
-
-if TYPE_CHECKING:
-    from bt_jax.app.page import Page, Step
 
 __all__ = ["build"]
 
@@ -37,27 +36,27 @@ ANYWHERE = -1
 
 @dataclasses.dataclass(frozen=True)
 class _Preview:
-    """The task as it was and as it will be; `problem` says why it cannot become that."""
+    """The task as it is and as it will be; `problem` says why it cannot be changed like this, empty if it can."""
 
     before: Task
     after: Task
     problem: str = ""
 
 
-def build(studio: Studio, page: Page) -> None:
-    """What was learnt, how it is to be used, and where evolution is."""
+def build(studio: Studio, page: PageContext) -> None:
+    """Build what was learnt, how it is to be used, and the state of the evolution."""
     _Combine(studio, page)
 
 
 class _Combine:
-    def __init__(self, studio: Studio, page: Page) -> None:
+    def __init__(self, studio: Studio, page: PageContext) -> None:
         self.studio, self.page = studio, page
         self._asked = 0  # counts previews, so that only the newest is shown
         with ui.element("div").classes("teach"):
             heading("What you taught")
             self.taught = ui.label().props("data-testid=combine-taught")
             with ui.element("div").classes("combine-tree") as self.drawing:
-                self.tree = TreeView(page, testid="combine-tree")
+                self.tree = TreeView(testid="combine-tree")
             heading("How evolution uses it")
             self.use = ui.radio(USES, value="target").props("dense data-testid=combine-use")
             self.use.on("update:model-value", page.guard(self._refresh))
@@ -87,20 +86,20 @@ class _Combine:
     async def _refresh(self) -> None:
         if self.page.step != "combine":
             return
-        lesson = self.studio.lesson
-        self.taught.set_text(_taught(lesson, self.studio.shelf.problem))
+        lesson = self.studio.library.lesson
+        self.taught.set_text(_taught(lesson, self.studio.library.problem))
         self.drawing.set_visibility(lesson is not None)
         if lesson is not None:
             self.tree.show(lesson.tree, lesson.task)
         self._refresh_state()
         self._asked += 1
         asked, run, changes = self._asked, self._run(), self._changes()
-        preview = await self.studio.work(_preview, self.studio.task, run, changes)
+        preview = await self.studio.worker.work(_preview, self.studio.edited.task, run, changes)
         if asked == self._asked:
             self._show(preview, lesson)
 
     def _run(self) -> RunFolder | None:
-        """The folder of the evolution, None where there is none any more."""
+        """Return the folder of the evolution, None if there is none."""
         name = self.studio.evolution.run
         try:
             return None if name is None else self.studio.workspace.run(name)
@@ -108,8 +107,8 @@ class _Combine:
             return None
 
     def _changes(self) -> Changes:
-        """What the evolution is to be changed by. Raises UserError where that is not known."""
-        lesson, path = self.studio.lesson, self.studio.shelf.folder.path
+        """Return what is to change in the evolution."""
+        lesson, path = self.studio.library.lesson, self.studio.library.folder.path
         if lesson is None:
             return Changes()
         use, where = self.use.value, self.where.value
@@ -121,7 +120,7 @@ class _Combine:
         )
 
     def _show(self, preview: _Preview, lesson: Lesson | None) -> None:
-        """The targets as they will be; what is new is marked."""
+        """Show the targets as they will be; new ones are marked."""
         words, known = Words(preview.after), preview.before.targets
         objects = [target.object for target in known]
         self.targets.clear()
@@ -144,7 +143,7 @@ class _Combine:
     def _refresh_state(self) -> None:
         if self.page.step != "combine":
             return
-        evolution, lesson = self.studio.evolution, self.studio.lesson
+        evolution, lesson = self.studio.evolution, self.studio.library.lesson
         gone = self._run() is None
         if gone:
             sentence = "Nothing has been evolved yet: start in step 2, then come back."
@@ -157,32 +156,27 @@ class _Combine:
             sentence = f"Evolution goes on in the run {evolution.run}, from generation {now}."
         self.state.set_text(sentence)
         self.go.set_enabled(not gone and not evolution.running and lesson is not None)
-        options = _places(evolution.tree, Words(self.studio.task))
+        options = _places(evolution.tree, Words(self.studio.edited.task))
         if self.where.options != options:
             self.where.set_options(options, value=self.where.value if self.where.value in options else ANYWHERE)
 
     async def _go_on(self) -> None:
         studio, generations = self.studio, whole(self.generations, 1, MOST)
-        if studio.lesson is None:
+        if studio.library.lesson is None:
             raise UserError("nothing has been taught yet; demonstrate in step 3")
         if studio.evolution.run is None:
             raise UserError("nothing has been evolved yet; start in step 2")
         folder, changes = studio.workspace.run(studio.evolution.run), self._changes()
-        await studio.work(lambda: changes.applied(folder.config()))  # says now what cannot be
-        studio.evolution.next_phase(
-            generations=generations,
-            baseline=changes.baseline,
-            target_from=changes.target_from,
-            subgoal_from=changes.subgoal_from,
-            baseline_index=changes.baseline_index,
-        )
-        studio.run = studio.evolution.run
-        studio.changed("evolution")
+        goal = await ask_goal(studio)
+        if goal is None:
+            return
+        await studio.worker.work(lambda: changes.applied(folder.config()))  # says now what is impossible
+        studio.go_on(generations, changes, for_edited=goal == "edited")
         self.page.go("evolve")
 
 
 def _preview(task: Task, run: RunFolder | None, changes: Changes) -> _Preview:
-    """What a run works for once the changes are made; without a run, what one for the task would."""
+    """Return what a run works for after the changes; without a run, what a new run for the task would."""
     try:
         config = RunConfig(task, GPConfig(), Settings()) if run is None else run.config()
         task = config.task
@@ -192,9 +186,9 @@ def _preview(task: Task, run: RunFolder | None, changes: Changes) -> _Preview:
 
 
 def _places(tree: Tree | None, words: Words) -> dict[int, str]:
-    """Where the learnt tree may enter another: as a child of its root, or anywhere."""
+    """Return where the learnt tree may enter another: as a child of its root, or anywhere."""
     children = getattr(tree, "children", ())
-    options = {ANYWHERE: "anywhere, wherever it proves best"}
+    options = {ANYWHERE: "anywhere; evolution decides"}
     for index, child in enumerate(children):
         options[index] = f"as step {index + 1}, before “{words(child)}”"
     options[len(children)] = f"as step {len(children) + 1}, at the end"

@@ -1,24 +1,22 @@
-"""Step 2: evolve a tree for the task; start, pause, resume, stop, go on, and see what it finds while it does."""
+"""Step 2: evolve a tree for the task; start, pause, resume, stop, go on, and see the best tree so far."""
 
 from __future__ import annotations
 
 import dataclasses
 import time
-from typing import TYPE_CHECKING
 
 from nicegui import ui
 
+from bt_jax.app.panels.going_on import ask_goal
 from bt_jax.app.panels.parts import MOST, button, heading, whole, whole_field
-from bt_jax.app.state.evolution import Evolution
-from bt_jax.app.state.record import tested
+from bt_jax.app.state.evolution_process import EvolutionProcess
+from bt_jax.app.state.run_record import tested
 from bt_jax.app.state.studio import Studio
-from bt_jax.app.widgets.curve import Curve, curve_options
+from bt_jax.app.widgets.context import PageContext, Step
+from bt_jax.app.widgets.learning_curve import LearningCurve, curve_options
 from bt_jax.app.widgets.tree_view import TreeView
 from bt_jax.gp.config import GPConfig
 from bt_jax.training.progress import Progress
-
-if TYPE_CHECKING:
-    from bt_jax.app.page import Page
 
 __all__ = ["build"]
 
@@ -33,21 +31,21 @@ COLORS = {
 }
 
 
-def build(studio: Studio, page: Page) -> None:
-    """Controls on top, then numbers, the learning curve and the best tree."""
+def build(studio: Studio, page: PageContext) -> None:
+    """Build the controls, the numbers, the learning curve and the best tree."""
     _Evolve(studio, page)
 
 
 class _Evolve:
-    def __init__(self, studio: Studio, page: Page) -> None:
+    def __init__(self, studio: Studio, page: PageContext) -> None:
         self.studio, self.page = studio, page
         self._drawn: object = None
         self._drawn_at = 0.0
         with ui.element("div").classes("evolve"):
             with ui.row().classes("items-center gap-2"):
-                self.population = _field("Population", "evolve-population", studio.gp.population)
-                self.generations = _field("Generations", "evolve-generations", studio.gp.generations)
-                self.seed = _field("Seed", "evolve-seed", studio.gp.seed)
+                self.population = _field("Population", "evolve-population", studio.evolution.gp.population)
+                self.generations = _field("Generations", "evolve-generations", studio.evolution.gp.generations)
+                self.seed = _field("Seed", "evolve-seed", studio.evolution.gp.seed)
                 self.start = button("Start", "evolve-start", "play_arrow", page.guard(self._start))
                 self.pause = button("Pause", "evolve-pause", "pause", page.guard(self._pause_or_resume))
                 self.stop = button("Stop", "evolve-stop", "stop", page.guard(self._stop))
@@ -73,18 +71,18 @@ class _Evolve:
             )
             heading("Best tree so far")
             with ui.element("div").classes("evolve-tree"):
-                self.tree = TreeView(page, testid="evolve-tree")
+                self.tree = TreeView(testid="evolve-tree")
         page.on("evolution", self._refresh)
         page.on_step(self._enter)
 
-    def _enter(self, step: str) -> None:
+    def _enter(self, step: Step) -> None:
         self._drawn = None
         self._refresh()
 
     def _gp(self) -> GPConfig:
-        """The settings as they stand in the fields. Raises UserError for one that cannot work."""
+        """Return the settings in the fields. Raise UserError for an invalid one."""
         gp = dataclasses.replace(
-            self.studio.gp,
+            self.studio.evolution.gp,
             population=whole(self.population, 8, MOST),
             generations=whole(self.generations, 1, MOST),
             seed=whole(self.seed, 0, 2**32 - 1),
@@ -104,11 +102,11 @@ class _Evolve:
         self.studio.evolution.stop()
         self.studio.watch()
 
-    def _more(self) -> None:
-        studio = self.studio
-        studio.evolution.more(whole(self.more, 1, MOST))
-        studio.run = studio.evolution.run
-        studio.changed("evolution", "runs")
+    async def _more(self) -> None:
+        generations = whole(self.more, 1, MOST)
+        goal = await ask_goal(self.studio)
+        if goal is not None:
+            self.studio.go_on(generations, for_edited=goal == "edited")
 
     def _refresh(self) -> None:
         if self.page.step != "evolve":
@@ -127,20 +125,20 @@ class _Evolve:
         self.stage.props(f"color={COLORS.get(stage, 'primary')}")
         self.sentence.set_text(f"{evolution.sentence} {_tested(evolution)}")
         self.generation.set_text(f"{progress.generation} of {progress.generations}" if progress else NOTHING)
-        self.best.set_text(_fitness(progress and progress.best))
-        self.mean.set_text(_fitness(progress and progress.mean))
+        self.best.set_text(_fitness(progress.best if progress else None))
+        self.mean.set_text(_fitness(progress.mean if progress else None))
         self.episodes.set_text(f"{progress.episodes:,}" if progress else NOTHING)
         self.bar.set_value(progress.generation / max(progress.generations, 1) if progress else 0)
-        self._draw(progress, evolution.phases, anew=(stage, progress is None))
-        self.tree.show(evolution.tree, evolution.task or self.studio.task)
+        self._draw(progress, evolution.phases, key=(stage, progress is None))
+        self.tree.show(evolution.tree, evolution.task or self.studio.edited.task)
 
-    def _draw(self, progress: Progress | None, phases: tuple[int, ...], *, anew: object) -> None:
-        """The curve, which takes a browser long to draw: at once where `anew` has changed, else once a while."""
+    def _draw(self, progress: Progress | None, phases: tuple[int, ...], *, key: object) -> None:
+        """Draw the curve, which takes a browser long: at once if `key` has changed, else now and then."""
         now = time.monotonic()
-        if anew == self._drawn and now - self._drawn_at < CURVE_SECONDS:
+        if key == self._drawn and now - self._drawn_at < CURVE_SECONDS:
             return
-        self._drawn, self._drawn_at = anew, now
-        curves = [Curve("", progress.history, phases)] if progress and progress.history else []
+        self._drawn, self._drawn_at = key, now
+        curves = [LearningCurve("", progress.history, phases)] if progress and progress.history else []
         self.chart.options.clear()
         self.chart.options.update(curve_options(curves, generations=progress.generations if progress else 0))
         self.chart.update()
@@ -151,7 +149,7 @@ def _field(label: str, testid: str, value: int) -> ui.number:
 
 
 def _figure(name: str, testid: str) -> ui.label:
-    """A number with what it is below it."""
+    """Return a number above its name."""
     with ui.column().classes("gap-0"):
         value = ui.label(NOTHING).classes("evolve-figure").props(f"data-testid={testid}")
         ui.label(name).classes("evolve-caption")
@@ -162,8 +160,8 @@ def _fitness(value: float | None) -> str:
     return NOTHING if value is None else f"{value:,.1f}".replace("-", "\N{MINUS SIGN}")
 
 
-def _tested(evolution: Evolution) -> str:
-    """How often the tree works where it was not trained."""
+def _tested(evolution: EvolutionProcess) -> str:
+    """Say how often the best tree works in layouts of the test."""
     if evolution.result is None:
         return ""
     return f"Its best tree works in {tested(evolution.result)} layouts that it has never seen."

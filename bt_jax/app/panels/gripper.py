@@ -1,26 +1,23 @@
-"""The gripper in step 3: buttons and keys for it, where it is, and what was done with it."""
+"""The gripper in step 3: its buttons and keys, where it is, and what was done with it."""
 
 from __future__ import annotations
 
 import functools
-from pathlib import Path
-from typing import TYPE_CHECKING
+from collections.abc import Awaitable, Callable
 
+import numpy as np
 from nicegui import ui
 from nicegui.events import GenericEventArguments
 
 from bt_jax._util.errors import UserError
+from bt_jax.app.panels.context import PanelContext
 from bt_jax.app.panels.parts import ask, button, css_color, heading, known
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.state.teaching import Direction
-from bt_jax.teaching.teleoperation import Landing
+from bt_jax.teaching.teleoperation import Landing, Teleoperation
 
-if TYPE_CHECKING:
-    from bt_jax.app.page import Page
+__all__ = ["GripperControls"]
 
-__all__ = ["Gripper"]
-
-SCRIPTS = [Path(__file__).parents[1] / "static" / name for name in ("keys.js", "focus.js")]
 MOVES: dict[str, Direction] = {
     "ArrowLeft": "left",
     "ArrowRight": "right",
@@ -39,46 +36,48 @@ PAD: tuple[tuple[Direction, str, str, str], ...] = (  # direction, icon, what it
 )
 
 
-class Gripper:
-    """Builds the controls where it is made; `refresh` shows what is in the making, `clear` takes its ghost away."""
+class GripperControls:
+    """The controls, built into the container that is open; `refresh` shows the demonstration in the making, `clear` removes
+    its translucent copy from the scene."""
 
-    def __init__(self, studio: Studio, page: Page) -> None:
+    def __init__(self, studio: Studio, page: PanelContext) -> None:
         self.studio, self.page, self.teaching = studio, page, studio.teaching
-        for script in SCRIPTS:
-            ui.add_head_html(f"<script>{script.read_text(encoding='utf-8')}</script>")
         ui.on("teach_key", page.guard(self._key))
         self._posed: object = None
         self._done: object = None
         self._stepped = studio.teaching.step
         self._cells: dict[str, list[ui.label]] = {}
+        self._pick_buttons: list[ui.button] = []
+        self._move_buttons: list[ui.button] = []
+        self._over_buttons: dict[str, ui.button] = {}
         self._build()
         self._task_changed()
         page.on("task", self._task_changed, now=False)
         page.scene.on_pick(self._clicked)
 
     def clear(self) -> None:
-        """Nothing hangs over the scene."""
+        """Take the translucent copy out of the scene."""
         self.page.scene.ghost({}, group="landing")
 
     def refresh(self) -> None:
-        """What there is to see and to do now."""
-        teaching, session = self.teaching, self.studio.session
+        """Show what was done and what can be done next."""
+        teaching, session = self.teaching, self.teaching.session
         if session is None:
             return
         held, landing = session.held, teaching.landing
-        for pick in self.picks.default_slot.children:
+        for pick in self._pick_buttons:
             pick.set_enabled(held is None)
-        for move in self.pad.default_slot.children:
+        for move in self._move_buttons:
             move.set_enabled(held is not None)
-        for over, frame in zip(self.over.default_slot.children, (*session.task.box_names, ""), strict=True):
+        for frame, over in self._over_buttons.items():
             over.set_enabled(held is not None)
             over.set_visibility(held is None or held != frame)
         self.release.set_enabled(held is not None)
         if teaching.step != self._stepped:  # else a step that is being written would be lost
             self._stepped = teaching.step
             self.step.set_value(round(100 * teaching.step, 3))
-        self._refresh_landing(landing)
-        self._refresh_poses()
+        self._refresh_landing(session, landing)
+        self._refresh_poses(session)
         if (done := teaching.done) != self._done:
             self._done = done
             self._show_done(done)
@@ -110,6 +109,7 @@ class Gripper:
                         "", f"demonstrate-{direction}", icon, page.guard(self._mover(direction)), more="outline"
                     )
                     move.props(f'aria-label="{text}" title="{text}"').style(f"grid-area: {place}")
+                    self._move_buttons.append(move)
             with ui.column().classes("gap-1"):
                 with ui.row().classes("items-center gap-1 no-wrap"):
                     smaller = "flat round aria-label='Smaller step (-)' title='Smaller step (-)'"
@@ -139,11 +139,11 @@ class Gripper:
                 heading("Done so far")
                 self.done = ui.element("ol").classes("teach-done").props("data-testid=demonstrate-done")
         ui.label(
-            "Keys: the numbers pick; arrows and page up/down carry; + and - change the step; R lets go; Ctrl+Z takes back. "
+            "Keys: the numbers pick; arrows and page up/down carry; + and - change the step; R releases; Ctrl+Z undoes. "
             "Or click a box in the scene to pick it."
         ).classes("teach-hint")
 
-    def _mover(self, direction: Direction):
+    def _mover(self, direction: Direction) -> Callable[[], Awaitable[None]]:
         return lambda: self.teaching.move(direction)
 
     async def _key(self, event: GenericEventArguments) -> None:
@@ -156,42 +156,43 @@ class Gripper:
             await self._release()
         elif key in "+=-":
             teaching.change_step(-1 if key == "-" else 1)
-        elif key.isdecimal() and 1 <= int(key) <= len(self.studio.task.boxes):
-            await self._pick(self.studio.task.box_names[int(key) - 1])
+        elif key.isdecimal() and 1 <= int(key) <= len(self.studio.edited.task.boxes):
+            await self._pick(self.studio.edited.task.box_names[int(key) - 1])
 
     async def _clicked(self, name: str) -> None:
-        if self.page.step == "demonstrate" and self.studio.session is not None:
+        if self.page.step == "demonstrate" and self.teaching.session is not None:
             await self._pick(name)
 
     async def _pick(self, name: str) -> None:
         await self.teaching.pick(name)
-        self.studio.say(
+        self.studio.bus.say(
             f"{name} is in the gripper: carry it with the arrow keys and page up and down, then let go with R."
         )
 
     async def _release(self) -> None:
         await self.teaching.release()
-        self.studio.say("It is let go. Pick another object, or finish.")
+        self.studio.bus.say("The object is released. Pick another one, or finish.")
 
     async def _undo(self) -> None:
         await self.teaching.undo()
-        held = self.studio.session.held
-        self.studio.say("Taken back." if held is None else f"Taken back; {held} is in the gripper.")
+        session = self.teaching.session
+        held = None if session is None else session.held
+        self.studio.bus.say("Taken back." if held is None else f"Taken back; {held} is in the gripper.")
 
     async def _finish(self) -> None:
         name = await self.teaching.finish()
-        self.studio.say(f"{name} is kept. {self.studio.shelf.progress}")
+        self.studio.bus.say(f"{name} is kept. {self.studio.library.progress}")
 
     async def _discard(self) -> None:
-        session = self.studio.session
+        session = self.teaching.session
         if session is not None and session.actions:
-            question = "Discard this demonstration? What was done in it is lost."
+            question = "Discard this demonstration? Its actions will be lost."
             if not await ask(question, yes="Discard", testid="demonstrate-discard"):
                 return
-            if self.studio.session is not session:
-                raise UserError("that demonstration is over already; nothing was discarded")
+            if self.teaching.session is not session:
+                raise UserError("that demonstration has ended already; nothing was discarded")
         await self.teaching.discard()
-        self.studio.say("The demonstration was discarded; the others are kept.")
+        self.studio.bus.say("The demonstration was discarded; the others are kept.")
 
     def _set_step(self) -> None:
         value = self.step.value
@@ -203,8 +204,9 @@ class Gripper:
 
     def _task_changed(self) -> None:
         self.picks.clear()
+        self._pick_buttons = []
         with self.picks:
-            for number, box in enumerate(self.studio.task.boxes, start=1):
+            for number, box in enumerate(self.studio.edited.task.boxes, start=1):
                 pick = button(
                     f"{number} {box.name}",
                     f"demonstrate-pick-{box.name}",
@@ -213,36 +215,39 @@ class Gripper:
                     more=f"outline title='Key {number}'",
                 )
                 pick.style(f"--box: {css_color(box)}").classes("teach-pick")
+                self._pick_buttons.append(pick)
         self.over.clear()
+        self._over_buttons = {}
         with self.over:
-            for frame in (*self.studio.task.box_names, self.studio.task.kit.name):
-                over = self.page.guard(functools.partial(self.teaching.carry_over, frame))
+            for frame in (*self.studio.edited.task.box_names, self.studio.edited.task.kit.name):
+                carry = self.page.guard(functools.partial(self.teaching.carry_over, frame))
                 text = f"outline title='Carry straight over {frame}'"
-                button(self._called(frame), f"demonstrate-over-{frame}", "vertical_align_bottom", over, more=text)
-        numbers = " ".join(str(number) for number in range(1, min(10, len(self.studio.task.boxes) + 1)))
+                self._over_buttons[frame] = button(
+                    self._called(frame), f"demonstrate-over-{frame}", "vertical_align_bottom", carry, more=text
+                )
+        numbers = " ".join(str(number) for number in range(1, min(10, len(self.studio.edited.task.boxes) + 1)))
         self.pad.props(f'data-teach-keys="{" ".join(MOVES)} {numbers} + = - r"')
         self._posed = None
         self.refresh()
 
-    def _refresh_landing(self, landing: Landing | None) -> None:
-        session = self.studio.session
+    def _refresh_landing(self, session: Teleoperation, landing: Landing | None) -> None:
+        held = session.held
         bad = landing is not None and (landing.inside is not None or landing.on is None)
         self.landing.classes(add="teach-bad" if bad else "", remove="" if bad else "teach-bad")
-        if landing is None:
+        if landing is None or held is None:
             self.landing.set_text("The gripper is empty: pick an object, or finish.")
             self.clear()
             return
-        pose = session.world.poses[0, session.task.box_names.index(session.held)].copy()
-        self.landing.set_text(_landing_sentence(session.held, landing, drop=float(pose[2] - landing.position[2])))
+        pose = np.array(session.world.poses[0, session.task.box_names.index(held)])
+        self.landing.set_text(_landing_sentence(held, landing, drop=float(pose[2] - landing.position[2])))
         if bad:
             self.clear()
             return
         pose[:3] = landing.position
-        self.page.scene.ghost({session.held: pose}, group="landing", texts={session.held: "lands here"})
+        self.page.scene.ghost({held: pose}, group="landing", texts={held: "lands here"})
 
-    def _refresh_poses(self) -> None:
-        """Where the held object is, in every frame."""
-        session = self.studio.session
+    def _refresh_poses(self, session: Teleoperation) -> None:
+        """Show where the held object is, in every frame."""
         held = session.held
         if (session, held) != self._posed:
             self._posed = (session, held)
@@ -264,16 +269,16 @@ class Gripper:
                 cell.set_text(text)
 
     def _called(self, frame: str) -> str:
-        return known(frame, self.studio.task, robot="the robot")
+        return known(frame, self.studio.edited.task, robot="the robot")
 
 
 def _number(value: float) -> str:
-    """With one digit after the point, and no minus before zero."""
+    """Format with one digit after the point, and no minus before zero."""
     return f"{round(float(value), 1) + 0.0:.1f}".replace("-", "\N{MINUS SIGN}")
 
 
 def _landing_sentence(held: str, landing: Landing, *, drop: float) -> str:
-    """What would happen if the object were let go now, `drop` [m] above where it would be set down."""
+    """Say what happens if the object is let go now, `drop` [m] above where it would be set down."""
     if landing.inside is not None:
         return f"{held} is inside {landing.inside}: raise it, or carry it aside."
     if landing.on is None:

@@ -1,48 +1,48 @@
-"""Step 7: the runs of the workspace; open one, compare two, take trees and films away."""
+"""Step 7: the runs of the workspace; open one, compare two, download trees and films."""
 
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import Any
 
 from nicegui import ui
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.panels.parts import ask, button, may_leave
 from bt_jax.app.processes.filming import film_run
-from bt_jax.app.state.record import Record, read_record, tested
+from bt_jax.app.state.run_record import RunRecord, read_record, tested
 from bt_jax.app.state.studio import Studio
-from bt_jax.app.widgets.curve import Curve, curve_options
+from bt_jax.app.widgets.context import PageContext
+from bt_jax.app.widgets.learning_curve import LearningCurve, curve_options
 from bt_jax.app.widgets.tree_view import TreeView
+from bt_jax.behaviors import Tree
 from bt_jax.encoding.drawing.svg import to_svg
 from bt_jax.encoding.formats.text import format_tree
 from bt_jax.encoding.formats.xml import to_xml
 
-if TYPE_CHECKING:
-    from bt_jax.app.page import Page
-
 __all__ = ["build"]
 
-COLUMNS = [
+COLUMNS: list[dict[str, Any]] = [
     {"name": "run", "label": "run", "field": "run", "align": "left", "sortable": True},
     {"name": "task", "label": "task", "field": "task", "align": "left", "sortable": True},
     {"name": "generation", "label": "generations", "field": "generation", "sortable": True},
     {"name": "best", "label": "best fitness", "field": "best", "sortable": True},
     {"name": "tested", "label": "works in", "field": "tested"},
 ]
-FORMATS = {"xml": to_xml, "svg": to_svg, "txt": format_tree}
+FORMATS: dict[str, Callable[[Tree], str]] = {"xml": to_xml, "svg": to_svg, "txt": format_tree}
 NOTHING = "\N{EN DASH}"
 
 
-def build(studio: Studio, page: Page) -> None:
-    """The list of runs, what one can do with the ticked ones, and below it their curves and trees."""
+def build(studio: Studio, page: PageContext) -> None:
+    """Build the list of runs, the buttons for the ticked ones, and their curves and trees."""
     _Keep(studio, page)
 
 
 class _Keep:
-    def __init__(self, studio: Studio, page: Page) -> None:
+    def __init__(self, studio: Studio, page: PageContext) -> None:
         self.studio, self.page = studio, page
-        self.records: dict[str, Record] = {}
+        self.records: dict[str, RunRecord] = {}
         self.chosen: list[str] = []
         self._asked = 0  # counts readings, so that only the newest is shown
         with ui.element("div").classes("keep"):
@@ -67,12 +67,12 @@ class _Keep:
                 .props('data-testid=keep-chart role=img aria-label="Learning curves"')
             )
             with ui.row().classes("w-full no-wrap gap-2 keep-trees"):
-                self.trees = [_Side(page, number) for number in range(2)]
+                self.trees = [_Side(number) for number in range(2)]
         page.on("runs", page.guard(self._list), now=False)
         page.on_step(page.guard(self._list))
 
     async def _list(self, *_: object) -> None:
-        """Reads the runs anew, where the step is shown."""
+        """Read the runs again, if this step is shown."""
         if self.page.step != "keep":
             return
         self._asked += 1
@@ -86,7 +86,7 @@ class _Keep:
         self._show()
 
     def _select(self) -> None:
-        """At most two are ticked: the two that were ticked last."""
+        """Keep at most two ticks: the last two."""
         ticked = [row["run"] for row in self.table.selected]
         self.chosen = [*(name for name in self.chosen if name in ticked), *(n for n in ticked if n not in self.chosen)][
             -2:
@@ -99,10 +99,12 @@ class _Keep:
         if not self.records:
             self.hint.set_text("There is no run yet; start an evolution in step 2.")
         else:
-            self.hint.set_text("Tick one run to open it or to take its tree away, two to compare them.")
+            self.hint.set_text("Tick one run to open it or to download its tree, two to compare them.")
         for one in self.buttons:
             one.set_enabled(len(shown) == 1)
-        curves = [Curve(one.name, one.progress.history, one.phases) for one in shown if one.progress is not None]
+        curves = [
+            LearningCurve(one.name, one.progress.history, one.phases) for one in shown if one.progress is not None
+        ]
         self.chart.options.clear()
         self.chart.options.update(curve_options(curves))
         self.chart.update()
@@ -110,32 +112,32 @@ class _Keep:
         for number, side in enumerate(self.trees):
             side.show(shown[number] if number < len(shown) else None)
 
-    async def _one(self) -> Record:
-        """The ticked run, as it is now. Raises UserError where it has gone."""
+    async def _one(self) -> RunRecord:
+        """Return the ticked run as it is now. Raise UserError if it has gone."""
         if len(self.chosen) != 1:
             raise UserError("tick exactly one run in the list")
         return await asyncio.to_thread(read_record, self.studio.workspace.run(self.chosen[0]))
 
     async def _open(self) -> None:
         record = await self._one()
-        if record.config.task != self.studio.task and not await may_leave(self.studio):
+        if record.config.task != self.studio.edited.task and not await may_leave(self.studio):
             return
         self.studio.open_run(record.name)
-        self.studio.say(f"The run {record.name} is open: run its tree in step 6, or go on evolving it in step 2.")
+        self.studio.bus.say(f"The run {record.name} is open: run its tree in step 6, or go on evolving it in step 2.")
 
     async def _download(self, kind: str) -> None:
         record = await self._one()
         if record.tree is None:
             raise UserError(f"{record.name} has no tree yet; let it evolve a generation")
         ui.download.content(FORMATS[kind](record.tree), f"{record.name}.{kind}")
-        self.studio.say(f"The tree of {record.name} is in your downloads, as {record.name}.{kind}.")
+        self.studio.bus.say(f"The tree of {record.name} is in your downloads, as {record.name}.{kind}.")
 
     async def _film(self) -> None:
         record = await self._one()
         folder = self.studio.workspace.run(record.name).path.resolve()
-        self.studio.say(f"Filming {record.name}; this takes a while, and you can go on.")
+        self.studio.bus.say(f"Filming {record.name}; this takes a while, and you can go on.")
         ui.download.file(await film_run(folder), f"{record.name}.mp4")
-        self.studio.say(f"The film of {record.name} is in your downloads, and in its folder.")
+        self.studio.bus.say(f"The film of {record.name} is in your downloads, and in its folder.")
 
     async def _delete(self) -> None:
         name = (await self._one()).name
@@ -143,18 +145,18 @@ class _Keep:
         if await ask(question, yes="Delete", testid="keep-delete"):
             await asyncio.to_thread(self.studio.workspace.delete_run, name)
             self.studio.forget_run(name)
-            self.studio.say(f"The run {name} is deleted.")
+            self.studio.bus.say(f"The run {name} is deleted.")
 
 
 class _Side:
-    """Name and best tree of one run."""
+    """The name and the best tree of one run."""
 
-    def __init__(self, page: Page, number: int) -> None:
+    def __init__(self, number: int) -> None:
         with ui.column().classes("gap-1 keep-side") as self.area:
             self.name = ui.label().classes("text-bold").props(f"data-testid=keep-name-{number}")
-            self.tree = TreeView(page, testid=f"keep-tree-{number}")
+            self.tree = TreeView(testid=f"keep-tree-{number}")
 
-    def show(self, record: Record | None) -> None:
+    def show(self, record: RunRecord | None) -> None:
         self.area.set_visibility(record is not None)
         if record is None:
             return
@@ -165,8 +167,8 @@ class _Side:
         self.tree.show(record.tree, record.config.task)
 
 
-def _records(studio: Studio) -> dict[str, Record]:
-    """All runs that can be read, the newest first."""
+def _records(studio: Studio) -> dict[str, RunRecord]:
+    """Return all runs that can be read, the newest first."""
     found = {}
     for name in studio.workspace.run_names():
         try:
@@ -176,7 +178,7 @@ def _records(studio: Studio) -> dict[str, Record]:
     return found
 
 
-def _row(record: Record) -> dict[str, object]:
+def _row(record: RunRecord) -> dict[str, object]:
     progress = record.progress
     return {
         "run": record.name,

@@ -19,6 +19,7 @@ __all__ = [
     "ask_for",
     "button",
     "css_color",
+    "dialog",
     "heading",
     "known",
     "mark",
@@ -33,13 +34,13 @@ E = TypeVar("E", bound=Element)
 
 
 def button(text: str, testid: str, icon: str, handler: Callable[..., Any], *, more: str = "") -> ui.button:
-    """A button with an icon; `more` are further Quasar props."""
-    made = ui.button(text or None, icon=icon, on_click=handler).classes("part-button" if text else "")
+    """Return a button with an icon; `more` are further Quasar props."""
+    made = ui.button(text, icon=icon, on_click=handler).classes("part-button" if text else "")
     return mark(made.props(f"no-caps unelevated dense {more}"), testid)
 
 
 def mark(element: E, testid: str, **props: str) -> E:
-    """Sets properties whose values may hold anything, such as names that a person has chosen; _ in a key stands for -."""
+    """Set properties whose values may hold anything, such as names that a person has chosen; _ in a key stands for -."""
     element.props["data-testid"] = testid
     for key, value in props.items():
         element.props[key.replace("_", "-")] = value
@@ -47,29 +48,29 @@ def mark(element: E, testid: str, **props: str) -> E:
 
 
 def heading(text: str) -> ui.label:
-    """The title of a part of a panel."""
+    """Return the title of a part of a panel."""
     return ui.label(text).classes("part-heading").props("role=heading aria-level=2")
 
 
 def css_color(box: Box) -> str:
-    """The colour of a box."""
+    """Return the colour of a box."""
     red, green, blue = (round(255 * part) for part in box.color)
     return f"rgb({red} {green} {blue})"
 
 
 def known(frame: str, task: Task, *, robot: str) -> str:
-    """What a person calls a frame; `robot` is what that of the robot is called."""
+    """Return the everyday name of a frame; `robot` is the name of the robot's frame."""
     return {task.kit.name: "the kit", task.robot_frame: robot}.get(frame, frame)
 
 
 def whole_field(label: str, testid: str, value: int) -> ui.number:
-    """A field for a whole number. It has no limits of its own: NiceGUI would put the nearest number in place of what a
-    person has written, unasked; `whole` says instead what can be."""
+    """Return a field for a whole number. It has no limits of its own: NiceGUI would replace what a person has written with
+    the nearest number in the limits; `whole` says what is allowed instead."""
     return mark(ui.number(label, value=value, step=1).props("dense outlined"), testid)
 
 
 def whole(field: ui.number, low: int, high: int) -> int:
-    """What the field says. Raises UserError where that is no whole number from `low` to `high`."""
+    """Return the number in a field. Raise UserError if it is not a whole number from `low` to `high`."""
     value = field.value
     if value is None or value != int(value) or not low <= value <= high:
         name = field.props["label"].lower()
@@ -78,41 +79,43 @@ def whole(field: ui.number, low: int, high: int) -> int:
 
 
 @contextlib.contextmanager
-def _dialog() -> Iterator[ui.dialog]:
-    """A dialog of its window, not of the button that opens it, which may go meanwhile. It goes itself once it has closed:
-    only then the focus is back where it was."""
-    with ui.context.client, ui.dialog() as dialog, ui.card():
-        dialog.on("hide", dialog.delete)
-        yield dialog
+def dialog() -> Iterator[ui.dialog]:
+    """A dialog that belongs to the window, not to the button that opens it, which may be removed meanwhile. It is deleted
+    once it has closed: only then the focus is back where it was."""
+    with ui.context.client, ui.dialog() as opened, ui.card():
+        opened.on("hide", opened.delete)
+        yield opened
 
 
 async def ask(question: str, *, yes: str, testid: str) -> bool:
-    """Whether a person says yes to something that cannot be taken back."""
-    with _dialog() as dialog:
+    """Ask a question and return whether the answer is yes."""
+    with dialog() as asked:
         ui.label(question)
         with ui.row().classes("self-end gap-2"):
-            ui.button("Cancel", on_click=lambda: dialog.submit(False)).props("no-caps flat autofocus")
-            ui.button(yes, on_click=lambda: dialog.submit(True)).props(f"no-caps unelevated data-testid={testid}-yes")
-    return bool(await dialog)
+            ui.button("Cancel", on_click=lambda: asked.submit(False)).props("no-caps flat autofocus")
+            ui.button(yes, on_click=lambda: asked.submit(True)).props(f"no-caps unelevated data-testid={testid}-yes")
+    return bool(await asked)
 
 
 async def may_leave(studio: Studio) -> bool:
-    """Whether another task may take the place of this one: its changes are saved, or a person lets them go."""
+    """Return whether another task may be opened: the changes of this one are saved, or a person discards them."""
     if not studio.unsaved:
         return True
-    return await ask(f"The changes of {studio.task.name} are not saved.", yes="Discard them", testid="task-leave")
+    return await ask(
+        f"The changes of {studio.edited.task.name} are not saved.", yes="Discard them", testid="task-leave"
+    )
 
 
 async def ask_for(question: str, *, value: str, yes: str, testid: str) -> str | None:
-    """A name that a person types, None where they would rather not."""
-    with _dialog() as dialog:
+    """Ask for a name and return it, None if the person cancels."""
+    with dialog() as asked:
         field = ui.input(question, value=value).props(
             f"autofocus outlined dense data-testid={testid}-name maxlength=64"
         )
-        field.classes("w-64").on("keydown.enter", lambda: dialog.submit(field.value))
+        field.classes("w-64").on("keydown.enter", lambda: asked.submit(field.value))
         with ui.row().classes("self-end gap-2"):
-            ui.button("Cancel", on_click=lambda: dialog.submit(None)).props("no-caps flat")
-            ui.button(yes, on_click=lambda: dialog.submit(field.value)).props(
+            ui.button("Cancel", on_click=lambda: asked.submit(None)).props("no-caps flat")
+            ui.button(yes, on_click=lambda: asked.submit(field.value)).props(
                 f"no-caps unelevated data-testid={testid}-yes"
             )
-    return await dialog
+    return await asked

@@ -1,21 +1,22 @@
-"""Step 6: watch a tree at work; play, hold, step, look back, and move boxes while it runs."""
+"""Step 6: watch a tree at work; play, pause, step, look back, and move boxes while it runs."""
 
 from __future__ import annotations
 
 import functools
-from typing import TYPE_CHECKING
 
 import numpy as np
 from nicegui import ui
 from nicegui.events import GenericEventArguments
 
 from bt_jax._util.errors import UserError
+from bt_jax.app.panels.context import PanelContext
 from bt_jax.app.panels.parts import button, may_leave
 from bt_jax.app.plain_words import Words
-from bt_jax.app.state.player import Moment, Player
+from bt_jax.app.state.player import Player
 from bt_jax.app.state.playing import SPEEDS
 from bt_jax.app.state.spots import Spot, origins, spot_at
 from bt_jax.app.state.studio import Studio
+from bt_jax.app.widgets.context import Step
 from bt_jax.app.widgets.place_fields import PlaceFields
 from bt_jax.app.widgets.tree_view import TreeView
 from bt_jax.mjx_env.episodes.fitness import Ending
@@ -23,27 +24,24 @@ from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.tasks import Task
 from bt_jax.training.settings import UNSEEN
 
-if TYPE_CHECKING:
-    from bt_jax.app.page import Page
-
 __all__ = ["build"]
 
 LESSON = "what was demonstrated"
 ENDINGS = {
     Ending.SUCCESS: "The tree says that it is done.",
-    Ending.FAILURE: "The tree has given up: what it tried cannot be done here.",
+    Ending.FAILURE: "The tree has failed: one of its actions is impossible here.",
     Ending.TIMEOUT: "The time is up: the tree has used all its ticks.",
-    Ending.BROKEN: "Physics gave no number; start it anew.",
+    Ending.BROKEN: "The simulation diverged; press Start over.",
 }
 
 
-def build(studio: Studio, page: Page) -> None:
-    """What to run on top, then the controls, the timeline, what happens, and the tree."""
+def build(studio: Studio, page: PanelContext) -> None:
+    """Build the choice of a tree, the controls, the timeline, what happens, and the tree."""
     _Run(studio, page)
 
 
 class _Run:
-    def __init__(self, studio: Studio, page: Page) -> None:
+    def __init__(self, studio: Studio, page: PanelContext) -> None:
         self.studio, self.page = studio, page
         self._drawn = -1  # number of the layout that was drawn last
         self.scrubbing, self.wanted = False, 0
@@ -57,7 +55,7 @@ class _Run:
                     .props("dense outlined options-dense data-testid=run-source")
                     .classes("run-source")
                 )
-                self.anew = button("Start over", "run-restart", "replay", page.guard(self._restart))
+                self.over = button("Start over", "run-restart", "replay", page.guard(self._restart))
                 self.other = button("Other start", "run-layout", "shuffle", page.guard(self._other_layout))
             with ui.row().classes("items-center gap-2 w-full no-wrap"):
                 self.toggle = button("Play", "run-play", "play_arrow", page.guard(self._toggle))
@@ -87,7 +85,7 @@ class _Run:
                 )
             with ui.row().classes("items-center gap-2 no-wrap") as self.numbers:
                 pass
-            self.tree = TreeView(page, testid="run-tree", legend=True)
+            self.tree = TreeView(testid="run-tree", legend=True)
         page.on("tree", self._sources)
         page.on("runs", self._sources, now=False)
         page.on("lesson", self._sources, now=False)
@@ -95,25 +93,25 @@ class _Run:
         page.on_step(self._enter)
         page.scene.on_drop(self._drop)
 
-    def _enter(self, step: str) -> None:
+    def _enter(self, step: Step) -> None:
         if step == "run":
             self._sources()
             ui.timer(0.0, self.page.guard(self._prepare), once=True)
 
     async def _prepare(self) -> None:
-        """A tree that is at hand is ready to run as soon as one comes here."""
-        if self.studio.tree is not None:
-            await self.studio.playing.begin(anew=False)
+        """Make the tree ready to run."""
+        if self.studio.playing.tree is not None:
+            await self.studio.playing.begin(again=False)
         self._refresh()
 
     def _sources(self) -> None:
-        """Trees to choose from: those of the runs, and the demonstrated one."""
-        studio, lesson = self.studio, self.studio.lesson
+        """List the trees to choose from: those of the runs, and the demonstrated one."""
+        studio, lesson = self.studio, self.studio.library.lesson
         self.learnt = {f"learnt: {name}": name for name in studio.workspace.learnt_names()}
         options = [*studio.workspace.run_names(), *([LESSON] if lesson is not None else []), *self.learnt]
-        here = studio.run
-        if here is None and studio.tree is not None:
-            here = LESSON if lesson is not None and studio.tree == lesson.tree else self.source.value
+        here = studio.playing.run
+        if here is None and studio.playing.tree is not None:
+            here = LESSON if lesson is not None and studio.playing.tree == lesson.tree else self.source.value
         self.source.set_options(options, value=here if here in options else None)
         self._refresh()
 
@@ -121,10 +119,12 @@ class _Run:
         studio, name = self.studio, self.source.value
         try:
             if name == LESSON:
-                studio.take(studio.lesson.tree, None)
+                if studio.library.lesson is None:
+                    raise UserError("nothing has been learnt yet; give demonstrations in step 3")
+                studio.take_tree(studio.library.lesson.tree, None)
             elif name in self.learnt:
-                studio.take(studio.workspace.learnt_tree(self.learnt[name]), None)
-            elif studio.workspace.run(name).config().task == studio.task or await may_leave(studio):
+                studio.take_tree(studio.workspace.learnt_tree(self.learnt[name]), None)
+            elif studio.workspace.run(name).config().task == studio.edited.task or await may_leave(studio):
                 studio.open_run(name)
             else:
                 return
@@ -133,43 +133,45 @@ class _Run:
             self._sources()
 
     async def _restart(self) -> None:
-        player = self.studio.player
-        await self.studio.playing.begin(None if player is None else player.moments[0].episode.world)
+        player = self.studio.playing.player
+        await self.studio.playing.begin(None if player is None else player.snapshots[0].episode.world)
 
     async def _other_layout(self) -> None:
         self._drawn += 1
-        await self.studio.playing.begin(sample_layouts(self.studio.task, [UNSEEN, self._drawn], 1))
+        await self.studio.playing.begin(sample_layouts(self.studio.edited.task, [UNSEEN, self._drawn], 1))
 
     async def _tick(self) -> None:
-        await self.studio.playing.begin(anew=False)
+        await self.studio.playing.begin(again=False)
         await self.studio.playing.tick()
 
     async def _toggle(self) -> None:
-        if self.studio.player is None:
-            await self.studio.playing.begin(anew=False)
+        if self.studio.playing.player is None:
+            await self.studio.playing.begin(again=False)
         if self.studio.playing.on:
             self.studio.playing.pause()
         else:
             self.studio.playing.play()
 
     async def _scrub(self, event: GenericEventArguments) -> None:
-        """Shows the moment that the timeline is at, which a person may have moved on before that is done. The event tells it
-        before the slider's own value does, which comes a few at a time."""
+        """Show the snapshot that the timeline is at; a person may move it on meanwhile. The event carries its position
+        earlier than the slider's value, which is sent a few times a second."""
         self.wanted = int(event.args)
         if self.scrubbing:
             return
         self.scrubbing = True
         try:
-            while (player := self.studio.player) is not None and player.at != min(self.wanted, len(player.moments) - 1):
+            while (player := self.studio.playing.player) is not None and player.at != min(
+                self.wanted, len(player.snapshots) - 1
+            ):
                 await self.studio.playing.seek(self.wanted)
         finally:
             self.scrubbing = False
             self._refresh()
 
     def _take(self) -> None:
-        """Fields for the place of the box that is chosen."""
+        """Show fields for the place of the chosen box."""
         self.numbers.clear()
-        self.fields, player, task = None, self.studio.player, self.studio.task
+        self.fields, player, task = None, self.studio.playing.player, self.studio.edited.task
         if self.hand.value not in task.box_names or player is None:
             return
         name = self.hand.value
@@ -181,46 +183,48 @@ class _Run:
             self.fields = PlaceFields(self.page, name, references, spot, moved, step="run")
 
     async def _move(self, name: str, spot: Spot) -> None:
-        task = self.studio.task
+        task = self.studio.edited.task
         await self.studio.playing.put(name, lambda world: spot.point(task, name, origins(task, world, ended=False)))
 
     async def _drop(self, dragged: str, name: str, position: np.ndarray) -> None:
         if self.page.step != "run":
             return
-        if self.studio.player is None:
-            raise UserError("nothing runs yet; press Play first, or arrange boxes in the step Task")
+        if self.studio.playing.player is None:
+            raise UserError("nothing runs yet; press Play first, or arrange boxes in step 1")
         await self.studio.playing.put(name, lambda world: position)
 
     def _refresh(self) -> None:
         if self.page.step != "run":
             return
-        studio, player = self.studio, self.studio.player
+        studio, player = self.studio, self.studio.playing.player
         on = studio.playing.on
         self.toggle.set_text("Pause" if on else "Play")
         self.toggle.props(f"icon={'pause' if on else 'play_arrow'}")
-        for control in (self.toggle, self.step, self.anew, self.other):
-            control.set_enabled(studio.tree is not None)
+        for control in (self.toggle, self.step, self.over, self.other):
+            control.set_enabled(studio.playing.tree is not None)
         self.hint.set_visibility(player is not None)
-        self.tree.show(studio.tree if player is None else player.tree, studio.task)
+        self.tree.show(studio.playing.tree if player is None else player.tree, studio.edited.task)
         self.targets.clear()
-        names = list(studio.task.box_names)
+        names = list(studio.edited.task.box_names)
         if self.hand.options != names or (player is None and self.hand.value is not None):
             self.hand.set_options(names, value=None)
             self._take()
         if player is None:
             self._set_timeline(0, 1)
-            self.what.set_text("" if studio.tree else "There is no tree yet: evolve one first, or choose a run above.")
+            self.what.set_text(
+                "" if studio.playing.tree else "There is no tree yet: evolve one first, or choose a run above."
+            )
             self.verdict.set_text("")
             return
-        self._set_timeline(player.at, len(player.moments) - 1)
-        self.what.set_text(_said(Words(studio.task), player))
+        self._set_timeline(player.at, len(player.snapshots) - 1)
+        self.what.set_text(_said(Words(studio.edited.task), player))
         self.verdict.set_text(_verdict(studio, player))
         self.tree.colour(player.statuses)
         if self.fields is not None:
-            self.fields.show(spot_at(studio.task, player.world, self.hand.value))
+            self.fields.show(spot_at(studio.edited.task, player.world, self.hand.value))
         with self.targets:
-            for target in studio.task.targets:
-                _target(studio.task, target.object, player.distances[target.object])
+            for target in studio.edited.task.targets:
+                _target(studio.edited.task, target.object, player.distances[target.object])
 
     def _set_timeline(self, value: int, last: int) -> None:
         self.timeline.props(f"max={max(last, 1)}")
@@ -229,25 +233,25 @@ class _Run:
 
 
 def _said(words: Words, player: Player) -> str:
-    """What happened last."""
-    moment: Moment = player.now
-    ticks = sum(each.tick is not None and each.moved is None for each in player.moments[: player.at + 1])
-    if moment.moved is not None:
-        return f"After tick {ticks} you moved {moment.moved}."
-    if moment.tick is None:
+    """Say what happened last."""
+    now = player.now
+    ticks = sum(each.tick is not None and each.moved is None for each in player.snapshots[: player.at + 1])
+    if now.moved is not None:
+        return f"After tick {ticks} you moved {now.moved}."
+    if now.tick is None:
         return "The beginning: press Play."
-    command = moment.tick.command
+    command = now.tick.command
     return f"Tick {ticks}: {'nothing to do' if command is None else words(command)}"
 
 
 def _verdict(studio: Studio, player: Player) -> str:
-    newer = studio.tree is not None and studio.tree != player.tree
-    hint = "Evolution has found a better tree meanwhile: Start over runs it." if newer else ""
+    newer = studio.playing.tree is not None and studio.playing.tree != player.tree
+    hint = "Evolution has found a better tree meanwhile; press Start over to run it." if newer else ""
     return f"{_ended(player)} {hint}".strip()
 
 
 def _ended(player: Player) -> str:
-    """How the episode has ended, nothing where it goes on."""
+    """Say how the episode has ended, nothing if it goes on."""
     if player.ending == Ending.OPEN:
         return ""
     there = all(x < player.task.episode.tolerance for x in player.distances.values())
@@ -259,7 +263,7 @@ def _ended(player: Player) -> str:
 
 
 def _target(task: Task, name: str, distance: float) -> None:
-    """Whether a box is where it should be, by a mark and in words."""
+    """Show whether a box is where it should be, by a mark and in words."""
     there = distance < task.episode.tolerance
     text = f"{name} in place" if there else f"{name} {100 * distance:.0f} cm away"
     with ui.row().classes(f"run-target {'there' if there else ''}"):

@@ -1,15 +1,17 @@
-"""Step 1: what is to be done; choose a task, say where boxes should end and where they start, save it."""
+"""Step 1: what is to be done; choose a task, set where boxes should end and where they start, save it."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Collection
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
+from jaxtyping import Float
 from nicegui import ui
 
 from bt_jax._util.errors import UserError
+from bt_jax.app.panels.context import PanelContext
 from bt_jax.app.panels.parts import ask, button, css_color, may_leave
 from bt_jax.app.plain_words import Words
 from bt_jax.app.state.arrangement import fixed_layout, free_layout, kit_table, move_kit, put, retarget, untarget
@@ -20,14 +22,13 @@ from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Box, Task, load_task, task_names
 
-if TYPE_CHECKING:
-    from bt_jax.app.page import Page
-
 __all__ = ["build"]
 
 Side = Literal["targets", "start"]
-Place = Callable[[Task, World], np.ndarray]  # where a box should be [m, world], once it is its turn
-CHOSEN = "update:model-value"  # by a person: a change by the program would be taken for one in every other window
+Place = Callable[
+    [Task, World], Float[np.ndarray, "3"]
+]  # where a box should be [m, world], computed when its turn comes
+CHOSEN = "update:model-value"  # sent for choices of a person only, not for changes by the program
 UNSAVED = "Changed, and not saved yet."
 HINTS = {
     "targets": "Drag a dashed box in the scene to where the box should be, or write it here.",
@@ -35,17 +36,17 @@ HINTS = {
 }
 
 
-def build(studio: Studio, page: Page) -> None:
-    """The choice of a task, then the places, then the name to save it under."""
+def build(studio: Studio, page: PanelContext) -> None:
+    """Build the choice of a task, the places, and the name to save it under."""
     _Task(studio, page)
 
 
 class _Task:
-    def __init__(self, studio: Studio, page: Page) -> None:
+    def __init__(self, studio: Studio, page: PanelContext) -> None:
         self.studio, self.page = studio, page
         self.draws = 0
         self.suggested_for = ""  # name of the task for which a name was suggested
-        self.shape: tuple = ()
+        self.shape: tuple[object, ...] = ()
         self.fields: dict[str, PlaceFields] = {}
         self.words: dict[str, ui.label] = {}
         with ui.element("div").classes("task"):
@@ -56,6 +57,10 @@ class _Task:
                     .props("dense outlined options-dense data-testid=task-choice")
                     .classes("task-choice")
                 )
+                self.undo = button("", "task-undo", "undo", page.guard(studio.undo_edit), more="flat round data-undo")
+                self.undo.props('aria-label="Undo" title="Undo (Ctrl+Z)"')
+                self.redo = button("", "task-redo", "redo", page.guard(studio.redo_edit), more="flat round data-redo")
+                self.redo.props('aria-label="Redo" title="Redo (Ctrl+Shift+Z)"')
                 self.description = ui.label().classes("hint").props("data-testid=task-description")
             with ui.tabs().props("dense no-caps align=left").classes("task-tabs") as self.tabs:
                 ui.tab("targets", "Where boxes should be").props("data-testid=task-targets")
@@ -83,7 +88,7 @@ class _Task:
                     ui.input("Name of your task").props("dense outlined data-testid=task-name").classes("task-name")
                 )
                 button("Save", "task-save", "save", page.guard(self._save))
-                self.revert = button("Discard changes", "task-revert", "undo", page.guard(self._revert)).props(
+                self.revert = button("Discard changes", "task-revert", "restart_alt", page.guard(self._revert)).props(
                     "outline"
                 )
                 self.saved = ui.label().classes("hint").props("data-testid=task-saved")
@@ -104,10 +109,10 @@ class _Task:
     def _refresh(self) -> None:
         if self.page.step != "task":
             return
-        studio, task = self.studio, self.studio.task
+        studio, task = self.studio, self.studio.edited.task
         names = studio.workspace.task_names()
         self.choice.set_options([*names, *([] if task.name in names else [task.name])], value=task.name)
-        self.kit.set_options([table.name for table in task.tables], value=kit_table(task, studio.start))
+        self.kit.set_options([table.name for table in task.tables], value=kit_table(task, studio.edited.start))
         self.fixed.set_value(bool(task.layout.fixed))
         self.description.set_text(task.description)
         self.beginning.set_visibility(self.side == "start")
@@ -116,7 +121,9 @@ class _Task:
             self.suggested_for = task.name
             self.name.set_value(task.name if task.name not in task_names() else f"my_{task.name}")
         self.saved.set_text(self._state())
-        self.revert.set_visibility(not studio.saved)
+        self.revert.set_visibility(not studio.edited.saved)
+        self.undo.set_enabled(studio.edited.can_undo)
+        self.redo.set_enabled(studio.edited.can_redo)
         targets = {target.object: target for target in task.targets}
         shape = (self.side, task.boxes, tuple(targets))
         if shape != self.shape:
@@ -124,24 +131,24 @@ class _Task:
             self._build_rows(targets)
         for name, fields in self.fields.items():
             if self.side == "start":
-                fields.show(spot_at(task, studio.start, name))
+                fields.show(spot_at(task, studio.edited.start, name))
             else:
-                fields.show(spot_of_target(task, studio.start, name))
+                fields.show(spot_of_target(task, studio.edited.start, name))
                 self.words[name].set_text(Words(task).place(name, targets[name].position, targets[name].frame))
 
     def _state(self) -> str:
-        """What became of the changes, in words."""
-        studio, name = self.studio, self.studio.task.name
-        if studio.saved:
+        """Say whether the changes are saved."""
+        studio, name = self.studio, self.studio.edited.task.name
+        if studio.edited.saved:
             return "" if name in task_names() else f"Saved as tasks/{name}.yaml"
-        return UNSAVED if studio.unsaved else f"As the run {studio.run} has it; not saved as a task."
+        return UNSAVED if studio.unsaved else f"The task of the run {studio.playing.run}; not saved as a task."
 
     def _build_rows(self, targets: Collection[str]) -> None:
-        """One row a box; they stay as long as there is the same to say, so that the focus does."""
+        """Build one row for each box; rows stay as long as their shape does, so that the focus stays, too."""
         self.fields, self.words = {}, {}
         self.rows.clear()
         with self.rows:
-            for box in self.studio.task.boxes:
+            for box in self.studio.edited.task.boxes:
                 with ui.element("div").classes("task-row").props(f"data-testid=task-row-{box.name}"):
                     if self.side == "start":
                         self._start_row(box)
@@ -149,13 +156,15 @@ class _Task:
                         self._target_row(box, box.name in targets)
 
     def _start_row(self, box: Box) -> None:
-        task = self.studio.task
+        task = self.studio.edited.task
         with ui.row().classes("items-center gap-2 no-wrap"):
             _name(box)
-            self._fields(box.name, [table.name for table in task.tables], spot_at(task, self.studio.start, box.name))
+            self._fields(
+                box.name, [table.name for table in task.tables], spot_at(task, self.studio.edited.start, box.name)
+            )
 
     def _target_row(self, box: Box, has_target: bool) -> None:
-        task, name = self.studio.task, box.name
+        task, name = self.studio.edited.task, box.name
         with ui.row().classes("items-center gap-2 no-wrap"):
             _name(box)
             self.words[name] = ui.label("may be anywhere").props(f"data-testid=task-words-{name}")
@@ -164,7 +173,7 @@ class _Task:
                 button("Add a target", f"task-add-{name}", "add", self.page.guard(lambda: self._add(name)))
                 return
             hint = f"{name} may be anywhere"
-            remove = self.page.guard(lambda: self._amend(untarget(self.studio.task, name)))
+            remove = self.page.guard(lambda: self._amend(untarget(self.studio.edited.task, name)))
             with ui.button(icon="close", on_click=remove).props(
                 f'flat dense size=sm data-testid=task-remove-{name} aria-label="{hint}"'
             ):
@@ -172,7 +181,7 @@ class _Task:
         with ui.row().classes("items-center gap-2 no-wrap task-numbers"):
             others = [other for other in task.box_names if other != name]
             references = [task.kit.name, *others, *(table.name for table in task.tables)]
-            self._fields(name, references, spot_of_target(task, self.studio.start, name))
+            self._fields(name, references, spot_of_target(task, self.studio.edited.start, name))
 
     def _fields(self, name: str, references: list[str], spot: Spot) -> None:
         self.fields[name] = PlaceFields(
@@ -180,52 +189,54 @@ class _Task:
         )
 
     async def _place(self, side: Side, name: str, spot: Spot) -> None:
-        def place(task: Task, start: World) -> np.ndarray:
+        def place(task: Task, start: World) -> Float[np.ndarray, "3"]:
             return spot.point(task, name, origins(task, start, ended=side == "targets"))
 
         if side == "targets":
-            await self._target(name, place, spot.frame(self.studio.task))
+            await self._target(name, place, spot.frame(self.studio.edited.task))
         else:
             await self._start(name, place)
 
     async def _add(self, name: str) -> None:
-        """A target where the box is now."""
-        index = self.studio.task.box_names.index(name)
-        await self._target(name, lambda task, start: start.poses[0, index, :3].astype(float))
+        """Add a target where the box is now."""
+        index = self.studio.edited.task.box_names.index(name)
+        await self._target(name, lambda task, start: np.asarray(start.poses[0, index, :3], float))
 
-    async def _drop(self, dragged: str, name: str, position: np.ndarray) -> None:
+    async def _drop(self, dragged: str, name: str, position: Float[np.ndarray, "3"]) -> None:
         if self.page.step == "task":
             await (self._target if dragged == "targets" else self._start)(name, lambda task, start: position)
 
     async def _target(self, name: str, place: Place, frame: str | None = None) -> None:
         studio = self.studio
-        async with studio.turn:
-            task, start = studio.task, studio.start
-            changed = await studio.work(retarget, task, studio.physics, start, name, place(task, start), frame)
+        async with studio.edited.turn:
+            task, start = studio.edited.task, studio.edited.start
+            changed = await studio.worker.work(
+                retarget, task, studio.worker.physics(task), start, name, place(task, start), frame
+            )
             self._check_same(task, start)
             self._amend(changed)
 
     async def _start(self, name: str, place: Place) -> None:
         studio = self.studio
-        async with studio.turn:
-            task, start = studio.task, studio.start
-            world = await studio.work(put, task, studio.physics, start, name, place(task, start))
+        async with studio.edited.turn:
+            task, start = studio.edited.task, studio.edited.start
+            world = await studio.worker.work(put, task, studio.worker.physics(task), start, name, place(task, start))
             self._check_same(task, start)
             self._begin(world)
 
     def _check_same(self, task: Task, start: World) -> None:
-        if self.studio.task is not task or self.studio.start is not start:
+        if self.studio.edited.task is not task or self.studio.edited.start is not start:
             raise UserError("the task was changed meanwhile; do it again if it is still what you want")
 
-    def _begin(self, world) -> None:
-        """The scene starts like this; so does every episode, where that was wanted."""
-        task = self.studio.task
+    def _begin(self, world: World) -> None:
+        """Start the scene like this, and every episode, too, if the task has a fixed start."""
+        task = self.studio.edited.task
         self._amend(fixed_layout(task, world) if task.layout.fixed else task, world)
 
     def _amend(self, task: Task, start: World | None = None) -> None:
-        """Takes what can be; what was said of what cannot be is over."""
-        self.studio.amend(task, start)
-        self.studio.say("")
+        """Change the task; an earlier refusal no longer matters."""
+        self.studio.edit_task(task, start)
+        self.studio.bus.say("")
 
     async def _choose(self) -> None:
         name = self.choice.value
@@ -235,12 +246,15 @@ class _Task:
             self._refresh()
 
     def _revert(self) -> None:
-        self._open(self.studio.task.name)
+        try:
+            self.studio.revert_task()
+        finally:
+            self._refresh()
 
     def _open(self, name: str) -> None:
-        """A task as it is in its file; where that cannot be, the choice shows again what there is."""
+        """Open a task as its file says; if that fails, show the present one in the choice again."""
         try:
-            self.studio.set_task(self.studio.workspace.task(name))
+            self.studio.open_task(self.studio.workspace.task(name))
             self.draws = 0
             self.name.set_value("")
         finally:
@@ -249,35 +263,37 @@ class _Task:
     def _random(self) -> None:
         studio = self.studio
         self.draws += 1
-        free = free_layout(studio.task, self._base())
+        free = free_layout(studio.edited.task, self._base())
         world = sample_layouts(free, [7, self.draws], 1)
-        studio.amend(fixed_layout(free, world) if studio.task.layout.fixed else free, world)
+        studio.edit_task(fixed_layout(free, world) if studio.edited.task.layout.fixed else free, world)
 
-    def _base(self):
-        """The task whose layouts are drawn where nothing is fixed."""
-        task = self.studio.task
+    def _base(self) -> Task:
+        """Return the task whose layouts are drawn if nothing is fixed."""
+        task = self.studio.edited.task
         return load_task(task.name) if task.layout.fixed and task.name in task_names() else task
 
     def _move_kit(self) -> None:
         try:
-            self._begin(move_kit(self.studio.task, self.studio.start, self.kit.value))
+            self._begin(move_kit(self.studio.edited.task, self.studio.edited.start, self.kit.value))
         finally:
             self._refresh()
 
     def _fix(self) -> None:
-        task, start = self.studio.task, self.studio.start
+        task, start = self.studio.edited.task, self.studio.edited.start
         try:
-            self.studio.amend(fixed_layout(task, start) if self.fixed.value else free_layout(task, self._base()), start)
+            self.studio.edit_task(
+                fixed_layout(task, start) if self.fixed.value else free_layout(task, self._base()), start
+            )
         finally:
             self._refresh()
 
     async def _save(self) -> None:
         name, workspace = self.name.value.strip(), self.studio.workspace
-        other = name in workspace.task_names() and name not in task_names() and name != self.studio.task.name
+        other = name in workspace.task_names() and name not in task_names() and name != self.studio.edited.task.name
         if other and not await ask(f"There is a task {name} already.", yes="Replace it", testid="task-replace"):
             return
-        workspace.save_task(name, self.studio.task)
-        self.studio.amend(workspace.task(name), self.studio.start)
+        workspace.save_task(name, self.studio.edited.task)
+        self.studio.edit_task(workspace.task(name), self.studio.edited.start)
 
 
 def _name(box: Box) -> None:

@@ -1,11 +1,10 @@
-"""Step 4: what was understood from the demonstrations, and why; a person may know better what a place is relative to."""
+"""Step 4: what was inferred from the demonstrations, and why; a person may choose another reference for a place."""
 
 from __future__ import annotations
 
 import functools
 import math
 import re
-from typing import TYPE_CHECKING
 
 from nicegui import ui
 
@@ -16,25 +15,23 @@ from bt_jax.app.plain_words import Words
 from bt_jax.app.processes.trial import LAYOUTS
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.clusters import cluster_svg, scores
+from bt_jax.app.widgets.context import PageContext
 from bt_jax.app.widgets.tree_view import TreeView
 from bt_jax.behaviors import Behavior, Kind
 from bt_jax.lfd import Lesson
 from bt_jax.lfd.clustering import NEEDED, SPREAD_FLOOR, Candidate, Inference
 from bt_jax.lfd.explanation import order_sentences, precondition_sentences
 
-if TYPE_CHECKING:
-    from bt_jax.app.page import Page
-
 __all__ = ["build"]
 
 
-def build(studio: Studio, page: Page) -> None:
-    """One card for each action, then goal, order and tree."""
+def build(studio: Studio, page: PageContext) -> None:
+    """Build a card for each action, then the goal, the order and the tree."""
     _Understand(studio, page)
 
 
 class _Understand:
-    def __init__(self, studio: Studio, page: Page) -> None:
+    def __init__(self, studio: Studio, page: PageContext) -> None:
         self.studio, self.page = studio, page
         with ui.element("div").classes("teach"):
             self.area = ui.element("div").classes("teach")
@@ -54,29 +51,29 @@ class _Understand:
                         button(kind.upper(), f"understand-{kind}", "download", download, more="flat")
                 self.trial = ui.label().props("data-testid=understand-trial")
                 with ui.element("div").classes("lesson-tree"):
-                    self.tree = TreeView(page, testid="understand-tree")
+                    self.tree = TreeView(testid="understand-tree")
         page.on("lesson", self._refresh)
 
     def _refresh(self) -> None:
-        lesson, shelf = self.studio.lesson, self.studio.shelf
+        lesson, library = self.studio.library.lesson, self.studio.library
         self.area.clear()
         self.learnt.set_visibility(lesson is not None)
         if lesson is not None:
             self.tree.show(lesson.tree, lesson.task)
-        self.try_out.set_enabled(not shelf.trying)
-        trying = "Running it; this takes a while the first time." if shelf.trying else ""
-        self.trial.set_text(shelf.trial.sentence if shelf.trial else trying)
+        self.try_out.set_enabled(not library.trying)
+        trying = "Running it; this takes a while the first time." if library.trying else ""
+        self.trial.set_text(library.trial.sentence if library.trial else trying)
         self.trial.set_visibility(bool(self.trial.text))
         with self.area:
-            ui.label(shelf.progress).props("data-testid=understand-progress")
-            if shelf.problem:
-                ui.label(shelf.problem).classes("teach-landing teach-bad").props("data-testid=understand-problem")
+            ui.label(library.progress).props("data-testid=understand-progress")
+            if library.problem:
+                ui.label(library.problem).classes("teach-landing teach-bad").props("data-testid=understand-problem")
             if lesson is None:
                 button("Demonstrate", "understand-demonstrate", "back_hand", lambda: self.page.go("demonstrate"))
                 return
             if lesson.missing:
                 ui.label(
-                    f"With fewer than {NEEDED}, every place is taken to be fixed on the table. If you know better, "
+                    f"With fewer than {NEEDED}, every place is taken as fixed on the table. If that is wrong, "
                     "choose below what a place is relative to."
                 ).classes("teach-landing").props("data-testid=understand-missing")
             self._lesson(lesson)
@@ -87,7 +84,7 @@ class _Understand:
             self._action(lesson, index, inference)
         if any(one.kind == "place" for one in lesson.inferences):
             ui.label(
-                "Each square shows from above where you put the object, seen from another frame: a dot for each "
+                "Each square shows from above where you put the object, relative to one frame: a dot for each "
                 "demonstration. The closer the dots, the more likely this is what you meant. Click a square to choose it."
             ).classes("teach-hint")
         self._goal(lesson)
@@ -108,7 +105,7 @@ class _Understand:
                 f"data-testid=understand-reason-{index + 1}"
             )
             if inference.chosen:
-                back = self.page.guard(functools.partial(self.studio.shelf.choose_frame, index, None))
+                back = self.page.guard(functools.partial(self.studio.library.choose_frame, index, None))
                 button("As the demonstrations say", f"understand-auto-{index + 1}", "undo", back, more="flat")
 
     def _frame(self, lesson: Lesson, index: int, inference: Inference, frame: str, candidate: Candidate | None) -> None:
@@ -124,13 +121,13 @@ class _Understand:
                 ui.label(f"score {candidate.score:,.0f}").classes("lesson-score")
 
     async def _choose(self, index: int, frame: str) -> None:
-        lesson = self.studio.lesson
+        lesson = self.studio.library.lesson
         if lesson is None or index >= len(lesson.inferences):
             return  # another window has changed it
         if lesson.inferences[index].frame == frame and lesson.inferences[index].chosen:
             return
-        await self.studio.shelf.choose_frame(index, frame)
-        self.studio.say(f"The place is now relative to {frame}, and the tree is learnt anew.")
+        await self.studio.library.choose_frame(index, frame)
+        self.studio.bus.say(f"The place is now relative to {frame}, and the tree is learnt again.")
 
     def _goal(self, lesson: Lesson) -> None:
         words = Words(lesson.task)
@@ -157,23 +154,23 @@ class _Understand:
                             ui.label(sentence)
 
     async def _try_out(self) -> None:
-        await self.studio.shelf.try_out()
-        trial = self.studio.shelf.trial
+        await self.studio.library.try_out()
+        trial = self.studio.library.trial
         if trial is not None:
-            self.studio.say(f"{trial.sentence} All that was learnt is kept in {trial.folder}.")
+            self.studio.bus.say(f"{trial.sentence} All that was learnt is kept in {trial.folder}.")
 
     def _download(self, kind: str) -> None:
-        lesson = self.studio.lesson
+        lesson = self.studio.library.lesson
         if lesson is None:
             raise UserError("nothing has been learnt yet; demonstrate in step 3")
         ui.download.content(FORMATS[kind](lesson.tree), f"learnt_tree.{kind}")
-        self.studio.say(f"The learnt tree is in your downloads, as learnt_tree.{kind}.")
+        self.studio.bus.say(f"The learnt tree is in your downloads, as learnt_tree.{kind}.")
 
     def _run(self) -> None:
-        studio, lesson = self.studio, self.studio.lesson
+        studio, lesson = self.studio, self.studio.library.lesson
         if lesson is None:
             raise UserError("nothing has been learnt yet; demonstrate in step 3")
-        studio.take(lesson.tree, None)
+        studio.take_tree(lesson.tree, None)
         self.page.go("run")
 
 
@@ -183,14 +180,14 @@ def _quoted(words: Words, behavior: Behavior) -> str:
 
 def _agreement(candidate: Candidate | None) -> str:
     if candidate is None:
-        return "not weighed"
+        return "not compared"
     if candidate.score == -math.inf:
         return "no agreement"
     return f"{candidate.size} within {1000 * max(candidate.spread, SPREAD_FLOOR):.0f} mm"
 
 
 def _reason(inference: Inference, lesson: Lesson) -> str:
-    """Why it is this frame, and how well the demonstrations agree there."""
+    """Say why it is this frame, and how well the demonstrations agree in it."""
     said = inference.reason
     for frame in (lesson.task.kit.name, lesson.task.robot_frame):
         said = re.sub(rf"\b{frame}\b", known(frame, lesson.task, robot="a fixed place"), said)

@@ -13,7 +13,7 @@ _RUNNING: set[Path] = set()
 
 
 async def film_run(run: Path) -> Path:
-    """Films the best tree of a run folder, as `film.mp4` in there. Raises UserError where that fails, or is being done."""
+    """Film the best tree of a run folder, as `film.mp4` in it. Raise UserError if that fails, or is being done already."""
     if run in _RUNNING:
         raise UserError(f"{run.name} is being filmed already; wait for that film")
     _RUNNING.add(run)

@@ -11,12 +11,12 @@ from bt_jax._util.errors import UserError
 
 __all__ = ["NICE", "last_words", "run_command"]
 
-NICE = 10  # the page comes first where a machine has too much to do
+NICE = 10  # the page comes first on a busy machine
 
 
 async def run_command(module: str, words: Sequence[str], *, otherwise: str) -> None:
-    """Runs python -m MODULE WORDS to its end. Raises UserError with its last words where it fails, and with `otherwise`
-    where it has said nothing."""
+    """Run python -m MODULE WORDS to its end. If it fails, raise UserError with the last line that it printed, or with
+    `otherwise` if it printed nothing."""
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", module, *words),
         stdin=asyncio.subprocess.DEVNULL,
@@ -34,6 +34,6 @@ async def run_command(module: str, words: Sequence[str], *, otherwise: str) -> N
 
 
 def last_words(said: bytes) -> str:
-    """The last line of what a command has printed, as it would be said on the page."""
+    """Return the last line that a command has printed, as a sentence for the page."""
     lines = said.decode("utf-8", "replace").strip().splitlines()
     return lines[-1].removeprefix("error: ") if lines else ""

@@ -1,9 +1,15 @@
-"""What a training is told to do: command lines of `bt_jax.train`, and the files that they name."""
+"""Command lines of `bt_jax.train`, and the files that they name.
+
+The files are written to a folder that outlives the page: a training may read them long after the page was closed.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import shutil
 import tempfile
+import time
 from pathlib import Path
 
 import yaml
@@ -16,16 +22,20 @@ from bt_jax.training.phases import Changes
 
 __all__ = ["TrainCommand"]
 
+DAY = 24 * 3600.0  # seconds for which the files are kept; a training reads them in its first minutes
+NO_CHANGES = Changes()
+
 
 class TrainCommand:
-    """Makes command lines. What they name is written to a temporary folder, which goes with this object."""
+    """Makes command lines, with their files in `folder`; those of earlier days are deleted."""
 
-    def __init__(self) -> None:
-        self._scratch = tempfile.TemporaryDirectory(prefix="bt_jax-")
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder.resolve()
+        _clean(self._folder)
 
     def start(self, task: Task, gp: GPConfig, out: Path | None = None) -> list[str]:
-        """A new run, into a folder: the task as a file, and every setting that is not the default."""
-        words = ["--task", self._written(f"{task.name}.yaml", yaml.safe_dump(task.to_dict(), sort_keys=False))]
+        """Return the command of a new run into a folder: the task as a file, and every setting that is not the default."""
+        words = ["--task", self._written(f"{task.name}.yaml", _yaml(task))]
         for field in dataclasses.fields(gp):
             value, option = getattr(gp, field.name), field.name.replace("_", "-")
             if value == field.default:
@@ -36,9 +46,11 @@ class TrainCommand:
                 words += [f"--{option}", getattr(value, "name", str(value))]
         return words if out is None else [*words, "--out", str(out.resolve())]
 
-    def go_on(self, run: Path, generations: int, changes: Changes = Changes()) -> list[str]:  # noqa: B008
-        """The same run, up to a generation; where there are changes, in a new phase."""
+    def go_on(self, run: Path, generations: int, changes: Changes = NO_CHANGES) -> list[str]:
+        """Return the command that continues a run up to a generation; with changes, in a new phase."""
         words = ["--resume", str(run.resolve()), "--generations", str(generations)]
+        if changes.task is not None:
+            words += ["--task", self._written(f"{changes.task.name}.yaml", _yaml(changes.task))]
         if changes.baseline is not None:
             words += ["--baseline", self._written("baseline.txt", format_tree(changes.baseline))]
         if changes.target_from is not None:
@@ -50,10 +62,23 @@ class TrainCommand:
         return words
 
     def _written(self, name: str, text: str) -> str:
-        """Path of a file for the process to read. It is not forced to the disk, which would take long."""
+        """Write a file for the training and return its path. It is not forced to the disk, which would take long."""
         try:
-            source = Path(tempfile.mkdtemp(dir=self._scratch.name)) / name
-            source.write_text(text, encoding="utf-8")
+            self._folder.mkdir(parents=True, exist_ok=True)
+            path = Path(tempfile.mkdtemp(dir=self._folder)) / name
+            path.write_text(text, encoding="utf-8")
         except OSError as error:
-            raise UserError(f"{self._scratch.name} cannot be written ({error.strerror}); free some space") from None
-        return str(source)
+            raise UserError(f"{self._folder} cannot be written ({error.strerror}); free some space") from None
+        return str(path)
+
+
+def _yaml(task: Task) -> str:
+    return yaml.safe_dump(task.to_dict(), sort_keys=False)
+
+
+def _clean(folder: Path) -> None:
+    """Delete what was written more than a day ago."""
+    for old in folder.glob("*"):
+        with contextlib.suppress(OSError):
+            if time.time() - old.stat().st_mtime > DAY:
+                shutil.rmtree(old)

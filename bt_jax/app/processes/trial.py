@@ -21,7 +21,8 @@ LAYOUTS = 20
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """In `solved` of `tried` random layouts a tree has reached what was demonstrated; `folder` is where it is kept."""
+    """A tree has reached what was demonstrated in `solved` of `tried` random layouts; it is kept in the run folder
+    `folder`."""
 
     solved: int
     tried: int
@@ -29,7 +30,7 @@ class Trial:
 
     @property
     def sentence(self) -> str:
-        """What came of it, and what can be done about it."""
+        """The result, and what to do next."""
         said = f"It reaches what was demonstrated in {self.solved} of {self.tried} random layouts."
         if self.solved < self.tried:
             said += (
@@ -40,8 +41,8 @@ class Trial:
 
 
 async def try_out(demonstrations: Path, task: Task, runs: Path, *, layouts: int = LAYOUTS) -> Trial:
-    """Learns from a folder of demonstrations and runs the tree in random layouts of a task; the results go to a new folder
-    in `runs`. Raises UserError where that fails."""
+    """Learn from a folder of demonstrations and run the tree in random layouts of a task; the results go to a new folder in
+    `runs`. Raise UserError if that fails."""
     out = unused(runs / f"learn-{demonstrations.name.replace(' ', '-')}-{datetime.now():%Y%m%d-%H%M%S}")
     with tempfile.TemporaryDirectory(prefix="bt_jax-") as scratch:
         source = Path(scratch) / f"{task.name}.yaml"

@@ -1,12 +1,13 @@
-"""A training that has imported and compiled what it needs, and waits to be told what to evolve.
+"""A training process that has imported and compiled what it needs, and waits to be told what to evolve.
 
 The process, python -m bt_jax.app.processes.warm_worker, reads lines of JSON from stdin: ["warm", WORD, ...] compiles for a
-training, ["train", WORD, ...] becomes one. The words are those of the command line of `bt_jax.train`. It ends where stdin
-ends.
+training, ["train", WORD, ...] becomes one. The words are those of the command line of `bt_jax.train`. It ends when stdin
+does.
 """
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import queue
@@ -20,75 +21,98 @@ from collections.abc import Sequence
 from bt_jax._util.errors import UserError
 from bt_jax.app.processes.subprocess import NICE, last_words
 
-__all__ = ["WarmWorker"]
+__all__ = ["WarmWorker", "main"]
 
 
 class WarmWorker:
-    """The side of the page: a process that is ready to train. It outlives the page once it trains."""
+    """The page's side: a process that is ready to train. Once it trains, it outlives the page."""
 
     def __init__(self) -> None:
-        self.log = tempfile.TemporaryFile()  # noqa: SIM115
-        self.process = subprocess.Popen(
+        self._log = tempfile.TemporaryFile()  # noqa: SIM115
+        # While it waits, it leaves the memory of a GPU to others.
+        self._process = subprocess.Popen(
             [sys.executable, "-m", "bt_jax.app.processes.warm_worker"],
             stdin=subprocess.PIPE,
-            stdout=self.log,
-            stderr=self.log,
+            stdout=self._log,
+            stderr=self._log,
             start_new_session=True,
+            env={"XLA_PYTHON_CLIENT_PREALLOCATE": "false", **os.environ},
         )
 
     @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    @property
     def alive(self) -> bool:
-        return self.process.poll() is None
+        return self._process.poll() is None
+
+    @property
+    def failed(self) -> bool:
+        """Whether it has ended with an error, not by a signal."""
+        return (self._process.poll() or 0) > 0
 
     def warm(self, words: Sequence[str]) -> None:
-        """Lets it compile for a training with this command line."""
-        self._order("warm", words)
+        """Tell it to compile for a training with this command line."""
+        self._tell("warm", words)
 
     def train(self, words: Sequence[str]) -> None:
-        """Lets it train, once it has compiled. Raises UserError where it has died."""
-        self._order("train", words)
-        self.process.stdin.close()
+        """Tell it to train, once it has compiled. Raise UserError if it has died."""
+        self._tell("train", words)
+        if self._process.stdin is not None:
+            self._process.stdin.close()
 
     def discard(self) -> None:
-        """Ends it."""
-        self.process.kill()
-        self.process.wait()
+        """End it."""
+        self._process.kill()
+        self._process.wait()
 
     def last_words(self) -> str:
-        """The last line that it has printed."""
-        self.log.seek(0)
-        return last_words(self.log.read())
+        """Return the last line that it has printed."""
+        self._log.seek(0)
+        return last_words(self._log.read())
 
-    def _order(self, order: str, words: Sequence[str]) -> None:
+    def _tell(self, verb: str, words: Sequence[str]) -> None:
+        pipe = self._process.stdin
         try:
-            self.process.stdin.write(json.dumps([order, *words]).encode() + b"\n")
-            self.process.stdin.flush()
+            if pipe is None or pipe.closed:
+                raise BrokenPipeError
+            pipe.write(json.dumps([verb, *words]).encode() + b"\n")
+            pipe.flush()
         except OSError as error:
             raise UserError("the process that should evolve has died; try again") from error
 
 
 def main() -> None:
-    """The side of the process. An order to train ends the compiling of what it does not need any more."""
+    """The process's side. A request to train ends the compiling of what it does not need."""
+    # Imported here: the page imports this module and shall not wait for JAX.
     from bt_jax._util.startup import configure_jax, exit_code
     from bt_jax.commands.arguments import parse_train
     from bt_jax.commands.train import run, warm
 
+    requests: queue.Queue[list[str] | None] = queue.Queue()
+
+    def evolve(words: list[str]) -> None:
+        run(parse_train(words))
+
+    def compile_for(words: list[str]) -> None:
+        warm(parse_train(words), until=lambda: not requests.empty())
+
     os.nice(NICE)
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    orders: queue.Queue[list[str] | None] = queue.Queue()
-    threading.Thread(target=_listen, args=(orders,), daemon=True).start()
-    configure_jax("cpu")
-    while (order := orders.get()) is not None:
-        kind, *words = order
-        if kind == "train":
-            sys.exit(exit_code(lambda words=words: run(parse_train(words))))
-        exit_code(lambda words=words: warm(parse_train(words), until=lambda: not orders.empty()))
+    threading.Thread(target=_listen, args=(requests,), daemon=True).start()
+    configure_jax()
+    while (request := requests.get()) is not None:
+        verb, *words = request
+        if verb == "train":
+            sys.exit(exit_code(functools.partial(evolve, words)))
+        exit_code(functools.partial(compile_for, words))
 
 
-def _listen(orders: queue.Queue[list[str] | None]) -> None:
+def _listen(requests: queue.Queue[list[str] | None]) -> None:
     for line in sys.stdin:
-        orders.put(json.loads(line))
-    orders.put(None)
+        requests.put(json.loads(line))
+    requests.put(None)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """What a person arranges by hand: boxes in the scene, and where they should end.
 
-Positions are of a box's centre, metres, in the world unless a frame is named. What cannot be is refused with a UserError.
+Positions are of a box's centre, metres, in the world unless a frame is named. Impossible ones are refused with a UserError.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from bt_jax.mjx_env.scene.surfaces import Surfaces, box_surfaces, fixed_surfaces
 from bt_jax.mjx_env.semantics import reachable, see_subgoals
 from bt_jax.mjx_env.skills import Released, settled_world
 from bt_jax.mjx_env.world import World, frames
-from bt_jax.tasks import Target, Task, with_targets
+from bt_jax.tasks import Table, Target, Task, with_targets
 
 __all__ = ["fixed_layout", "free_layout", "goals", "kit_table", "move_kit", "put", "retarget", "untarget"]
 
 Point = Float[np.ndarray, "3"]
 INSIDE = 0.05  # boxes that overlap by less than this part of their size only touch
-SNAP = 0.25  # a target this near, in sizes of its box, to a place that genes use is meant to be there
+SNAP = 0.25  # a target this near, in sizes of its box, to a place that genes use is moved there
 FLAT = 0.999  # |w| of the quaternion of a box that stands as it was made
 
 
 def put(task: Task, physics: Physics, world: World, name: str, position: Point) -> World:
-    """The world (a batch of one, NumPy) after a person has put a box down somewhere and everything rests again.
+    """Return the world (a batch of one, NumPy) after a person has put a box down and everything rests again.
 
-    Raises UserError where the box is in the gripper, off the tables, inside something, or does not stay.
+    Raise UserError if the box is in the gripper, off the tables, inside something, or does not stay.
     """
     index, size = _index(task, name), task.size(name)
     if world.held[0] == index:
@@ -45,7 +45,7 @@ def put(task: Task, physics: Physics, world: World, name: str, position: Point) 
     # Everything settles, since what had stood on the box falls somewhere else than where the box is now.
     settled = physics.settle(world.kit, poses, present)
     if not np.asarray(settled.ok)[0]:
-        raise UserError(f"physics gave no number for {name} there; put it elsewhere")
+        raise UserError(f"the simulation diverged with {name} there; put it elsewhere")
     released = Released(dataclasses.replace(world, poses=poses), poses, present, np.array([-1], np.int32))
     after = settled_world(task, released, np.asarray(settled.poses))
     lost = reachable(world, task)[0] & ~reachable(after, task)[0]
@@ -59,13 +59,13 @@ def put(task: Task, physics: Physics, world: World, name: str, position: Point) 
 
 
 def kit_table(task: Task, world: World) -> str:
-    """Name of the table on which the kit stands."""
-    away = [np.linalg.norm(world.kit[0, :2] - table.position[:2]) for table in task.tables]
+    """Return the name of the table on which the kit stands."""
+    away = [np.linalg.norm(np.subtract(world.kit[0, :2], table.position[:2])) for table in task.tables]
     return task.tables[int(np.argmin(away))].name
 
 
 def move_kit(task: Task, world: World, table: str) -> World:
-    """The kit, with what is in it, changes places with what is on another table."""
+    """Return the world in which the kit, with its content, has changed places with what is on another table."""
     names = [each.name for each in task.tables]
     here, there = names.index(kit_table(task, world)), names.index(table)
     step = np.subtract(task.tables[there].position, task.tables[here].position).astype(np.float32)
@@ -80,9 +80,9 @@ def move_kit(task: Task, world: World, table: str) -> World:
 
 
 def goals(task: Task, world: World) -> dict[str, Point]:
-    """Where the object of each target should be once all targets are met, given where the others are now."""
+    """Return where the object of each target should be once all targets are met, given where the others are now."""
     targets = {target.object: target for target in task.targets}
-    now = dict(zip(task.frames, frames(world, task)[0, :, :3].astype(float), strict=True))
+    now = dict(zip(task.frames, np.asarray(frames(world, task)[0, :, :3], float), strict=True))
 
     def goal(name: str) -> Point:
         if name not in targets:
@@ -93,13 +93,13 @@ def goals(task: Task, world: World) -> dict[str, Point]:
 
 
 def retarget(task: Task, physics: Physics, world: World, name: str, position: Point, frame: str | None = None) -> Task:
-    """The task with another target for a box. Without a `frame`, the target is relative to what it stands on: a box, the
-    kit, or else the robot. A position close to one that evolution can use is moved there.
+    """Return the task with another target for a box. Without a `frame`, the target is relative to what the box stands on: a
+    box, the kit, or else the robot. A position close to one that evolution can use is moved there.
 
-    Raises UserError where nothing carries the box there, it would not stay, or it would be inside something.
+    Raise UserError if nothing carries the box there, it would not stay, or it would be inside something.
     """
     size = task.size(name)
-    rest = {box: world.poses[0, i, :3].astype(float) for i, box in enumerate(task.box_names)}
+    rest = {box: np.asarray(world.poses[0, i, :3], float) for i, box in enumerate(task.box_names)}
     standing = {**rest, **goals(task, world)}
     others = {box: point for box, point in standing.items() if box not in {name, *_dependent(task, name)}}
     _check_over_table(task, name, position)
@@ -108,7 +108,7 @@ def retarget(task: Task, physics: Physics, world: World, name: str, position: Po
         frame = next(iter(_carriers(task, world, name, position, others)), task.robot_frame)
     if frame == name or frame not in task.frames:
         raise UserError(f"{name} cannot be placed relative to {frame}; choose another frame")
-    origin = standing.get(frame, frames(world, task)[0, task.frames.index(frame), :3].astype(float))
+    origin = standing.get(frame, np.asarray(frames(world, task)[0, task.frames.index(frame), :3], float))
     local = np.round(_snapped(task, name, frame, position - origin), 4) + 0.0
     for box in (target.object for target in task.targets):
         if box in others and _inside(origin + local, size, others[box], task.size(box)):
@@ -120,7 +120,7 @@ def retarget(task: Task, physics: Physics, world: World, name: str, position: Po
 
 
 def untarget(task: Task, name: str) -> Task:
-    """The task without the target of a box. Raises UserError where it is the last, or another one depends on it."""
+    """Return the task without the target of a box. Raise UserError if it is the last one."""
     rest = tuple(target for target in task.targets if target.object != name)
     if not rest:
         raise UserError(f"{name} has the only target of the task; give another box one first")
@@ -128,21 +128,21 @@ def untarget(task: Task, name: str) -> Task:
 
 
 def fixed_layout(task: Task, world: World) -> Task:
-    """The task that always starts as the world is now. Raises UserError where a box is held or tilted."""
+    """Return the task that always starts as the world is now. Raise UserError if a box is held or tilted."""
     if world.held[0] >= 0:
         raise UserError(f"{task.box_names[int(world.held[0])]} is in the gripper; put it down first")
     places = []
     for name, pose in zip(task.box_names, world.poses[0].astype(float), strict=True):
         if abs(pose[3]) < FLAT:
             raise UserError(f"{name} does not stand upright; drag it to a level place first")
-        local = pose[:3] - task.robot_position
-        places.append(Target(name, tuple(round(float(x), 4) + 0.0 for x in local), task.robot_frame))
+        x, y, z = (round(float(value), 4) + 0.0 for value in pose[:3] - task.robot_position)
+        places.append(Target(name, (x, y, z), task.robot_frame))
     layout = dataclasses.replace(task.layout, kit=kit_table(task, world), stack=(), fixed=tuple(places))
     return dataclasses.replace(task, layout=layout)
 
 
 def free_layout(task: Task, base: Task) -> Task:
-    """The task with boxes that start as in another task, at random places."""
+    """Return the task with boxes that start as in another task, at random places."""
     return dataclasses.replace(task, layout=dataclasses.replace(base.layout, fixed=()))
 
 
@@ -152,13 +152,13 @@ def _index(task: Task, name: str) -> int:
     return task.box_names.index(name)
 
 
-def _over(table, point) -> bool:
+def _over(table: Table, point: Float[np.ndarray, "2"]) -> bool:
     return bool(np.all(np.abs(np.subtract(point, table.position[:2])) <= np.array(table.size[:2]) / 2))
 
 
 def _check_over_table(task: Task, name: str, position: Point) -> None:
     if not np.all(np.isfinite(position)):
-        raise UserError(f"the place for {name} is no number; give x, y and z")
+        raise UserError(f"the place for {name} is not a number; give x, y and z")
     tables = [table for table in task.tables if _over(table, position[:2])]
     if not tables:
         raise UserError(f"there is no table there, out of reach for {name}; put it over one of the tables")
@@ -172,13 +172,13 @@ def _check_over_table(task: Task, name: str, position: Point) -> None:
 def _check_free(task: Task, world: World, name: str, position: Point) -> None:
     size = task.size(name)
     for i, other in enumerate(task.boxes):
-        if other.name != name and _inside(position, size, world.poses[0, i, :3], other.size):
+        if other.name != name and _inside(position, size, np.asarray(world.poses[0, i, :3]), other.size):
             raise UserError(f"{name} would be inside {other.name}; put it beside or on top of it")
     _check_kit(task, world, name, position)
 
 
 def _check_kit(task: Task, world: World, name: str, position: Point) -> None:
-    """Not inside the kit's plate or walls."""
+    """Raise UserError if the box would be inside the kit's plate or walls."""
     size, kit = task.size(name), fixed_surfaces(task, world.kit)
     first = 1 + len(task.tables)
     parts = Surfaces(kit.centre[:, first:], kit.half[:, first:], kit.top[:, first:])
@@ -192,7 +192,7 @@ def _inside(a: Point, size: float, b: Point, other: float) -> bool:
 
 
 def _dependent(task: Task, name: str) -> set[str]:
-    """Boxes whose targets are relative to this box, directly or not."""
+    """Return the boxes whose targets are relative to this box, directly or not."""
     found = {name}
     while more := {target.object for target in task.targets if target.frame in found} - found:
         found |= more
@@ -200,7 +200,7 @@ def _dependent(task: Task, name: str) -> set[str]:
 
 
 def _carriers(task: Task, world: World, name: str, position: Point, others: Mapping[str, Point]) -> list[str]:
-    """What lies right under a box at a position: boxes by name, then the kit."""
+    """Return what lies right under a box at a position: names of boxes, then the kit."""
     size = task.size(name)
     found = []
     for box, point in others.items():
@@ -215,7 +215,7 @@ def _carriers(task: Task, world: World, name: str, position: Point, others: Mapp
 
 
 def _snapped(task: Task, name: str, frame: str, local: Point) -> Point:
-    """Level position of the closest gene, where one is close; the height stays."""
+    """Return the horizontal position of the closest gene, if one is close; the height stays."""
     genes = [gene for gene in gene_pool(task).leaves if gene.object == name and gene.frame == frame]
     places = np.array([gene.position for gene in genes if gene.position is not None]).reshape(-1, 3)
     size = task.size(name)
@@ -227,7 +227,7 @@ def _snapped(task: Task, name: str, frame: str, local: Point) -> Point:
 
 
 def _check_stays(task: Task, physics: Physics, world: World, name: str) -> None:
-    """A box stays at its target when it and what should be around it are let go there."""
+    """Raise UserError if a box does not stay at its target when it and what should be around it are let go there."""
     where = goals(task, world)
     poses = world.poses.copy()
     for i, box in enumerate(task.box_names):
@@ -240,7 +240,7 @@ def _check_stays(task: Task, physics: Physics, world: World, name: str) -> None:
 
 
 def _check_carried(task: Task, world: World, name: str, goal: Point, others: Mapping[str, Point]) -> None:
-    """Something is right below."""
+    """Raise UserError if nothing is right below."""
     size = task.size(name)
     poses = world.poses.copy()
     for i, box in enumerate(task.box_names):

@@ -4,25 +4,27 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
-from typing import TYPE_CHECKING
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.processes.trial import Trial, try_out
+from bt_jax.app.state.bus import Bus
+from bt_jax.app.state.edited_task import EditedTask
 from bt_jax.app.state.replay import handled
+from bt_jax.app.state.worker import Worker
+from bt_jax.app.state.workspace import Workspace
 from bt_jax.lfd import DemonstrationFolder, Lesson
 from bt_jax.lfd.clustering import NEEDED
 from bt_jax.tasks import Task
 from bt_jax.training.phases import choose_frames, lesson_from
 
-if TYPE_CHECKING:
-    from bt_jax.app.state.studio import Studio
+__all__ = ["DemonstrationLibrary", "ListedDemonstration"]
 
-__all__ = ["DemonstrationLibrary", "Kept"]
+FIRST_SET = "demonstrations"
 
 
 @dataclasses.dataclass(frozen=True)
-class Kept:
-    """A demonstration in the list: its name, what it does, and why it cannot be used, if so."""
+class ListedDemonstration:
+    """A demonstration in the list: its name, what it moves, and why it cannot be used, empty if it can."""
 
     name: str
     summary: str
@@ -30,24 +32,26 @@ class Kept:
 
 
 class DemonstrationLibrary:
-    """`kept` are the demonstrations of the chosen set, `studio.lesson` is what they teach for the task, and `problem` why
-    they teach nothing; `trial` is how often the tree that was learnt works. All windows hear of changes."""
+    """`kept` are the demonstrations of the set with the name `set_name`, `lesson` is what they teach for the edited task,
+    `problem` why they teach nothing; `trial` is how often the tree that was learnt works."""
 
-    def __init__(self, studio: Studio) -> None:
-        self.studio = studio
+    def __init__(self, bus: Bus, worker: Worker, workspace: Workspace, edited: EditedTask) -> None:
+        self.set_name = FIRST_SET
         self.read = False  # whether `kept` has been read at all
-        self.kept: tuple[Kept, ...] = ()
+        self.kept: tuple[ListedDemonstration, ...] = ()
+        self.lesson: Lesson | None = None
         self.problem = ""
         self.trial: Trial | None = None
         self.trying = False
+        self._bus, self._worker, self._workspace, self._edited = bus, worker, workspace, edited
         self._reading = asyncio.Lock()
         self._refreshing: asyncio.Task | None = None
-        studio.subscribe("task", self._task_changed)
+        bus.subscribe("task", self._learn_again)
 
     @property
     def folder(self) -> DemonstrationFolder:
-        """The set of demonstrations. Raises UserError where its name leads out of the workspace."""
-        return self.studio.workspace.demonstration_set(self.studio.demonstration_set)
+        """The set of demonstrations. Raise UserError if its name leads out of the workspace."""
+        return self._workspace.demonstration_set(self.set_name)
 
     @property
     def progress(self) -> str:
@@ -64,64 +68,68 @@ class DemonstrationLibrary:
         return f"{count} demonstrations: enough to tell what each place is relative to."
 
     async def use_set(self, name: str) -> None:
-        """Another set of demonstrations, there already or not."""
-        self.studio.workspace.demonstration_set(name)
-        self.studio.demonstration_set = name
+        """Use another set of demonstrations, which may not exist yet."""
+        self._workspace.demonstration_set(name)
+        self.set_name = name
         self.read, self.kept = False, ()
-        self.studio.changed("demonstrations")
+        self._bus.changed("demonstrations")
         await self.refresh()
 
     async def rename(self, name: str, new: str) -> None:
-        """Gives a demonstration another name."""
-        await self.studio.work(self.folder.rename, name, new.strip())
+        """Give a demonstration another name."""
+        await self._worker.work(self.folder.rename, name, new.strip())
         await self.refresh()
 
     async def delete(self, name: str) -> None:
-        """Removes a demonstration for good."""
-        await self.studio.work(self.folder.delete, name)
+        """Delete a demonstration."""
+        await self._worker.work(self.folder.delete, name)
         await self.refresh()
 
     async def choose_frame(self, index: int, frame: str | None) -> None:
-        """The frame of an inference as a person says, None for what the demonstrations say; the tree is learnt anew."""
-        lesson = self.studio.lesson
+        """Set the frame of an inference, None for the one that the demonstrations suggest, and learn again."""
+        lesson = self.lesson
         if lesson is None:
             raise UserError("nothing has been learnt yet; give demonstrations in step 3")
         try:
-            await self.studio.work(choose_frames, self.folder.path, lesson, {index: frame})
+            await self._worker.work(choose_frames, self.folder.path, lesson, {index: frame})
         finally:
             await self.refresh()
 
     async def refresh(self) -> None:
-        """Reads the set again and learns from it."""
+        """Read the set again and learn from it."""
         async with self._reading:
-            studio, folder, task = self.studio, self.folder, self.studio.task
-            kept, lesson, problem = await studio.work(_learnt, folder, task)
-            if (studio.task, self.folder) != (task, folder):
+            folder, task = self.folder, self._edited.task
+            kept, lesson, problem = await self._worker.work(_learnt, folder, task)
+            if (self._edited.task, self.folder) != (task, folder):
                 return  # another one was chosen meanwhile, and is read next
-            same = self.read and (kept, lesson, problem) == (self.kept, studio.lesson, self.problem)
-            self.read, self.kept, studio.lesson, self.problem = True, kept, lesson, problem
+            same = self.read and (kept, lesson, problem) == (self.kept, self.lesson, self.problem)
+            self.read, self.kept, self.lesson, self.problem = True, kept, lesson, problem
         if not same:
             self.trial = None
-            studio.changed("demonstrations", "lesson")
+            self._bus.changed("demonstrations", "lesson")
+
+    def forget_lesson(self) -> None:
+        """Drop what was learnt for a task that is no longer edited."""
+        self.lesson = None
 
     async def try_out(self) -> None:
-        """Finds out how often the learnt tree works, in a process of its own."""
-        studio, lesson = self.studio, self.studio.lesson
+        """Measure how often the learnt tree works, in a process of its own."""
+        lesson = self.lesson
         if lesson is None:
             raise UserError("nothing has been learnt yet; give demonstrations in step 3")
         if self.trying:
-            raise UserError("the tree is being tried already; wait for what comes of it")
+            raise UserError("the tree is being tried already; wait for the result")
         self.trying = True
-        studio.changed("lesson")
+        self._bus.changed("lesson")
         try:
-            trial = await try_out(self.folder.path, lesson.task, studio.workspace.runs)
-            self.trial = trial if studio.lesson is lesson or studio.lesson == lesson else None
+            trial = await try_out(self.folder.path, lesson.task, self._workspace.runs)
+            self.trial = trial if self.lesson == lesson else None
         finally:
             self.trying = False
-            studio.changed("lesson", "runs")
+            self._bus.changed("lesson", "runs")
 
-    def _task_changed(self) -> None:
-        """What is learnt depends on the task."""
+    def _learn_again(self) -> None:
+        """Learn for the task as it is now."""
         try:
             loop = asyncio.get_running_loop()
         except RuntimeError:
@@ -129,34 +137,35 @@ class DemonstrationLibrary:
         self._refreshing = loop.create_task(self.refresh())
 
 
-def _kept(folder: DemonstrationFolder) -> tuple[Kept, ...]:
-    """The demonstrations of a set in their order, those that cannot be used among them."""
+def _listed(folder: DemonstrationFolder) -> tuple[ListedDemonstration, ...]:
+    """Return the demonstrations of a set in their order, unusable ones included."""
     if not (folder.path / "info.yaml").is_file():
         return ()
-    good, problems = {}, ()
+    moved: dict[str, str] = {}
+    problems: tuple[str, ...] = ()
     try:
         read = folder.read()
-        good, problems = {one.name: one for one in read}, read.problems
+        moved = {one.name: ", then ".join(handled(one, read.frames)[::2]) for one in read}
+        problems = read.problems
     except UserError as error:
         problems = (str(error),)
     found = []
     for name in folder.names():
-        if name in good:
-            things = handled(good[name], read.frames)
-            found.append(Kept(name, ", then ".join(things[::2])))
+        if name in moved:
+            found.append(ListedDemonstration(name, moved[name]))
         else:
             why = next(
                 (problem for problem in problems if f"{name} is" in problem or f"{name}/" in problem),
                 problems[0] if problems else "",
             )
-            found.append(Kept(name, "cannot be used", why))
+            found.append(ListedDemonstration(name, "cannot be used", why))
     return tuple(found)
 
 
-def _learnt(folder: DemonstrationFolder, task: Task) -> tuple[tuple[Kept, ...], Lesson | None, str]:
-    """The demonstrations of a set, what they teach for a task, and why they teach nothing."""
-    kept = _kept(folder)
+def _learnt(folder: DemonstrationFolder, task: Task) -> tuple[tuple[ListedDemonstration, ...], Lesson | None, str]:
+    """Return the demonstrations of a set, what they teach for a task, and why they teach nothing."""
+    kept = _listed(folder)
     try:
-        return kept, lesson_from(folder.path, task) if kept else None, ""
+        return kept, (lesson_from(folder.path, task) if kept else None), ""
     except UserError as error:
         return kept, None, str(error)

@@ -1,4 +1,4 @@
-"""A tree that runs in the scene while a person watches, steps back and forth, and moves boxes about."""
+"""A tree that runs in the scene while a person watches, steps back and forth, and moves boxes."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Task
 
-__all__ = ["FPS", "Moment", "Player"]
+__all__ = ["FPS", "Player", "Snapshot"]
 
-FPS = 20.0  # of the motion that leads to a moment; the browser draws what is in between
+FPS = 20.0  # of the motion between snapshots; the browser interpolates
 IDLE_SECONDS = 0.8  # of a tick in which nothing moves
 AT_HOME = 1e-3  # metres
 
 
 @dataclasses.dataclass(frozen=True)
-class Moment:
-    """The scene between two ticks, and how it came to that: by a `tick`, or because a person had `moved` a box after that
+class Snapshot:
+    """The scene between two ticks, and what led to it: a `tick`, or the name of the box that a person `moved` after that
     tick. The last of the `shots` is how the scene looks now, those before it are the motion of the tick."""
 
     episode: Episode
@@ -40,76 +40,76 @@ class Moment:
 
     @property
     def seconds(self) -> float:
-        """How long the motion that led here takes at its natural pace."""
+        """Return how long the motion that led here takes at normal speed."""
         return max((len(self.shots) - 1) / FPS, IDLE_SECONDS)
 
 
 class Player:
-    """An episode that is watched: `moments` up to now, of which number `at` is shown.
+    """An episode that is watched: its `snapshots` up to now, of which number `at` is shown.
 
-    Genes are run as the subtrees that they stand for, so that what is inside can be watched, too.
+    Genes run as the subtrees that they stand for, so that these can be watched, too.
     """
 
     def __init__(self, task: Task, physics: Physics, tree: Tree, start: World) -> None:
-        """`start` is a batch of one state (NumPy). Raises UserError where the tree is none of this task."""
+        """Begin in `start`, a batch of one state (NumPy). Raise UserError if the tree does not fit the task."""
         self.task, self.tree, self.physics = task, tree, physics
         self._semantics = LeafSemantics(task, Vocabulary.of(leaves(expand(tree))))
         self._settler = Settler(task, physics)
         self._ids = node_ids(tree)
         stage = Stage(self._semantics, start, fps=FPS)
-        self.moments = [Moment(self._episode(start), None, None, (stage.shots[-1],))]
+        self.snapshots = [Snapshot(self._episode(start), None, None, (stage.shots[-1],))]
         self.at = 0
 
     @property
-    def now(self) -> Moment:
-        """The moment that is shown."""
-        return self.moments[self.at]
+    def now(self) -> Snapshot:
+        """The snapshot that is shown."""
+        return self.snapshots[self.at]
 
     @property
     def world(self) -> World:
-        """The scene in that moment, a batch of one state."""
+        """The scene that is shown, a batch of one state."""
         return self.now.episode.world
 
     @property
     def ending(self) -> Ending:
-        """How the episode has ended in that moment, OPEN where it goes on."""
+        """How the episode has ended by then; OPEN if it goes on."""
         return self.now.episode.ending
 
     @property
     def statuses(self) -> dict[str, Status | None]:
-        """What the nodes returned in the tick that led here, by the ids that `encoding.svg` gives them."""
+        """What the nodes returned in the last tick, by their ids in the drawing (`encoding.drawing.svg`)."""
         if self.now.tick is None:
             return dict.fromkeys(self._ids)
         return dict(zip(self._ids, self.now.tick.statuses, strict=True))
 
     @property
     def distances(self) -> dict[str, float]:
-        """How far the object of each target is from where it should be, metres."""
+        """Distance of the object of each target from where it should be, metres."""
         away = target_distances(self.task, self.world)[0]
         return {target.object: float(x) for target, x in zip(self.task.targets, away, strict=True)}
 
-    def tick(self) -> Moment:
-        """Goes one tick on; where that was seen before, to what was seen. At the end, nothing happens."""
-        if self.at + 1 < len(self.moments):
+    def tick(self) -> Snapshot:
+        """Go one tick on, through the recorded snapshots first. At the end, do nothing."""
+        if self.at + 1 < len(self.snapshots):
             self.at += 1
         elif self.ending == Ending.OPEN:
             tick, episode = self.now.episode.tick()
-            self.moments.append(Moment(episode, tick, None, self._motion(tick, episode)))
+            self.snapshots.append(Snapshot(episode, tick, None, self._motion(tick, episode)))
             self.at += 1
         return self.now
 
-    def seek(self, at: int) -> Moment:
-        """Shows the moment of this number, or the closest that there is."""
-        self.at = min(max(at, 0), len(self.moments) - 1)
+    def seek(self, at: int) -> Snapshot:
+        """Show the snapshot of this number, or the closest."""
+        self.at = min(max(at, 0), len(self.snapshots) - 1)
         return self.now
 
-    def put(self, name: str, position: Float[np.ndarray, "3"]) -> Moment:
-        """A person moves a box (metres, world) in the moment that is shown; what came after is forgotten, and the tree has
-        all its ticks anew. Raises UserError, and changes nothing, as `arrangement.put` does."""
+    def put(self, name: str, position: Float[np.ndarray, "3"]) -> Snapshot:
+        """Move a box (metres, world) in the snapshot that is shown; later ones are dropped, and the tree has all its ticks
+        again. Raise UserError, and change nothing, as `arrangement.put` does."""
         world = put(self.task, self.physics, self.world, name, position)
-        del self.moments[self.at + 1 :]
-        shot = dataclasses.replace(self.now.shots[-1], poses=world.poses[0].astype(float))
-        self.moments.append(Moment(self._episode(world), self.now.tick, name, (shot,)))
+        del self.snapshots[self.at + 1 :]
+        shot = dataclasses.replace(self.now.shots[-1], poses=np.asarray(world.poses[0], float))
+        self.snapshots.append(Snapshot(self._episode(world), self.now.tick, name, (shot,)))
         self.at += 1
         return self.now
 
@@ -117,7 +117,7 @@ class Player:
         return Episode(self._semantics, self._settler, expand(self.tree), world)
 
     def _motion(self, tick: Tick, after: Episode) -> tuple[Shot, ...]:
-        """How the gripper and the boxes move; the tick that would follow tells where a box will be put."""
+        """Return the motion of gripper and boxes; the tick that would follow tells where a box will be put."""
         stage = Stage(self._semantics, tick.before, fps=FPS, gripper=self.now.shots[-1].gripper)
         stage.run(tick, [after.tick()[0]] if after.ending == Ending.OPEN else [])
         if tick.command is None and np.linalg.norm(stage.tip - stage.home) > AT_HOME:

@@ -1,4 +1,4 @@
-"""The scenes in which a demonstration was recorded, from the poses of the end effector in every frame."""
+"""A demonstration shown again, from the poses of the end effector that were recorded in every frame."""
 
 from __future__ import annotations
 
@@ -17,50 +17,50 @@ from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Task
 from bt_jax.teaching.teleoperation import Teleoperation
 
-__all__ = ["Scene", "described", "handled", "scenes", "world_of"]
+__all__ = ["ReplayStep", "described", "handled", "replay_steps", "world_of"]
 
 CARRY = 1.5  # how high a box is lifted before it is carried, in its sizes
 
 
 @dataclasses.dataclass(frozen=True)
-class Scene:
-    """One picture of a replay: a batch of one state, and what is happening."""
+class ReplayStep:
+    """One picture of a replay: a batch of one state, and what happens in it."""
 
     world: World
     sentence: str
 
 
-def scenes(demonstration: Demonstration, frames: Frames, task: Task, physics: Physics) -> list[Scene]:
-    """What one sees when a demonstration is played again: for each action, the scene as it was recorded, and the way there.
+def replay_steps(demonstration: Demonstration, frames: Frames, task: Task, physics: Physics) -> list[ReplayStep]:
+    """Return the pictures of a replay: for each action, the state as it was recorded, and the way there.
 
-    Raises UserError where it was recorded with boxes that the task does not have.
+    Raise UserError if the demonstration was recorded without one of the task's boxes.
     """
     for name in task.frames:
         if name not in frames.names:
             raise UserError(
                 f"{demonstration.name} was recorded without {name}; choose the task that it was recorded in"
             )
-    return list(_scenes(demonstration, frames, task, physics))
+    return list(_replay_steps(demonstration, frames, task, physics))
 
 
-def _scenes(demonstration: Demonstration, frames: Frames, task: Task, physics: Physics) -> Iterator[Scene]:
+def _replay_steps(demonstration: Demonstration, frames: Frames, task: Task, physics: Physics) -> Iterator[ReplayStep]:
     names, count = handled(demonstration, frames), len(demonstration.actions)
     for i, (action, name) in enumerate(zip(demonstration.actions, names, strict=True)):
         world, sentence = world_of(action, task), f"{i + 1} of {count}: {described(action, name, task)}"
         index = task.box_names.index(name)
         up = np.array([0, 0, CARRY * task.boxes[index].size], np.float32)
         if action.kind == "pick":
-            yield Scene(world, sentence)
-            yield Scene(_held(world, index, up), sentence)
+            yield ReplayStep(world, sentence)
+            yield ReplayStep(_held(world, index, up), sentence)
         else:
-            yield Scene(_held(world, index, up), sentence)
-            yield Scene(_held(world, index, np.zeros(3, np.float32)), sentence)
+            yield ReplayStep(_held(world, index, up), sentence)
+            yield ReplayStep(_held(world, index, np.zeros(3, np.float32)), sentence)
             if i == count - 1:
-                yield Scene(_at_rest(task, physics, _held(world, index, up), action, name), sentence)
+                yield ReplayStep(_at_rest(task, physics, _held(world, index, up), action, name), sentence)
 
 
 def handled(demonstration: Demonstration, frames: Frames) -> list[str]:
-    """The object that each action handles."""
+    """Return the object that each action handles."""
     found: list[str] = []
     for action in demonstration.actions:
         found.append(action.nearest(frames.objects) if action.kind == "pick" or not found else found[-1])
@@ -68,7 +68,7 @@ def handled(demonstration: Demonstration, frames: Frames) -> list[str]:
 
 
 def world_of(action: Action, task: Task) -> World:
-    """The scene at the moment of an action, a batch of one state (NumPy) with an open, empty gripper."""
+    """Return the state during an action, a batch of one (NumPy) with an open, empty gripper."""
     poses = np.array([_pose(action, name, task) for name in task.box_names], np.float32)
     kit = _pose(action, task.kit.name, task)[:3].astype(np.float32)
     return World(
@@ -81,7 +81,7 @@ def world_of(action: Action, task: Task) -> World:
 
 
 def described(action: Action, name: str, task: Task) -> str:
-    """What an action on the object `name` does, in plain words: by what is below, else by the table."""
+    """Say what an action on the object `name` does: by what is below the object, else by the table."""
     words = Words(task)
     if action.kind == "pick":
         return f"Pick up {name}"
@@ -95,12 +95,12 @@ def described(action: Action, name: str, task: Task) -> str:
     x, y, z = action.handled(task.kit.name)
     if max(abs(x), abs(y)) < half and abs(z) < half:
         return f"Put {name} {words.place(name, (x, y, z), task.kit.name)}"
-    position = tuple(float(value) for value in action.handled(task.robot_frame))
-    return f"Put {name} {words.place(name, position, task.robot_frame)}"
+    x, y, z = action.handled(task.robot_frame)
+    return f"Put {name} {words.place(name, (x, y, z), task.robot_frame)}"
 
 
 def _pose(action: Action, frame: str, task: Task) -> Float[np.ndarray, "7"]:
-    """A frame in the world: position [m] and quaternion wxyz."""
+    """Return a frame in the world: position [m] and quaternion wxyz."""
     in_robot, in_frame = action.poses[task.robot_frame], action.poses[frame]
     turn = Rotation.from_quat(in_robot.quaternion) * Rotation.from_quat(in_frame.quaternion).inv()
     position = np.array(in_robot.position) - turn.apply(in_frame.position) + task.robot_position
@@ -114,7 +114,7 @@ def _held(world: World, index: int, up: Float[np.ndarray, "3"]) -> World:
 
 
 def _at_rest(task: Task, physics: Physics, before: World, action: Action, name: str) -> World:
-    """Once it has been let go; where physics differs too much from the recording to do that, as it was recorded."""
+    """Return the state after the release; as it was recorded if the simulation differs too much for a release."""
     recorded = world_of(action, task)
     hand = Teleoperation(task, physics, recorded)
     try:

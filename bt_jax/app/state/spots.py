@@ -1,7 +1,7 @@
-"""Places as people say them: from the middle of a table, from the kit, or from another box.
+"""Places as people describe them: from the middle of a table, from the kit, or from another box.
 
 A spot says how far to the right, how far away and how high, as seen by a person who faces the robot. The height is that of
-the underside over what it is measured from: 0 is on the table, on the kit's floor, on top of the other box.
+the underside above the reference: 0 is on the table, on the kit's floor, on top of the other box.
 """
 
 from __future__ import annotations
@@ -31,22 +31,22 @@ class Spot:
     up: float
 
     def point(self, task: Task, name: str, where: Mapping[str, Point]) -> Point:
-        """Centre of the box `name` in the world; `where` are the `origins`."""
+        """Return the centre of the box `name` in the world; `where` are the `origins`."""
         offset = self.right * np.array(task.right) + self.away * np.array(task.away)
         half = task.size(name) / 2
         return where[self.reference] + offset + np.array([0, 0, self.up + half])
 
     def frame(self, task: Task) -> str:
-        """The frame in which a target there is meant: tables do not move, thus the robot's."""
+        """Return the frame of a target there; that of the robot for a table, since tables do not move."""
         return self.reference if self.reference in task.frames else task.robot_frame
 
 
 def origins(task: Task, world: World, *, ended: bool) -> dict[str, Point]:
-    """World position of what spots are measured from: middles of the tables' tops, of the kit's floor, and of the boxes'
+    """Return the world positions of the references: the middles of the tables' tops, of the kit's floor, and of the boxes'
     tops, as they are in `world` (a batch of one), or with `ended` once all targets are met."""
     found = {table.name: np.array([*table.position[:2], table.top]) for table in task.tables}
     found[task.kit.name] = np.add(world.kit[0], (0.0, 0.0, task.kit.thickness / 2))
-    centres = {name: world.poses[0, i, :3].astype(float) for i, name in enumerate(task.box_names)}
+    centres = {name: np.asarray(world.poses[0, i, :3], float) for i, name in enumerate(task.box_names)}
     if ended:
         centres |= goals(task, world)
     for box in task.boxes:
@@ -55,13 +55,13 @@ def origins(task: Task, world: World, *, ended: bool) -> dict[str, Point]:
 
 
 def spot_at(task: Task, world: World, name: str) -> Spot:
-    """Where a box is now, from the middle of the table that it is over, or the nearest one."""
-    centre = world.poses[0, task.box_names.index(name), :3].astype(float)
+    """Return where a box is now, from the middle of the nearest table."""
+    centre = np.asarray(world.poses[0, task.box_names.index(name), :3], float)
     return _relative(task, name, centre, _table(task, centre).name, origins(task, world, ended=False))
 
 
 def spot_of_target(task: Task, world: World, name: str) -> Spot:
-    """Where the target of a box is, from the frame in which it is given, or from the table there."""
+    """Return where the target of a box is, from the frame in which it is given, or from the table there."""
     target = next(target for target in task.targets if target.object == name)
     goal = goals(task, world)[name]
     reference = _table(task, goal).name if target.frame == task.robot_frame else target.frame

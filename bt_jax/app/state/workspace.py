@@ -1,4 +1,4 @@
-"""The folder that the page works in: its runs, demonstrations and tasks.
+"""The folder that the page works in: its runs, demonstrations and tasks, and the draft of the task that is edited.
 
 Names come from the browser. Each is checked here, so that none leads out of the folder.
 """
@@ -28,7 +28,7 @@ LEARNT = "learnt_tree.txt"
 
 @dataclasses.dataclass(frozen=True)
 class Workspace:
-    """`root/runs`, `root/demonstrations` and `root/tasks`."""
+    """`root/runs`, `root/demonstrations`, `root/tasks`, `root/draft.yaml`, and files for trainings in `root/.inputs`."""
 
     root: Path
 
@@ -44,29 +44,34 @@ class Workspace:
     def tasks(self) -> Path:
         return self.root / "tasks"
 
+    @property
+    def inputs(self) -> Path:
+        """Where files for trainings are written, which may read them after the page was closed."""
+        return self.root / ".inputs"
+
     def run_names(self) -> list[str]:
-        """Run folders, the newest first."""
+        """Return the names of the run folders, the newest first."""
         found = [path for path in _folders(self.runs) if (path / "config.json").is_file()]
         return [path.name for path in sorted(found, key=_changed, reverse=True)]
 
     def run(self, name: str) -> RunFolder:
-        """An existing run folder. Raises UserError where it has gone, or the name leads out of the workspace."""
+        """Return an existing run folder. Raise UserError if it has gone, or the name leads out of the workspace."""
         path = self.inside(self.runs, name)
         if not (path / "config.json").is_file():
             raise UserError(f"the run {name} is no longer there; choose another, or evolve again")
         return RunFolder(path)
 
     def learnt_names(self) -> list[str]:
-        """Folders that `bt_jax.learn` has left among the runs, the newest first."""
+        """Return the folders that `bt_jax.learn` has left among the runs, the newest first."""
         found = [path for path in _folders(self.runs) if (path / LEARNT).is_file()]
         return [path.name for path in sorted(found, key=lambda path: (path / LEARNT).stat().st_mtime, reverse=True)]
 
     def learnt_tree(self, name: str) -> Tree:
-        """The tree in such a folder. Raises UserError where it has gone or cannot be read."""
+        """Return the tree in such a folder. Raise UserError if it has gone or cannot be read."""
         return read_tree(self.inside(self.runs, name) / LEARNT)
 
     def delete_run(self, name: str) -> None:
-        """Removes a run folder. Raises UserError as `run` does, and where a process is training there."""
+        """Delete a run folder. Raise UserError as `run` does, and if a process is training there."""
         path = self.run(name).path
         if is_alive(path):
             raise UserError(f"{name} is evolving; stop it before you delete it")
@@ -75,40 +80,55 @@ class Workspace:
             path.rename(going)
             shutil.rmtree(going)
         except OSError as error:
-            raise UserError(f"{name} cannot be deleted ({error.strerror}); look at the rights of {path}") from None
+            raise UserError(f"{name} cannot be deleted ({error.strerror}); check the permissions of {path}") from None
 
     def demonstration_sets(self) -> list[str]:
-        """Names of the sets of demonstrations."""
+        """Return the names of the sets of demonstrations."""
         return sorted(path.name for path in _folders(self.demonstrations) if (path / "info.yaml").is_file())
 
     def demonstration_set(self, name: str) -> DemonstrationFolder:
-        """A set of demonstrations, there already or not. Raises UserError where the name leads out of the workspace."""
+        """Return a set of demonstrations, which may not exist yet. Raise UserError if its name leads out of the folder."""
         return DemonstrationFolder(self.inside(self.demonstrations, name))
 
     def task_names(self) -> list[str]:
-        """Tasks of the package, then those saved here."""
+        """Return the names of the tasks of the package, then of those saved here."""
         own = sorted(path.stem for path in self.tasks.glob("*.yaml")) if self.tasks.is_dir() else []
         return [*task_names(), *(name for name in own if name not in task_names())]
 
     def task(self, name: str) -> Task:
-        """A task by its name. Raises UserError where the file is broken, gone or outside."""
+        """Return a task by its name. Raise UserError if the file is invalid, gone or outside the workspace."""
         if name in task_names():
             return load_task(name)
         return load_task(self.inside(self.tasks, f"{name}.yaml"))
 
     def save_task(self, name: str, task: Task) -> Path:
-        """Writes a task file. Raises UserError where the name is that of a task of the package, or no name."""
+        """Write a task file. Raise UserError if the name is that of a task of the package, or no name for a file."""
         if not re.fullmatch(r"[\w-]+", name):
             raise UserError(f"'{name}' cannot name a task; use letters, digits, underscores and dashes")
         if name in task_names():
             raise UserError(f"the task {name} comes with the package and stays as it is; choose another name")
         path = self.inside(self.tasks, f"{name}.yaml")
-        data = dataclasses.replace(task, name=name).to_dict()
-        write_atomic(path, yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=120))
+        write_atomic(path, _yaml(dataclasses.replace(task, name=name)))
         return path
 
+    def draft(self) -> Task | None:
+        """Return the draft of a task, None if there is none. Raise UserError if it is invalid."""
+        return load_task(self._draft) if self._draft.is_file() else None
+
+    def save_draft(self, task: Task) -> None:
+        """Replace the draft."""
+        write_atomic(self._draft, _yaml(task))
+
+    def delete_draft(self) -> None:
+        """Delete the draft, if there is one."""
+        self._draft.unlink(missing_ok=True)
+
+    @property
+    def _draft(self) -> Path:
+        return self.root / "draft.yaml"
+
     def inside(self, folder: Path, name: str) -> Path:
-        """The path of a name in a folder of the workspace. Raises UserError where it would lead out of it."""
+        """Return the path of a name in a folder of the workspace. Raise UserError if it would lead out of it."""
         path = folder / name
         if not is_name(name) or path.resolve().parent != folder.resolve():
             raise UserError(f"'{name}' leads out of {self.root}; choose a name from the list")
@@ -116,10 +136,14 @@ class Workspace:
 
 
 def _folders(folder: Path) -> list[Path]:
-    """Folders in a folder that are not links to elsewhere."""
+    """Return the folders in a folder, without links."""
     if not folder.is_dir():
         return []
     return [path for path in folder.iterdir() if path.is_dir() and not path.is_symlink() and is_name(path.name)]
+
+
+def _yaml(task: Task) -> str:
+    return yaml.safe_dump(task.to_dict(), sort_keys=False, default_flow_style=None, width=120)
 
 
 def _changed(run: Path) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from html import escape
 
 import numpy as np
+from jaxtyping import Float
 
 from bt_jax.lfd import Lesson
 from bt_jax.lfd.clustering import Candidate, Inference
@@ -19,14 +20,14 @@ BARS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0)  # lengths of the scale, metr
 
 
 def cluster_svg(lesson: Lesson, inference: Inference, frame: str, *, task: Task) -> str:
-    """The places of an action as dots, one a demonstration, their mean as a cross, and other places of the same object as
-    crosses; to the right is what is right for a person before the scene, and a bar says how large it is."""
+    """Draw the places of an action as dots, one for each demonstration, their mean as a plus, and other places of the same
+    object as crosses; right is right for a person in front of the scene, and a bar shows the scale."""
     own, others = (_seen(points, task) for points in cluster_points(lesson, inference, frame))
     centre = own.mean(axis=0)
     reach = max(LEAST, ROOM * float(np.abs(own - centre).max()))
     scale = (SIDE / 2 - MARGIN) / reach
 
-    def at(point: np.ndarray) -> tuple[float, float]:
+    def at(point: Float[np.ndarray, "2"]) -> tuple[float, float]:
         x, y = (point - centre) * scale
         return SIDE / 2 + float(x), SIDE / 2 - float(y)
 
@@ -55,8 +56,8 @@ def cluster_svg(lesson: Lesson, inference: Inference, frame: str, *, task: Task)
 
 
 def scores(lesson: Lesson, inference: Inference) -> dict[str, Candidate | None]:
-    """The frames in which an action may be meant, the best first, with what was weighed; None where too few
-    demonstrations were there to weigh anything."""
+    """Return the frames that an action may be relative to, the best first, with their scores; None if there were too few
+    demonstrations for scores."""
     found: dict[str, Candidate | None] = {one.frame: one for one in inference.candidates}
     for frame in lesson.demonstrations.frames.names:
         if frame != inference.object:
@@ -64,6 +65,6 @@ def scores(lesson: Lesson, inference: Inference) -> dict[str, Candidate | None]:
     return found
 
 
-def _seen(points: np.ndarray, task: Task) -> np.ndarray:
-    """Points [n, 3] as [n, 2]: how far to the right and how far away for a person before the scene."""
+def _seen(points: Float[np.ndarray, "N 3"], task: Task) -> Float[np.ndarray, "N 2"]:
+    """Return how far to the right and how far away points are for a person in front of the scene."""
     return points @ np.array([task.right, task.away]).T

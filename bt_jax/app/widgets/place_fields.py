@@ -1,4 +1,4 @@
-"""A place in number fields: what it is measured from, and how far to the right, back and up, in centimetres."""
+"""A place in number fields: its reference, and how far to the right, back and up, in centimetres."""
 
 from __future__ import annotations
 
@@ -6,29 +6,27 @@ import asyncio
 import dataclasses
 import functools
 from collections.abc import Awaitable, Callable, Collection, Sequence
-from typing import TYPE_CHECKING
 
 from nicegui import ui
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.state.spots import Spot
-
-if TYPE_CHECKING:
-    from bt_jax.app.page import Page
+from bt_jax.app.widgets.context import PageContext
 
 __all__ = ["PlaceFields"]
 
 AXES = (("right", "right, cm"), ("away", "back, cm"), ("up", "up, cm"))
+NAMES = ("right", "away", "up")
 APPLY = ("blur", "keydown.enter", "keyup.up", "keyup.down")
 
 
 class PlaceFields:
-    """Calls `moved(spot)` when a person has left a field, pressed Enter or stepped with the arrow keys; a UserError from it
-    is said, and the fields show again what is."""
+    """Number fields that call `moved(spot)` when a person has left one, pressed Enter or stepped with the arrow keys; after
+    a UserError they show the place as it was."""
 
     def __init__(
         self,
-        page: Page,
+        page: PageContext,
         name: str,
         references: Sequence[str],
         spot: Spot,
@@ -37,7 +35,7 @@ class PlaceFields:
         step: str = "task",
     ) -> None:
         self._name, self._moved, self._spot = name, moved, spot
-        self._turn = asyncio.Lock()  # a number adds to what the ones before it have led to
+        self._turn = asyncio.Lock()  # each number applies to the place that the ones before it have led to
         self._reference = (
             ui.select(list(references), value=spot.reference, label="measured from")
             .on("update:model-value", page.guard(self._change))
@@ -55,14 +53,14 @@ class PlaceFields:
         self._restore()
 
     def show(self, spot: Spot) -> None:
-        """The fields show another place; what somebody is writing stays where that is the same."""
+        """Show another place; a field that somebody is writing in stays if its value is the same."""
         before, self._spot = self._spot, spot
         if spot.reference != before.reference:
             self._restore()
         else:
             self._restore([axis for axis in self._fields if _centimetres(spot, axis) != _centimetres(before, axis)])
 
-    def _restore(self, axes: Collection[str] = tuple(axis for axis, _ in AXES)) -> None:
+    def _restore(self, axes: Collection[str] = NAMES) -> None:
         self._reference.set_value(self._spot.reference)
         for axis in axes:
             self._fields[axis].set_value(_centimetres(self._spot, axis))
@@ -82,7 +80,7 @@ class PlaceFields:
                     self._restore([axis])
 
     async def _change(self) -> None:
-        """The same numbers from elsewhere would mean another place: it begins in the middle, or on top."""
+        """Measure from elsewhere, starting in the middle or on top: the same numbers would mean another place."""
         reference = self._reference.value
         async with self._turn:
             try:

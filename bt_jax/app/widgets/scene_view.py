@@ -1,4 +1,4 @@
-"""The scene in 3D, at the left of every window: it shows what the studio shows, and lets a person take hold of it."""
+"""The scene in 3D, at the left of every window: it shows the state of the studio, and a person can drag what is in it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import mujoco
 import nicegui
@@ -21,6 +21,7 @@ from bt_jax.app.plain_words import Words
 from bt_jax.app.state.arrangement import goals
 from bt_jax.app.state.playing import Cue
 from bt_jax.app.state.studio import Studio
+from bt_jax.app.widgets.context import PageContext
 from bt_jax.behaviors import Behavior, Vocabulary
 from bt_jax.mjx_env.render.choreography import Shot, Stage
 from bt_jax.mjx_env.scene.mjcf import compile_scene
@@ -28,9 +29,6 @@ from bt_jax.mjx_env.scene.surfaces import fixed_surfaces
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Task
-
-if TYPE_CHECKING:
-    from bt_jax.app.page import Page
 
 __all__ = ["Dragging", "SceneView"]
 
@@ -43,16 +41,15 @@ Pose = Sequence[float] | Float[np.ndarray, "7"]
 class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": str(THREE)}):
     """Tables, kit, boxes and gripper, and translucent copies of boxes where they should be.
 
-    What is shown depends on the step of the window: where things start, what the player does, or `studio.shown`. Nothing
-    is decided here: a box that was dropped or clicked is reported to whoever asked for it with `on_drop` and `on_pick`.
+    What is shown depends on the step of the window: where things start, what the player does, or what teaching shows. A box
+    that was dropped or clicked is reported to whoever has asked for it with `on_drop` and `on_pick`.
     """
 
-    def __init__(self, studio: Studio, page: Page) -> None:
+    def __init__(self, studio: Studio, page: PageContext) -> None:
         super().__init__()
         self.studio, self.page = studio, page
         self._props["label"] = (
-            "The scene; drag or use the arrow keys to look from elsewhere, plus and minus to come nearer, double-click for "
-            "the first view"
+            "The scene; drag or press the arrow keys to turn the view, plus and minus to zoom, double-click to reset it"
         )
         self.props("data-testid=scene")
         self._arranging: Dragging = "targets"
@@ -70,20 +67,20 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
         page.on_step(lambda step: self._enter())
 
     def on_drop(self, callback: Callable[[Dragging, str, np.ndarray], Any]) -> None:
-        """Calls back with what was dragged (boxes or targets), its name, and where its centre was dropped [m, world]."""
+        """Call back with what was dragged (boxes or targets), its name, and where its centre was dropped [m, world]."""
         self._on_drop.append(callback)
 
     def on_pick(self, callback: Callable[[str], Any]) -> None:
-        """Calls back with the name of a box that was clicked."""
+        """Call back with the name of a box that was clicked."""
         self._on_pick.append(callback)
 
     def arrange(self, dragging: Dragging) -> None:
-        """What a person may drag in the step `task`: boxes or targets."""
+        """Set what a person may drag in the step `task`: boxes or targets."""
         self._arranging = dragging
         self._enter()
 
     def ghost(self, poses: Mapping[str, Pose], *, group: str, texts: Mapping[str, str] | None = None) -> None:
-        """Translucent copies of boxes at these poses [m, world; wxyz], in place of those that `group` had before."""
+        """Show translucent copies of boxes at these poses [m, world; wxyz], in place of those that `group` had before."""
         texts = {} if texts is None else texts
         ghosts = [{"name": name, "pose": _plain(pose), "text": texts.get(name, name)} for name, pose in poses.items()]
         if ghosts != self._ghosts.get(group, []):
@@ -92,16 +89,17 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
 
     @property
     def _world(self) -> World:
-        """What there is to see in the step of the window."""
+        """The state that this step of the window shows."""
         studio = self.studio
         if self.page.step in ("task", "evolve"):
-            return studio.start
+            return studio.edited.start
         if self.page.step == "run":
-            return studio.start if studio.player is None else studio.player.world
-        return studio.shown
+            player = studio.playing.player
+            return studio.edited.start if player is None else player.world
+        return studio.teaching.shown
 
     def _rebuild(self) -> None:
-        model = _model(self.studio.task)
+        model = _model(self.studio.edited.task)
         if model != self._props.get("model"):
             self._ready, self._ghosts = False, {}
             self._props["model"] = model
@@ -109,7 +107,7 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
         self._show_targets()
 
     def _begin(self) -> None:
-        """The browser has built the scene of the task: what it does not know yet is sent."""
+        """Send what the browser needs once it has built the scene of the task."""
         self._ready = True
         self._call("setDragging", self._dragging)
         self._show(glide=False)
@@ -125,16 +123,19 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
         return {"task": self._arranging, "run": "boxes"}.get(self.page.step, "")
 
     def _show(self, *, glide: bool = True) -> None:
-        world, player = self._world, self.studio.player
-        running = self.page.step == "run" and player is not None
-        shot = player.now.shots[-1] if running else _at_rest(self.studio.task, world)
-        self._cue = self.studio.playing.cue if running else None
-        kit = [*_plain(world.kit[0]), 1, 0, 0, 0]
+        world, playing = self._world, self.studio.playing
+        if self.page.step == "run" and playing.player is not None:
+            shot, self._cue = playing.player.now.shots[-1], playing.cue
+        else:
+            shot, self._cue = _at_rest(self.studio.edited.task, world), None
+        kit = [*_plain(np.asarray(world.kit)[0]), 1, 0, 0, 0]
         self._call("show", {**_state(shot), "kit": kit}, glide)
         self._show_targets()
 
     def _show_targets(self) -> None:
-        task, poses, texts = self.studio.task, {}, {}
+        task = self.studio.edited.task
+        poses: dict[str, Pose] = {}
+        texts: dict[str, str] = {}
         if self.page.step in ("task", "evolve", "combine", "run"):
             words = Words(task)
             poses = {name: (*goal, 1, 0, 0, 0) for name, goal in goals(task, self._world).items()}
@@ -144,11 +145,11 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
         self.ghost(poses, group="targets", texts=texts)
 
     def _follow(self) -> None:
-        """Does what the player is doing."""
+        """Play what the player does."""
         cue = self.studio.playing.cue
         if self.page.step != "run" or cue is self._cue:
             return
-        if cue is None or cue.kind == "show" or self.studio.player is None:
+        if cue is None or cue.kind == "show" or self.studio.playing.player is None:
             self._show()
             return
         self._cue = cue
@@ -163,7 +164,7 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
             self.run_method(method, *arguments)
 
     async def _drop(self, event: GenericEventArguments) -> None:
-        """A box stays where it was dropped only if one of those who are asked has put it there."""
+        """Report a drop; the box stays there only if a callback has put it there."""
         dragged, name = event.args["kind"], event.args["name"]
         position = np.array(event.args["position"], float)
         try:
@@ -185,7 +186,7 @@ async def _finished(result: Any) -> None:
 
 @functools.lru_cache(maxsize=8)
 def _model(task: Task) -> dict[str, Any]:
-    """What the browser builds the scene from: the shapes of the compiled scene, what boxes can stand on, and the view."""
+    """Return what the browser builds the scene from: the shapes of the compiled scene, the surfaces, and the view."""
     model, _ = compile_scene(task, gripper=True)
     surfaces = fixed_surfaces(task, np.zeros((1, 3), np.float32))
     tops = [
@@ -221,8 +222,8 @@ def _geom(model: mujoco.MjModel, index: int) -> dict[str, Any]:
     }
 
 
-def _extent(task: Task) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest corner of what there is to see [m]: the upper part of the tables, and a stack on them."""
+def _extent(task: Task) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Return the lowest and highest corner of what is in view [m]: the upper part of the tables, and a stack on them."""
     middles, halves = (np.array([getattr(t, key) for t in task.tables]) for key in ("position", "size"))
     low, high = (middles - halves / 2).min(axis=0), (middles + halves / 2).max(axis=0)
     unit = max(box.size for box in task.boxes)
@@ -232,8 +233,8 @@ def _extent(task: Task) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _camera(task: Task) -> dict[str, Any]:
-    """The view of a person who faces the robot, from above and a little from the side; `across` and `upright` are the
-    tangents of half the angles that take in everything."""
+    """Return the view of a person who faces the robot, from above and a little from the side; `across` and `upright` are the
+    tangents of half the angles of view that show everything."""
     low, high = _extent(task)
     right, away, up = np.array(task.right), np.array(task.away), np.array([0.0, 0.0, 1.0])
     level = math.cos(TURN) * away - math.sin(TURN) * right
@@ -252,7 +253,7 @@ def _camera(task: Task) -> dict[str, Any]:
 
 
 def _at_rest(task: Task, world: World) -> Shot:
-    """The scene between two motions."""
+    """Return the scene between two motions."""
     semantics = LeafSemantics(task, Vocabulary.of([Behavior("open_gripper")]))
     return Stage(semantics, world, fps=1.0).shots[-1]
 

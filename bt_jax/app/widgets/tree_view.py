@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from nicegui import ui
 from nicegui.element import Element
@@ -14,9 +14,6 @@ from bt_jax.encoding.drawing.svg import status_class, to_svg
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import children, prefix
 from bt_jax.tasks import Task
-
-if TYPE_CHECKING:
-    from bt_jax.app.page import Page
 
 __all__ = ["TreeView"]
 
@@ -42,12 +39,12 @@ class _Drawing(Element, component="../static/tree_view.js"):
 
 
 class TreeView:
-    """Builds the view where it is made; fills it with `show` and `colour`.
+    """A tree with a bar of buttons, drawn into the container that is open; filled by `show` and `colour`.
 
     `legend` explains the colours. A person may fold and unfold subtrees, and choose words or symbols.
     """
 
-    def __init__(self, page: Page, *, testid: str, legend: bool = False) -> None:
+    def __init__(self, *, testid: str, legend: bool = False) -> None:
         self._tree: Tree | None = None
         self._task: Task | None = None
         self._words = True
@@ -66,7 +63,7 @@ class TreeView:
         self._drawing.on("toggle", lambda event: self._toggle(event.args))
 
     def show(self, tree: Tree | None, task: Task) -> None:
-        """Shows a tree of a task; the same again changes nothing. With None, the view is empty."""
+        """Show a tree of a task; the same again changes nothing. With None, the view is empty."""
         if tree == self._tree and task == self._task:
             return
         if tree != self._tree:
@@ -76,7 +73,7 @@ class TreeView:
         self._draw()
 
     def colour(self, statuses: Mapping[str, Status | None]) -> None:
-        """Colours the nodes; ids as from `encoding.svg.node_ids`."""
+        """Colour the nodes; ids as from `encoding.drawing.svg.node_ids`."""
         self._drawing.colour({name: status_class(status) for name, status in statuses.items()})
 
     def _draw(self) -> None:
@@ -104,7 +101,7 @@ class TreeView:
         self._draw()
 
     @staticmethod
-    def _button(icon: str, hint: str, testid: str, handler) -> ui.button:
+    def _button(icon: str, hint: str, testid: str, handler: Callable[[], Any]) -> ui.button:
         button = ui.button(icon=icon, on_click=handler).props(
             f'flat dense size=sm data-testid={testid} aria-label="{hint}"'
         )
@@ -114,7 +111,7 @@ class TreeView:
 
 
 def _outline(tree: Tree) -> set[str]:
-    """What is folded at first: genes, what is inside them, and in a large tree all that is deep down."""
+    """Return what is folded at first: genes, and in a large tree all subtrees below a depth."""
     folded = {f"node-{i}" for i, node in enumerate(prefix(tree)) if isinstance(node, Behavior) and node.subtree}
     if len(prefix(tree)) <= LARGE:
         return folded

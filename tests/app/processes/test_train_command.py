@@ -1,5 +1,7 @@
 """What the page wants reaches the command line of training unchanged."""
 
+import os
+import time
 from pathlib import Path
 
 import pytest
@@ -20,23 +22,41 @@ TREE = parse_tree("Sequence(pick(YellowBox), place(YellowBox, (0, 0, 0.052), Kit
 
 @pytest.mark.parametrize("name", task_names())
 def test_task_settings_and_folder(tmp_path, name):
-    orders, task = TrainCommand(), load_task(name)
+    command, task = TrainCommand(tmp_path), load_task(name)
     gp = GPConfig(
         population=24, generations=7, seed=3, max_nodes=32, baseline_keep=False, niches=True, p_add=0.2, p_change=0.3,
         parent_selection=Selection.RANK, elites=3,
     )  # fmt: skip
-    found = parse(orders.start(task, gp, tmp_path / "run"))
+    found = parse(command.start(task, gp, tmp_path / "run"))
     assert (found.gp, load_task(found.task), found.out) == (gp, task, tmp_path / "run")
-    assert parse(orders.start(task, GPConfig())).gp == GPConfig()
+    assert parse(command.start(task, GPConfig())).gp == GPConfig()
 
 
 def test_going_on_with_what_was_taught(tmp_path):
     folder = RunFolder.create(tmp_path / "run", RunConfig(load_task("stack"), GPConfig(seed=3), Settings()))
-    orders = TrainCommand()
-    plain = parse(orders.go_on(folder.path, 70))
+    command = TrainCommand(tmp_path / "inputs")
+    plain = parse(command.go_on(folder.path, 70))
     assert (plain.resume, plain.gp) == (folder.path, GPConfig(seed=3, generations=70))
-    changes = Changes(TREE, target_from=tmp_path / "top", subgoal_from=Path("way"), baseline_index=0)
-    taught = parse(orders.go_on(folder.path, 70, changes))
+    changes = Changes(
+        TREE, target_from=tmp_path / "top", subgoal_from=Path("way"), baseline_index=0, task=load_task("pyramid")
+    )
+    taught = parse(command.go_on(folder.path, 70, changes))
     assert read_tree(taught.baseline) == TREE
+    assert load_task(taught.task) == load_task("pyramid")
     assert (taught.add_target_from, taught.add_subgoal_from) == (tmp_path / "top", Path("way").resolve())
     assert taught.gp.baseline_index == 0
+
+
+def test_a_training_can_read_its_files_after_the_page_was_closed(tmp_path):
+    command = TrainCommand(tmp_path)
+    words = command.start(load_task("stack"), GPConfig())
+    del command
+    TrainCommand(tmp_path)
+    assert load_task(parse(words).task) == load_task("stack")
+
+
+def test_files_of_earlier_days_are_deleted(tmp_path):
+    old, new = (parse(TrainCommand(tmp_path).start(load_task("stack"), GPConfig())).task for _ in range(2))
+    os.utime(old.parent, (time.time() - 2 * 24 * 3600,) * 2)
+    TrainCommand(tmp_path)
+    assert (old.exists(), new.exists()) == (False, True)

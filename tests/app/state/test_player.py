@@ -50,8 +50,8 @@ def test_it_plays_what_play_plays(player):
     semantics = LeafSemantics(TASK, Vocabulary.of(leaves(written)))
     expected = play(semantics, Settler(TASK, PHYSICS), written, START)
     assert player.ending == expected.ending == Ending.SUCCESS
-    assert [moment.tick.command for moment in player.moments[1:]] == [tick.command for tick in expected.ticks]
-    assert [moment.tick.statuses for moment in player.moments[1:]] == [tick.statuses for tick in expected.ticks]
+    assert [snapshot.tick.command for snapshot in player.snapshots[1:]] == [tick.command for tick in expected.ticks]
+    assert [snapshot.tick.statuses for snapshot in player.snapshots[1:]] == [tick.statuses for tick in expected.ticks]
     np.testing.assert_array_equal(player.world.poses, expected.final.poses)
     np.testing.assert_allclose(list(player.distances.values()), expected.distance, atol=1e-6)
 
@@ -68,29 +68,29 @@ def test_statuses_have_the_ids_of_the_drawing(player):
 
 def test_stepping_back_and_forth_repeats_what_was_seen(player):
     run(player)
-    last = len(player.moments) - 1
-    assert player.seek(-3) is player.moments[0]
+    last = len(player.snapshots) - 1
+    assert player.seek(-3) is player.snapshots[0]
     np.testing.assert_array_equal(player.world.poses, START.poses)
-    assert player.tick() is player.moments[1]
-    assert player.seek(99) is player.moments[last]
-    assert player.tick() is player.moments[last]
-    assert len(player.moments) == last + 1
+    assert player.tick() is player.snapshots[1]
+    assert player.seek(99) is player.snapshots[last]
+    assert player.tick() is player.snapshots[last]
+    assert len(player.snapshots) == last + 1
 
 
 def test_the_motion_is_continuous_and_ends_in_the_state(player):
     run(player)
-    taken = [shot for moment in player.moments for shot in moment.shots]
+    taken = [shot for snapshot in player.snapshots for shot in snapshot.shots]
     for before, after in itertools.pairwise(taken):
         assert np.abs(np.subtract(after.gripper.position, before.gripper.position)).max() < 0.18
         assert np.abs(after.poses[:, :3] - before.poses[:, :3]).max() < 0.2
-    for moment in player.moments:
-        np.testing.assert_allclose(moment.shots[-1].poses, moment.episode.world.poses[0], atol=1e-6)
-        assert 0.3 < moment.seconds < 6
+    for snapshot in player.snapshots:
+        np.testing.assert_allclose(snapshot.shots[-1].poses, snapshot.episode.world.poses[0], atol=1e-6)
+        assert 0.3 < snapshot.seconds < 6
 
 
 def test_the_tree_reacts_to_a_box_that_a_person_moves(player):
     run(player)
-    ticks = len(player.moments)
+    ticks = len(player.snapshots)
     player.put("GreenBox", START.poses[0, 1, :3].astype(float))
     assert player.ending == Ending.OPEN
     assert player.now.moved == "GreenBox"
@@ -98,7 +98,7 @@ def test_the_tree_reacts_to_a_box_that_a_person_moves(player):
     run(player)
     assert player.ending == Ending.SUCCESS
     assert max(player.distances.values()) < TASK.episode.tolerance
-    commands = [str(m.tick.command).split("(")[0] for m in player.moments[ticks + 1 :] if m.tick.command]
+    commands = [str(m.tick.command).split("(")[0] for m in player.snapshots[ticks + 1 :] if m.tick.command]
     assert commands == ["pick", "place"]
 
 
@@ -107,7 +107,7 @@ def test_the_future_is_forgotten_when_a_box_is_moved_in_the_past(player):
     player.seek(2)
     kit = START.kit[0].astype(float)
     player.put("BlueBox", kit + np.array([0.12, 0.12, 0.055]))
-    assert len(player.moments) == player.at + 1 == 4
+    assert len(player.snapshots) == player.at + 1 == 4
     run(player)
     assert player.ending == Ending.SUCCESS
     assert np.linalg.norm(at(player, "BlueBox") - kit) < 0.2
@@ -115,12 +115,12 @@ def test_the_future_is_forgotten_when_a_box_is_moved_in_the_past(player):
 
 def test_what_cannot_be_put_changes_nothing(player):
     player.tick()
-    before = list(player.moments)
+    before = list(player.snapshots)
     with pytest.raises(UserError, match="in the gripper"):
         player.put("YellowBox", at(player, "YellowBox"))
     with pytest.raises(UserError, match="no table there"):
         player.put("BlueBox", np.array([0.0, 3.0, 1.0]))
-    assert player.moments == before
+    assert player.snapshots == before
     assert player.at == 1
 
 

@@ -20,10 +20,10 @@ Sequence
 @pytest.fixture
 def studio(tmp_path):
     studio = Studio(Workspace(tmp_path), load_task("stack"))
-    studio.tree = TREE
+    studio.take_tree(TREE, None)
     studio.playing.speed = 100.0
     studio.cues = []
-    studio.subscribe("player", lambda: studio.cues.append(studio.playing.cue))
+    studio.bus.subscribe("player", lambda: studio.cues.append(studio.playing.cue))
     return studio
 
 
@@ -50,12 +50,12 @@ def test_it_plays_to_the_end(studio):
         await begun(studio)
         assert studio.playing.on
         await until(lambda: not studio.playing.on)
-        assert studio.player.ending == Ending.SUCCESS
+        assert studio.playing.player.ending == Ending.SUCCESS
         assert kinds(studio) == ["show", *["play"] * 5, "show"]  # four actions, back home, and once more to be sure
         studio.playing.play()  # again from the beginning
-        assert studio.player.at == 0
+        assert studio.playing.player.at == 0
         await until(lambda: not studio.playing.on)
-        assert studio.player.at == len(studio.player.moments) - 1
+        assert studio.playing.player.at == len(studio.playing.player.snapshots) - 1
 
     asyncio.run(check())
 
@@ -65,20 +65,20 @@ def test_pause_holds_still_and_play_goes_on(studio):
         studio.playing.speed = 0.5
         await begun(studio)
         await until(lambda: studio.playing.cue.kind == "play")
-        at = studio.player.at
+        at = studio.playing.player.at
         studio.playing.pause()
         assert studio.playing.cue.kind == "freeze"
         await asyncio.sleep(0.05)
-        assert studio.player.at == at
+        assert studio.playing.player.at == at
         studio.playing.play()
         assert studio.playing.cue.kind == "go on"
         studio.playing.pause()
         studio.playing.speed = 100.0
         await studio.playing.tick()
-        assert studio.player.at == at + 1
+        assert studio.playing.player.at == at + 1
         assert not studio.playing.on
         await studio.playing.seek(0)
-        assert (studio.player.at, studio.playing.cue.kind) == (0, "show")
+        assert (studio.playing.player.at, studio.playing.cue.kind) == (0, "show")
 
     asyncio.run(check())
 
@@ -94,7 +94,7 @@ def test_play_and_pause_many_times_never_play_twice(studio):
         await until(lambda: not studio.playing.on)
         others = asyncio.all_tasks() - {asyncio.current_task()}
         await asyncio.wait(others, timeout=10) if others else None
-        assert studio.player.ending == Ending.SUCCESS
+        assert studio.playing.player.ending == Ending.SUCCESS
         assert not [task for task in others if not task.done()]
 
     asyncio.run(check())
@@ -104,12 +104,12 @@ def test_a_box_that_is_moved_while_it_runs_is_put_back(studio):
     async def check():
         await begun(studio)
         await until(lambda: not studio.playing.on)
-        table = studio.start.poses[0, 1, :3].astype(float)
+        table = studio.edited.start.poses[0, 1, :3].astype(float)
         await studio.playing.put("GreenBox", lambda world: table)
         assert studio.playing.on  # since it had not been paused
         await until(lambda: not studio.playing.on)
-        assert studio.player.ending == Ending.SUCCESS
-        assert max(studio.player.distances.values()) < 0.03
+        assert studio.playing.player.ending == Ending.SUCCESS
+        assert max(studio.playing.player.distances.values()) < 0.03
 
     asyncio.run(check())
 
@@ -132,24 +132,24 @@ def test_play_is_not_undone_by_an_episode_that_was_being_made(studio):
         await studio.playing.begin()
         beginning = asyncio.ensure_future(studio.playing.begin())
         await asyncio.sleep(0)
-        old = studio.player
+        old = studio.playing.player
         studio.playing.play()
         await beginning
-        assert studio.player is not old
+        assert studio.playing.player is not old
         assert studio.playing.on
         await until(lambda: not studio.playing.on)
-        assert studio.player.ending == Ending.SUCCESS
+        assert studio.playing.player.ending == Ending.SUCCESS
 
     asyncio.run(check())
 
 
 def test_a_tick_is_one_of_the_episode_that_is_being_made(studio):
     async def check():
-        await asyncio.gather(studio.playing.begin(), studio.playing.begin(anew=False))
-        first = studio.player
+        await asyncio.gather(studio.playing.begin(), studio.playing.begin(again=False))
+        first = studio.playing.player
         await asyncio.gather(studio.playing.begin(), studio.playing.tick())
-        assert studio.player is not first
-        assert studio.player.at == 1
+        assert studio.playing.player is not first
+        assert studio.playing.player.at == 1
 
     asyncio.run(check())
 
@@ -160,10 +160,10 @@ def test_a_box_goes_to_a_place_in_what_there_is_then(studio):
     async def check():
         await begun(studio)
         await until(lambda: not studio.playing.on)
-        index = studio.task.box_names.index("GreenBox")
+        index = studio.edited.task.box_names.index("GreenBox")
         await studio.playing.put("BlueBox", lambda world: world.poses[0, index, :3] + np.array([0, 0, 0.1]))
-        blue = studio.player.world.poses[0, studio.task.box_names.index("BlueBox"), :2]
-        np.testing.assert_allclose(blue, studio.start.kit[0, :2], atol=0.03)
+        blue = studio.playing.player.world.poses[0, studio.edited.task.box_names.index("BlueBox"), :2]
+        np.testing.assert_allclose(blue, studio.edited.start.kit[0, :2], atol=0.03)
 
     asyncio.run(check())
 
@@ -172,11 +172,11 @@ def test_another_tree_ends_what_runs(studio):
     async def check():
         await begun(studio)
         other = parse_tree("move(YellowBox, (0, 0, 0.055), KittingBox)")
-        studio.take(other, None)
-        assert (studio.tree, studio.player) == (other, None)
+        studio.take_tree(other, None)
+        assert (studio.playing.tree, studio.playing.player) == (other, None)
         await until(lambda: not studio.playing.on)
-        await studio.playing.begin(anew=False)
-        assert studio.player.tree == other
+        await studio.playing.begin(again=False)
+        assert studio.playing.player.tree == other
 
     asyncio.run(check())
 
@@ -184,7 +184,7 @@ def test_another_tree_ends_what_runs(studio):
 def test_another_task_ends_it(studio):
     async def check():
         await begun(studio)
-        studio.set_task(load_task("pyramid"))
+        studio.open_task(load_task("pyramid"))
         await until(lambda: not studio.playing.on)
         with pytest.raises(UserError, match="choose a tree"):
             await studio.playing.tick()
@@ -196,26 +196,26 @@ def test_a_player_of_the_task_before_never_comes_late(studio):
     async def check():
         beginning = asyncio.ensure_future(studio.playing.begin())
         await asyncio.sleep(0)
-        studio.set_task(load_task("pyramid"))
+        studio.open_task(load_task("pyramid"))
         await beginning
-        assert studio.player is None
+        assert studio.playing.player is None
         await studio.playing.begin()
-        old, ticking = studio.player, asyncio.ensure_future(studio.playing.tick())
+        old, ticking = studio.playing.player, asyncio.ensure_future(studio.playing.tick())
         await asyncio.sleep(0)
-        studio.set_task(load_task("stack"))
+        studio.open_task(load_task("stack"))
         cue = studio.playing.cue
         await ticking
         assert studio.playing.cue is cue
-        assert studio.player is not old
+        assert studio.playing.player is not old
 
     asyncio.run(check())
 
 
 def test_without_a_tree(studio):
-    studio.tree = None
+    studio.take_tree(None, None)
     with pytest.raises(UserError, match="no tree to run"):
         asyncio.run(studio.playing.begin())
-    studio.tree = parse_tree("pick(RedBox)")
+    studio.take_tree(parse_tree("pick(RedBox)"), None)
     with pytest.raises(UserError, match="RedBox"):
         asyncio.run(studio.playing.begin())
-    assert studio.player is None
+    assert studio.playing.player is None

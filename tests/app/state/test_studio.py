@@ -1,22 +1,32 @@
+"""What happens to several parts of the state at once."""
+
 import asyncio
 import dataclasses
 
 import numpy as np
 import pytest
 
+from bt_jax._util.errors import UserError
 from bt_jax.app.state.arrangement import untarget
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.state.workspace import Workspace
 from bt_jax.encoding.formats.text import parse_tree
+from bt_jax.gp.config import GPConfig
+from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.tasks import Box, load_task
+from bt_jax.training.phases import Changes
+from bt_jax.training.run_folder import RunConfig, RunFolder
+from bt_jax.training.training import Settings
 
 TREE = parse_tree("move(YellowBox, (0, 0, 0.055), KittingBox)")
+STACK3 = load_task("stack3")
 
 
 @pytest.fixture
-def studio(tmp_path):
-    studio = Studio(Workspace(tmp_path), load_task("stack3"))
-    studio.run, studio.tree = "run", TREE
+def studio(tmp_path, monkeypatch):
+    monkeypatch.setattr("bt_jax.app.state.worker.MujocoPhysics", lambda task, **_: Kinematic(task))
+    studio = Studio(Workspace(tmp_path), STACK3)
+    studio.take_tree(TREE, "run")
     return studio
 
 
@@ -26,60 +36,154 @@ def other_boxes(task):
 
 
 def test_a_tree_stays_as_long_as_there_are_the_same_things(studio):
-    studio.set_task(load_task("pyramid"))
-    assert (studio.run, studio.tree) == ("run", TREE)
-    studio.set_task(other_boxes(studio.task))
-    assert (studio.run, studio.tree) == (None, None)
+    studio.open_task(load_task("pyramid"))
+    assert (studio.playing.run, studio.playing.tree) == ("run", TREE)
+    studio.open_task(other_boxes(studio.edited.task))
+    assert (studio.playing.run, studio.playing.tree) == (None, None)
 
 
-def test_all_who_listen_see_a_whole_change(studio):
+def test_all_subscribers_see_a_complete_change(studio):
     seen = []
     for topic in ("task", "scene", "player"):
-        studio.subscribe(topic, lambda: seen.append(studio.start.poses.shape[1] == len(studio.task.boxes)))
-    studio.set_task(other_boxes(studio.task))
-    studio.amend(untarget(studio.task, "BlueBox"))
+        studio.bus.subscribe(
+            topic, lambda: seen.append(studio.edited.start.poses.shape[1] == len(studio.edited.task.boxes))
+        )
+    studio.open_task(other_boxes(studio.edited.task))
+    studio.edit_task(untarget(studio.edited.task, "BlueBox"))
     assert seen
     assert all(seen)
 
 
-def test_what_a_person_changes_while_an_evolution_starts_stays(studio, monkeypatch):
-    class Evolution:
-        run, tree, running, gone, sentence = "run", TREE, True, False, ""
-        stage, following = "starting", "evolving"
+def test_edits_are_undone_and_redone(studio):
+    fewer = untarget(STACK3, "BlueBox")
+    studio.edit_task(fewer)
+    moved = dataclasses.replace(studio.edited.start, poses=studio.edited.start.poses + np.float32(0.01))
+    studio.edit_task(fewer, moved)
+    studio.undo_edit()
+    assert studio.edited.task == fewer
+    np.testing.assert_array_equal(studio.teaching.shown.poses, studio.edited.start.poses)
+    assert not np.array_equal(studio.edited.start.poses, moved.poses)
+    studio.undo_edit()
+    assert studio.edited.task == STACK3
+    assert not studio.edited.can_undo
+    with pytest.raises(UserError, match="nothing to undo"):
+        studio.undo_edit()
+    studio.redo_edit()
+    studio.redo_edit()
+    np.testing.assert_array_equal(studio.edited.start.poses, moved.poses)
+    studio.revert_task()
+    assert studio.edited.saved
+    studio.undo_edit()
+    assert studio.edited.task == fewer
 
-        def poll(self):
-            self.stage = self.following
-            return True
 
-    config = dataclasses.make_dataclass("Config", ["task"])(load_task("pyramid"))
-    folder = dataclasses.make_dataclass("Folder", ["config"])(lambda: config)
-    monkeypatch.setattr(Workspace, "run", lambda self, name: folder)
-    for edited in (False, True):
-        studio.evolution = Evolution()
-        studio.amend(load_task("stack3"))
-        studio.evolution.following = "starting"
-        studio.watch()
-        if edited:
-            studio.amend(untarget(studio.task, "BlueBox"))
-        studio.evolution.following = "evolving"
-        studio.watch()
-        expected = untarget(load_task("stack3"), "BlueBox") if edited else load_task("pyramid")
-        assert studio.task == expected
+def test_a_task_with_other_boxes_has_a_history_of_its_own(studio):
+    studio.edit_task(untarget(STACK3, "BlueBox"))
+    studio.open_task(load_task("yumi_stack"))
+    assert not studio.edited.can_undo
+
+
+def test_unsaved_changes_are_restored_by_the_next_page(studio):
+    fewer = untarget(STACK3, "BlueBox")
+    studio.edit_task(fewer)
+    assert studio.unsaved
+    after = Studio(studio.workspace, load_task("stack"))
+    after.restore()
+    assert after.edited.task == fewer
+    assert "Your unsaved changes of stack3 were restored" in after.bus.message
+    after.undo_edit() if after.edited.can_undo else after.revert_task()
+    assert after.edited.task == STACK3
+    again = Studio(studio.workspace, load_task("stack"))
+    again.restore()
+    assert (again.edited.task, again.bus.message) == (load_task("stack"), "")
+
+
+def test_what_was_saved_leaves_no_draft(studio):
+    studio.edit_task(untarget(STACK3, "BlueBox"))
+    studio.workspace.save_task("mine", studio.edited.task)
+    studio.edit_task(studio.workspace.task("mine"))
+    assert not studio.unsaved
+    assert studio.workspace.draft() is None
+
+
+def test_an_invalid_draft_is_said_and_hinders_nothing(studio, tmp_path):
+    (tmp_path / "draft.yaml").write_text("targets: [")
+    studio.restore()
+    assert "draft of your task cannot be restored" in studio.bus.message
+    assert studio.edited.task == STACK3
+
+
+@pytest.fixture
+def evolved(studio, monkeypatch):
+    """A studio with a run of the task, opened; a request to go on ends at its process."""
+    RunFolder.create(studio.workspace.runs / "run", RunConfig(STACK3, GPConfig(), Settings()))
+    studio.open_run("run")
+    requests = []
+    monkeypatch.setattr(studio.evolution, "go_on", lambda generations, changes: requests.append(changes))
+    studio.requests = requests
+    return studio
+
+
+def test_the_task_of_an_evolution_is_not_the_one_that_is_edited(evolved):
+    assert evolved.in_step
+    fewer = untarget(STACK3, "BlueBox")
+    evolved.edit_task(fewer)
+    assert not evolved.in_step
+    assert (evolved.evolution.task, evolved.edited.task) == (STACK3, fewer)
+    evolved.go_on(10)
+    evolved.go_on(10, for_edited=True)
+    assert [changes.task for changes in evolved.requests] == [None, fewer]
+    config = evolved.workspace.run("run").config()
+    assert Changes(task=fewer).applied(config).task == fewer
+    with pytest.raises(UserError, match="other boxes"):
+        Changes(task=load_task("yumi_stack")).applied(config)
+
+
+def evolving(evolution, monkeypatch, *, taught):
+    """The process of an evolution begins, and works for the task `taught`."""
+
+    def poll():
+        evolution.stage, evolution.task = "evolving", taught
+        return True
+
+    evolution.stage = "starting"
+    monkeypatch.setattr(evolution, "poll", poll)
+
+
+@pytest.mark.parametrize("edited", ["in step", "out of step", "changed meanwhile"])
+def test_what_an_evolution_was_taught_becomes_an_edit_unless_a_person_wants_something_else(
+    evolved, monkeypatch, edited
+):
+    fewer = untarget(STACK3, "BlueBox")
+    if edited == "out of step":
+        evolved.edit_task(fewer)
+    evolved.go_on(10)
+    if edited == "changed meanwhile":
+        evolved.edit_task(fewer)
+    taught = dataclasses.replace(STACK3, targets=load_task("pyramid").targets)
+    evolving(evolved.evolution, monkeypatch, taught=taught)
+    evolved.watch()
+    assert evolved.edited.task == (taught if edited == "in step" else fewer)
+    evolved.undo_edit()
+    assert evolved.edited.task == STACK3
 
 
 def test_work_is_done_one_after_the_other(studio):
     done = []
 
     async def check():
-        await asyncio.gather(*(studio.work(done.append, i) for i in range(20)))
+        await asyncio.gather(*(studio.worker.work(done.append, i) for i in range(20)))
 
     asyncio.run(check())
     assert done == list(range(20))
 
 
 def test_a_demonstration_in_the_making_stays_where_it_is(studio):
-    studio.session = object.__new__(type("Session", (), {"actions": ()}))
-    moved = dataclasses.replace(studio.shown, poses=studio.shown.poses + np.float32(0.1))
-    studio.shown = moved
-    studio.amend(untarget(studio.task, "BlueBox"), studio.start)
-    np.testing.assert_array_equal(studio.shown.poses, moved.poses)
+    async def check():
+        await studio.teaching.begin(reached=False)
+        before = studio.teaching.shown
+        studio.edit_task(untarget(studio.edited.task, "BlueBox"), studio.edited.start)
+        np.testing.assert_array_equal(studio.teaching.shown.poses, before.poses)
+        assert studio.teaching.session is not None
+
+    asyncio.run(check())

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bt_jax._util.errors import UserError
-from bt_jax.app.state.demonstration_library import Kept
+from bt_jax.app.state.demonstration_library import ListedDemonstration
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.state.teaching import DIRECTIONS
 from bt_jax.app.state.workspace import Workspace
@@ -32,21 +32,23 @@ def in_loop(test):
 
 @pytest.fixture
 def studio(tmp_path, monkeypatch):
-    monkeypatch.setattr("bt_jax.app.state.studio.MujocoPhysics", lambda task, **_: Kinematic(task))
+    monkeypatch.setattr("bt_jax.app.state.worker.MujocoPhysics", lambda task, **_: Kinematic(task))
     return Studio(Workspace(tmp_path), TASK)
 
 
 async def carry(studio, position, frame):
     """Presses the keys until the object in the gripper is at a position, to half a step."""
     teaching = studio.teaching
-    where = frames(studio.session.world, TASK)
+    where = frames(studio.teaching.session.world, TASK)
     index = np.array([TASK.frames.index(frame)])
     goal = to_world(where, index, np.asarray([position], np.float32))[0, 0]
     axes = {"right": TASK.right, "away": TASK.away, "up": (0.0, 0.0, 1.0)}
     for step in (0.1, 0.01, 0.001):
         teaching.set_step(step)
         for plus, minus in (("right", "left"), ("away", "near"), ("up", "down")):
-            now = to_world(where, np.array([len(TASK.frames) - 1]), studio.session.position("base_link")[None])[0, 0]
+            now = to_world(
+                where, np.array([len(TASK.frames) - 1]), studio.teaching.session.position("base_link")[None]
+            )[0, 0]
             away = float((goal - now) @ np.array(axes[plus]))
             for _ in range(round(abs(away) / step)):
                 await teaching.move(plus if away > 0 else minus)
@@ -65,23 +67,25 @@ async def demonstrate(studio, *, reached=False):
 @in_loop
 async def test_three_demonstrations_teach_a_tree(studio):
     seen = []
-    studio.subscribe("lesson", lambda: seen.append(studio.lesson))
-    assert studio.shelf.progress == "The demonstrations are being read."
-    await studio.shelf.refresh()
-    said = [studio.shelf.progress]
+    studio.bus.subscribe("lesson", lambda: seen.append(studio.library.lesson))
+    assert studio.library.progress == "The demonstrations are being read."
+    await studio.library.refresh()
+    said = [studio.library.progress]
     for number in (1, 2, 3):
         assert await demonstrate(studio) == f"demo{number}"
-        said.append(studio.shelf.progress)
+        said.append(studio.library.progress)
     assert said[0].startswith("No demonstration yet; 3 are needed")
     assert said[1].startswith("1 of 3 demonstrations: 2 more")
     assert said[2].startswith("2 of 3 demonstrations: 1 more")
     assert said[3].startswith("3 demonstrations: enough")
-    assert studio.shelf.kept == tuple(Kept(f"demo{number}", "GreenBox") for number in (1, 2, 3))
-    assert studio.lesson is seen[-1]
-    assert studio.lesson.missing == 0
-    assert (studio.lesson.tree.name, studio.lesson.tree.frame) == ("move", "YellowBox")
-    assert studio.lesson.tree.position == pytest.approx((0, 0, 0.1), abs=2e-3)  # lowered, though it was let go above
-    starts = {one.actions[0].poses["base_link"].position for one in studio.lesson.demonstrations}
+    assert studio.library.kept == tuple(ListedDemonstration(f"demo{number}", "GreenBox") for number in (1, 2, 3))
+    assert studio.library.lesson is seen[-1]
+    assert studio.library.lesson.missing == 0
+    assert (studio.library.lesson.tree.name, studio.library.lesson.tree.frame) == ("move", "YellowBox")
+    assert studio.library.lesson.tree.position == pytest.approx(
+        (0, 0, 0.1), abs=2e-3
+    )  # lowered, though it was let go above
+    starts = {one.actions[0].poses["base_link"].position for one in studio.library.lesson.demonstrations}
     assert len(starts) == 3  # each in another layout
 
 
@@ -92,16 +96,16 @@ async def test_where_a_demonstration_begins(studio):
         await teaching.begin(reached=True)
     teaching.elsewhere = False
     await teaching.begin(reached=False)
-    np.testing.assert_array_equal(studio.session.world.poses, studio.start.poses)
-    studio.tree = plan_task(TASK)
+    np.testing.assert_array_equal(studio.teaching.session.world.poses, studio.edited.start.poses)
+    studio.take_tree(plan_task(TASK), None)
     await teaching.begin(reached=True)
-    yellow, green = studio.session.world.poses[0, :2, :3]
+    yellow, green = studio.teaching.session.world.poses[0, :2, :3]
     np.testing.assert_allclose(green - yellow, (0, 0, 0.1), atol=1e-3)
-    np.testing.assert_array_equal(studio.shown.poses, studio.session.world.poses)
-    studio.tree = parse_tree("pick(GreenBox)")
+    np.testing.assert_array_equal(studio.teaching.shown.poses, studio.teaching.session.world.poses)
+    studio.take_tree(parse_tree("pick(GreenBox)"), None)
     with pytest.raises(UserError, match="ends with an object in the gripper"):
         await teaching.begin(reached=True)
-    assert studio.session is not None
+    assert studio.teaching.session is not None
 
 
 @in_loop
@@ -113,11 +117,11 @@ async def test_every_key_moves_as_the_person_sees_it(studio):
     opposite = {"left": "right", "near": "away", "down": "up"}
     teaching.set_step(0.03)
     for direction in DIRECTIONS:
-        before = studio.session.position("base_link")
+        before = studio.teaching.session.position("base_link")
         await teaching.move(direction)
         sign = -1 if direction in opposite else 1
         expected = sign * 0.03 * np.array(axes[opposite.get(direction, direction)])
-        np.testing.assert_allclose(studio.session.position("base_link") - before, expected, atol=1e-6)
+        np.testing.assert_allclose(studio.teaching.session.position("base_link") - before, expected, atol=1e-6)
 
 
 @in_loop
@@ -129,11 +133,11 @@ async def test_an_object_is_carried_straight_over_another(studio):
     await teaching.pick("GreenBox")
     await teaching.move("up")
     for frame, height in (("YellowBox", 0.15), ("KittingBox", 0.15)):
-        before = studio.session.world.poses[0, 1, 2]
+        before = studio.teaching.session.world.poses[0, 1, 2]
         await teaching.carry_over(frame)
-        np.testing.assert_allclose(studio.session.position(frame)[:2], 0, atol=1e-5)
-        assert studio.session.position(frame)[2] >= height - 1e-5
-        assert studio.session.world.poses[0, 1, 2] >= before - 1e-5
+        np.testing.assert_allclose(studio.teaching.session.position(frame)[:2], 0, atol=1e-5)
+        assert studio.teaching.session.position(frame)[2] >= height - 1e-5
+        assert studio.teaching.session.world.poses[0, 1, 2] >= before - 1e-5
         assert teaching.landing.on == frame
     with pytest.raises(UserError, match="no frame 'GreenBox' to carry"):
         await teaching.carry_over("GreenBox")
@@ -145,7 +149,7 @@ async def test_keys_are_carried_out_in_their_order(studio):
     teaching = studio.teaching
     await teaching.begin(reached=False)
     await asyncio.gather(teaching.pick("BlueBox"), *(teaching.move("up") for _ in range(3)), teaching.release())
-    assert [action.kind for action in studio.session.actions] == ["pick", "place"]
+    assert [action.kind for action in studio.teaching.session.actions] == ["pick", "place"]
     assert teaching.done[0] == "Pick up BlueBox"
     assert teaching.done[1].startswith("Put BlueBox ")
 
@@ -174,18 +178,18 @@ async def test_what_cannot_be_done_changes_nothing(studio, tmp_path):
     assert teaching.landing.on is None
     with pytest.raises(UserError, match="would fall to the floor"):
         await teaching.release()
-    assert studio.session.held == "GreenBox"
+    assert studio.teaching.session.held == "GreenBox"
     assert list(tmp_path.iterdir()) == []
     await teaching.undo()
     await teaching.undo()
     assert teaching.done == []
     await teaching.discard()
-    assert studio.session is None
-    np.testing.assert_array_equal(studio.shown.poses, studio.start.poses)
+    assert studio.teaching.session is None
+    np.testing.assert_array_equal(studio.teaching.shown.poses, studio.edited.start.poses)
 
 
 @pytest.mark.parametrize("step", [None, 0.0, 0.6, float("nan")])
-def test_a_step_that_is_none_is_refused(studio, step):
+def test_an_invalid_step_is_refused(studio, step):
     with pytest.raises(UserError, match=r"from 0\.1 to 50 cm"):
         studio.teaching.set_step(step)
 
@@ -206,47 +210,47 @@ def test_steps_grow_and_shrink(studio):
 async def test_the_list_is_kept(studio, tmp_path):
     for _ in range(2):
         await demonstrate(studio)
-    await studio.shelf.rename("demo1", " over the top ")
-    assert [one.name for one in studio.shelf.kept] == ["over the top", "demo2"]
-    (studio.shelf.folder.path / "demo2" / "data_2.yaml").write_text("type: pla")
-    await studio.shelf.refresh()
-    good, bad = studio.shelf.kept
+    await studio.library.rename("demo1", " over the top ")
+    assert [one.name for one in studio.library.kept] == ["over the top", "demo2"]
+    (studio.library.folder.path / "demo2" / "data_2.yaml").write_text("type: pla")
+    await studio.library.refresh()
+    good, bad = studio.library.kept
     assert good.problem == ""
     assert "demo2/data_2.yaml" in bad.problem
-    assert studio.shelf.progress.startswith("1 of 3")
-    await studio.shelf.delete("demo2")
-    await studio.shelf.delete("over the top")
-    assert studio.shelf.kept == ()
-    assert studio.lesson is None
-    assert studio.shelf.problem == ""
+    assert studio.library.progress.startswith("1 of 3")
+    await studio.library.delete("demo2")
+    await studio.library.delete("over the top")
+    assert studio.library.kept == ()
+    assert studio.library.lesson is None
+    assert studio.library.problem == ""
     with pytest.raises(UserError, match="has no demonstration 'demo2'"):
-        await studio.shelf.delete("demo2")
+        await studio.library.delete("demo2")
     with pytest.raises(UserError, match="leads out of"):
-        await studio.shelf.use_set("../elsewhere")
-    assert studio.demonstration_set == "demonstrations"
+        await studio.library.use_set("../elsewhere")
+    assert studio.library.set_name == "demonstrations"
 
 
 @in_loop
 async def test_windows_hear_of_another_set_and_of_nothing_else(studio):
     heard = []
-    studio.subscribe("demonstrations", lambda: heard.append(studio.demonstration_set))
-    await studio.shelf.refresh()
-    await studio.shelf.use_set("other")
+    studio.bus.subscribe("demonstrations", lambda: heard.append(studio.library.set_name))
+    await studio.library.refresh()
+    await studio.library.use_set("other")
     assert heard == ["demonstrations", "other", "other"]  # once to be read, and once read
-    lesson = studio.lesson
-    await asyncio.gather(studio.shelf.refresh(), studio.shelf.refresh())
+    lesson = studio.library.lesson
+    await asyncio.gather(studio.library.refresh(), studio.library.refresh())
     assert heard == ["demonstrations", "other", "other"]
-    assert studio.lesson is lesson
+    assert studio.library.lesson is lesson
 
 
 @in_loop
 async def test_a_demonstration_of_a_task_that_has_gone_does_not_begin(studio):
     beginning = asyncio.ensure_future(studio.teaching.begin(reached=False))
     await asyncio.sleep(0)
-    studio.set_task(load_task("yumi_stack"))
+    studio.open_task(load_task("yumi_stack"))
     with pytest.raises(UserError, match="another task was chosen meanwhile"):
         await beginning
-    assert studio.session is None
+    assert studio.teaching.session is None
 
 
 @in_loop
@@ -256,7 +260,7 @@ async def test_of_two_replays_the_last_is_shown_and_can_be_stopped(studio):
     await asyncio.gather(studio.teaching.replay("demo1"), studio.teaching.replay("demo2"))
     assert studio.teaching.replayed == "demo2"
     await asyncio.sleep(0.01)
-    assert studio.message.startswith("demo2")
+    assert studio.bus.message.startswith("demo2")
     studio.teaching.stop_replay()
     await asyncio.sleep(0.01)
     others = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
@@ -268,15 +272,15 @@ async def test_a_replay_shows_what_was_recorded(studio, monkeypatch):
     monkeypatch.setattr("bt_jax.app.state.teaching.PACE", 0.0)
     teaching = studio.teaching
     await teaching.begin(reached=False)
-    first = studio.shown
+    first = studio.teaching.shown
     await teaching.pick("GreenBox")
     await carry(studio, (0.01, 0.0, 0.13), "YellowBox")
     await teaching.release()
-    last = studio.shown
+    last = studio.teaching.shown
     await teaching.finish()
-    studio.show(studio.start)
+    studio.teaching.show(studio.edited.start)
     shown = []
-    studio.subscribe("scene", lambda: shown.append(studio.shown))
+    studio.bus.subscribe("scene", lambda: shown.append(studio.teaching.shown))
     await teaching.replay("demo1")
     await teaching._replay
     assert teaching.replayed is None
@@ -293,28 +297,28 @@ async def test_a_replay_shows_what_was_recorded(studio, monkeypatch):
 
 
 @in_loop
-async def test_a_chosen_frame_is_learnt_anew(studio):
+async def test_after_a_frame_was_chosen_it_is_learnt_again(studio):
     with pytest.raises(UserError, match="nothing has been learnt yet"):
-        await studio.shelf.choose_frame(1, "KittingBox")
+        await studio.library.choose_frame(1, "KittingBox")
     await demonstrate(studio)
-    assert studio.lesson.tree.frame == "base_link"
-    await studio.shelf.choose_frame(1, "YellowBox")
-    assert studio.lesson.tree.frame == "YellowBox"
-    assert studio.lesson.inferences[1].chosen
+    assert studio.library.lesson.tree.frame == "base_link"
+    await studio.library.choose_frame(1, "YellowBox")
+    assert studio.library.lesson.tree.frame == "YellowBox"
+    assert studio.library.lesson.inferences[1].chosen
     with pytest.raises(UserError, match="cannot be in the frame"):
-        await studio.shelf.choose_frame(1, "GreenBox")
-    assert studio.lesson.tree.frame == "YellowBox"
-    await studio.shelf.choose_frame(1, None)
-    assert studio.lesson.tree.frame == "base_link"
+        await studio.library.choose_frame(1, "GreenBox")
+    assert studio.library.lesson.tree.frame == "YellowBox"
+    await studio.library.choose_frame(1, None)
+    assert studio.library.lesson.tree.frame == "base_link"
 
 
 @in_loop
 async def test_another_task_says_why_nothing_is_learnt(studio):
     await demonstrate(studio)
-    studio.set_task(load_task("yumi_stack"))
-    await studio.shelf._refreshing
-    assert studio.lesson is None
-    assert "YellowBox measures 0.1 m in task stack and 0.04 m in yumi_stack" in studio.shelf.problem
+    studio.open_task(load_task("yumi_stack"))
+    await studio.library._refreshing
+    assert studio.library.lesson is None
+    assert "YellowBox measures 0.1 m in task stack and 0.04 m in yumi_stack" in studio.library.problem
     with pytest.raises(UserError, match="choose another folder"):
         await studio.teaching.begin(reached=False)
 
@@ -324,8 +328,8 @@ async def test_another_task_does_not_lose_a_demonstration(studio):
     await studio.teaching.begin(reached=False)
     await studio.teaching.pick("GreenBox")
     with pytest.raises(UserError, match="in the making; finish or discard it in step 3 first"):
-        studio.set_task(load_task("stack3"))
-    assert studio.task is TASK
+        studio.open_task(load_task("stack3"))
+    assert studio.edited.task is TASK
     await studio.teaching.discard()
-    studio.set_task(load_task("stack3"))
-    await studio.shelf._refreshing
+    studio.open_task(load_task("stack3"))
+    await studio.library._refreshing

@@ -8,13 +8,14 @@ import time
 import pytest
 
 from bt_jax._util.errors import UserError
-from bt_jax.app.state.evolution import Evolution
+from bt_jax.app.state.evolution_process import EvolutionProcess
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.state.workspace import Workspace
 from bt_jax.encoding.formats.text import one_line, parse_tree
 from bt_jax.gp.config import GPConfig
 from bt_jax.gp.evolution import Generation
 from bt_jax.tasks import load_task
+from bt_jax.training.phases import Changes
 from bt_jax.training.progress import Reporter, locked, read_progress
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.run_folder import RunFolder
@@ -45,9 +46,9 @@ def advances(evolution, seconds=60):
 
 @pytest.fixture
 def evolution(tmp_path):
-    evolution = Evolution(Workspace(tmp_path))
+    evolution = EvolutionProcess(Workspace(tmp_path))
     yield evolution
-    evolution.discard_reserve()
+    evolution.close()
     if evolution.progress is not None and evolution.running:
         os.kill(evolution.progress.pid, signal.SIGKILL)
 
@@ -76,7 +77,7 @@ def test_a_person_starts_pauses_resumes_and_stops(evolution):
     assert evolution.stage == "paused"
     halted = read_progress(evolution.workspace.runs / evolution.run).generation
     with pytest.raises(UserError, match="is running"):
-        evolution.more(10)
+        evolution.go_on(10)
 
     evolution.resume()
     evolution.poll()
@@ -91,12 +92,12 @@ def test_a_person_starts_pauses_resumes_and_stops(evolution):
     until(evolution, "stopped")
     assert evolution.result["generations"] == evolution.progress.generation
     assert one_line(evolution.tree) == evolution.progress.tree
-    for order in (evolution.pause, evolution.resume, evolution.stop):
+    for request in (evolution.pause, evolution.resume, evolution.stop):
         with pytest.raises(UserError):
-            order()
+            request()
 
     reached = evolution.progress.generation
-    evolution.more(3)
+    evolution.go_on(3)
     until(evolution, "finished")
     assert evolution.progress.generation == reached + 3
     assert [row[0] for row in evolution.progress.history] == list(range(reached + 4))
@@ -116,7 +117,7 @@ def test_a_killed_process_is_told_and_goes_on_from_its_checkpoint(evolution):
     assert "go on" in evolution.sentence
     kept = folder.load_checkpoint().state.generation
     assert kept > 0
-    evolution.more(1)
+    evolution.go_on(1)
     until(evolution, "evolving", "testing", "finished")
     assert evolution.progress.generation >= kept
 
@@ -127,9 +128,9 @@ def test_another_page_finds_the_evolution(evolution):
     until(evolution, "evolving")
     evolution.pause()
     other = Studio(evolution.workspace, load_task("pyramid"))
-    other.find_evolution()
-    assert (other.evolution.run, other.evolution.stage, other.task) == (evolution.run, "paused", STACK)
-    assert other.tree == other.evolution.tree == evolution.tree
+    other.restore()
+    assert (other.evolution.run, other.evolution.stage, other.edited.task) == (evolution.run, "paused", STACK)
+    assert other.playing.tree == other.evolution.tree == evolution.tree
     other.evolution.resume()
     advances(other.evolution)
     other.evolution.stop()
@@ -145,14 +146,8 @@ def test_stopped_before_the_first_generation(evolution):
 
 
 @pytest.mark.slow
-def test_a_reserve_trains_what_it_is_told_though_prepared_for_another(evolution):
-    evolution.prepare(STACK, LONG)
-    reserve = evolution._reserve
-    evolution.prepare(STACK, dataclasses.replace(LONG, seed=5, generations=7))
-    assert evolution._reserve is reserve
-    evolution.prepare(load_task("restack"), LONG)
-    assert evolution._reserve is not reserve
-    assert not reserve.alive
+def test_a_worker_trains_what_it_is_told_though_prepared_for_another(evolution):
+    evolution.prepare(load_task("restack"))
     evolution.start(STACK, dataclasses.replace(LONG, generations=2, seed=3))
     until(evolution, "finished")
     config = RunFolder(evolution.workspace.runs / evolution.run).config()
@@ -161,15 +156,14 @@ def test_a_reserve_trains_what_it_is_told_though_prepared_for_another(evolution)
 
 def test_what_the_process_refuses_is_said(evolution):
     task = dataclasses.replace(STACK, boxes=(), targets=())
-    evolution._launch(evolution._orders.start(task, GPConfig()))
-    evolution.run = "none"
+    evolution.start(task, GPConfig())
     until(evolution, "failed")
     assert "nothing to move" in evolution.sentence
 
 
 @pytest.mark.parametrize(("stage", "shown"), [("evolving", "killed"), ("testing", "killed"), ("finished", "finished")])
 def test_a_run_that_ended_while_no_page_was_open(tmp_path, stage, shown):
-    evolution = Evolution(Workspace(tmp_path))
+    evolution = EvolutionProcess(Workspace(tmp_path))
     left_behind(evolution.workspace, stage=stage)
     assert evolution.find() == "old"
     evolution.open("old")
@@ -179,7 +173,7 @@ def test_a_run_that_ended_while_no_page_was_open(tmp_path, stage, shown):
 
 
 def test_a_run_folder_that_vanishes(tmp_path):
-    evolution = Evolution(Workspace(tmp_path))
+    evolution = EvolutionProcess(Workspace(tmp_path))
     folder = left_behind(evolution.workspace, stage="finished")
     evolution.open("old")
     evolution.poll()
@@ -187,9 +181,9 @@ def test_a_run_folder_that_vanishes(tmp_path):
     assert evolution.poll()
     assert evolution.stage == "vanished"
     assert "choose another run" in evolution.sentence
-    for order in (lambda: evolution.more(5), lambda: evolution.next_phase(generations=5)):
+    for request in (lambda: evolution.go_on(5), lambda: evolution.go_on(5, Changes(baseline=parse_tree(TREE)))):
         with pytest.raises(UserError, match="no longer there"):
-            order()
+            request()
     with pytest.raises(UserError, match="no longer there"):
         evolution.open("old")
 
@@ -199,12 +193,12 @@ def test_the_newest_run_is_shown_again_though_it_was_killed_before_it_wrote_its_
     for kind in ("txt", "xml", "svg"):
         (folder.path / f"best_tree.{kind}").unlink()
     studio = Studio(Workspace(tmp_path), load_task("pyramid"))
-    studio.find_evolution()
-    assert (studio.run, studio.task, studio.tree) == ("old", STACK, parse_tree(TREE))
+    studio.restore()
+    assert (studio.playing.run, studio.edited.task, studio.playing.tree) == ("old", STACK, parse_tree(TREE))
     assert studio.evolution.stage == "killed"
     folder.path.joinpath("progress.json").unlink()
     studio.open_run("old")
-    assert (studio.tree, studio.evolution.stage) == (None, "stopped")
+    assert (studio.playing.tree, studio.evolution.stage) == (None, "stopped")
 
 
 def test_a_run_is_deleted_and_forgotten_but_not_while_a_process_trains_there(tmp_path):
@@ -216,29 +210,29 @@ def test_a_run_is_deleted_and_forgotten_but_not_while_a_process_trains_there(tmp
     studio.workspace.delete_run("old")
     studio.forget_run("old")
     studio.watch()
-    assert (studio.run, studio.evolution.run, studio.evolution.stage) == (None, None, "none")
+    assert (studio.playing.run, studio.evolution.run, studio.evolution.stage) == (None, None, "none")
     assert list(studio.workspace.runs.iterdir()) == []
 
 
 def test_a_start_that_fails_changes_nothing(tmp_path, monkeypatch):
-    evolution = Evolution(Workspace(tmp_path))
+    evolution = EvolutionProcess(Workspace(tmp_path))
     left_behind(evolution.workspace, stage="finished")
     evolution.open("old")
     monkeypatch.setattr(
-        "bt_jax.app.state.evolution.WarmWorker.train", lambda *_: (_ for _ in ()).throw(UserError("it has died"))
+        "bt_jax.app.processes.warm_worker.WarmWorker.train", lambda *_: (_ for _ in ()).throw(UserError("it has died"))
     )
     with pytest.raises(UserError, match="died"):
         evolution.start(STACK, LONG)
     assert (evolution.run, evolution.stage, evolution.tree) == ("old", "finished", parse_tree(TREE))
-    evolution.discard_reserve()
+    evolution.close()
 
 
 def test_nothing_has_been_evolved(tmp_path):
-    evolution = Evolution(Workspace(tmp_path))
+    evolution = EvolutionProcess(Workspace(tmp_path))
     assert not evolution.poll()
-    for order in (evolution.pause, evolution.resume, evolution.stop, lambda: evolution.more(5)):
+    for request in (evolution.pause, evolution.resume, evolution.stop, lambda: evolution.go_on(5)):
         with pytest.raises(UserError, match=r"start an evolution first|nothing to resume"):
-            order()
+            request()
     with pytest.raises(UserError, match="8 to 100000"):
         evolution.start(STACK, GPConfig(population=2))
     assert not (tmp_path / "runs").exists()
@@ -249,8 +243,8 @@ def test_two_windows_hear_of_the_same_evolution(tmp_path):
     left_behind(studio.workspace, stage="finished")
     heard = []
     for window in range(2):
-        studio.subscribe("evolution", lambda window=window: heard.append(window))
+        studio.bus.subscribe("evolution", lambda window=window: heard.append(window))
     studio.open_run("old")
     studio.watch()
     assert {0, 1} <= set(heard)
-    assert studio.tree == parse_tree(TREE)
+    assert studio.playing.tree == parse_tree(TREE)

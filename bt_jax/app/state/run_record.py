@@ -1,9 +1,10 @@
-"""What a run folder tells, read at once; what is not there yet, or no longer can be read, is None."""
+"""Everything that a run folder holds, read at once; what is missing or cannot be read is None."""
 
 from __future__ import annotations
 
 import csv
 import dataclasses
+import functools
 import json
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -16,14 +17,14 @@ from bt_jax.training.progress import Progress, read_progress
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.run_folder import RunFolder
 
-__all__ = ["Record", "read_record", "read_result", "tested"]
+__all__ = ["RunRecord", "read_record", "read_result", "tested"]
 
 T = TypeVar("T")
 
 
 @dataclasses.dataclass(frozen=True)
-class Record:
-    """A run: what was evolved, how it went, the best tree, and `result.json` where that tree was tested."""
+class RunRecord:
+    """A run: its configuration, its progress, the best tree, and `result.json` if that tree was tested."""
 
     name: str
     config: RunConfig
@@ -34,29 +35,29 @@ class Record:
 
 
 def tested(result: dict[str, Any]) -> str:
-    """In how many of the test's layouts the best tree works."""
+    """Say in how many of the test's layouts the best tree works."""
     count = result["test_layouts"]
     return f"{round(result['success_rate'] * count)} of {count}"
 
 
-def read_record(folder: RunFolder) -> Record:
-    """Reads a run folder. Raises UserError where its configuration is not there or damaged."""
+def read_record(folder: RunFolder) -> RunRecord:
+    """Read a run folder. Raise UserError if its configuration is missing or damaged."""
     config, progress = folder.config(), read_progress(folder.path)
     if progress is None or progress.best is None:
         progress = _or_none(lambda: _from_history(folder, config)) or progress
-    tree = None if progress is None else _or_none(lambda: parse_tree(progress.tree))
+    tree = None if progress is None else _or_none(functools.partial(parse_tree, progress.tree))
     tree = tree or _or_none(folder.tree)
-    return Record(folder.path.name, config, progress, tree, read_result(folder), tuple(folder.phases()))
+    return RunRecord(folder.path.name, config, progress, tree, read_result(folder), tuple(folder.phases()))
 
 
 def read_result(folder: RunFolder) -> dict[str, Any] | None:
-    """`result.json`."""
+    """Read `result.json`."""
     found = _or_none(lambda: json.loads((folder.path / "result.json").read_text(encoding="utf-8")))
     return found if isinstance(found, dict) and {"test_layouts", "success_rate"} <= found.keys() else None
 
 
 def _from_history(folder: RunFolder, config: RunConfig) -> Progress:
-    """The progress of a run that did not report any."""
+    """Return the progress of a run that did not report any."""
     rows = read_history((folder.path / "history.csv").read_text(encoding="utf-8"))
     return Progress(0, "finished", generations=config.gp.generations, tree=one_line(folder.tree())).with_history(rows)
 

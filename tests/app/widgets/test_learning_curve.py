@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bt_jax.app.widgets.curve import POINTS, Curve, curve_options
+from bt_jax.app.widgets.learning_curve import POINTS, LearningCurve, curve_options
 
 ROWS = st.lists(st.tuples(st.floats(-1e5, -10), st.floats(-1e5, -10)), min_size=1, max_size=1000).map(
     lambda pairs: [(generation, best, mean) for generation, (best, mean) in enumerate(pairs)]
@@ -12,7 +12,7 @@ ROWS = st.lists(st.tuples(st.floats(-1e5, -10), st.floats(-1e5, -10)), min_size=
 
 @given(ROWS)
 def test_every_point_is_one_that_was_measured(rows):
-    best, mean = curve_options([Curve("one", rows)])["series"]
+    best, mean = curve_options([LearningCurve("one", rows)])["series"]
     measured = {generation: (best, mean) for generation, best, mean in rows}
     for series, column in ((best, 0), (mean, 1)):
         assert all(-cost == measured[generation][column] for generation, cost in series["data"])
@@ -24,7 +24,7 @@ def test_every_point_is_one_that_was_measured(rows):
 
 @given(ROWS, ROWS)
 def test_two_runs_are_told_apart_without_colour(one, two):
-    options = curve_options([Curve("one", one), Curve("two", two)])
+    options = curve_options([LearningCurve("one", one), LearningCurve("two", two)])
     a, b = options["series"]
     assert (a["name"], b["name"]) == ("one", "two")
     assert a["lineStyle"]["type"] != b["lineStyle"]["type"]
@@ -32,11 +32,11 @@ def test_two_runs_are_told_apart_without_colour(one, two):
 
 
 def test_phases_are_marked_and_the_axis_is_as_long_as_the_evolution_will_be():
-    options = curve_options([Curve("one", [(0, -100.0, -200.0)], phases=(50,))], generations=100)
+    options = curve_options([LearningCurve("one", [(0, -100.0, -200.0)], phases=(50,))], generations=100)
     assert options["series"][0]["markLine"]["data"] == [{"xAxis": 50}]
     assert options["xAxis"]["max"] == 100
     assert curve_options([])["series"] == []
 
 
 def test_a_fitness_of_zero_has_a_place_on_the_axis():
-    assert curve_options([Curve("one", [(0, 0.0, 0.0)])])["series"][0]["data"][0][1] > 0
+    assert curve_options([LearningCurve("one", [(0, 0.0, 0.0)])])["series"][0]["data"][0][1] > 0

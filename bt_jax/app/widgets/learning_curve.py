@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
-__all__ = ["Curve", "curve_options"]
+__all__ = ["LearningCurve", "curve_options"]
 
 POINTS = 240  # of one line, at most
 BLUE, ORANGE, GREY = "#0072b2", "#e69f00", "#8a94a0"
@@ -15,18 +15,18 @@ SMALLEST = 1.0  # cost that the logarithmic axis still shows
 
 
 @dataclasses.dataclass(frozen=True)
-class Curve:
-    """The history of one run: rows of generation, best, mean; `phases` are the generations at which something was added."""
+class LearningCurve:
+    """The history of one run: rows of generation, best, mean; `phases` are the generations at which one began."""
 
     name: str
     history: Sequence[tuple[int, float, float]]
     phases: Sequence[int] = ()
 
 
-def curve_options(curves: Sequence[Curve], *, generations: int = 0) -> dict[str, Any]:
-    """Best fitness of each run over the generations, of a single run the mean of the population too.
+def curve_options(curves: Sequence[LearningCurve], *, generations: int = 0) -> dict[str, Any]:
+    """Return the chart of the best fitness of each run over the generations; for a single run, with the population's mean.
 
-    The axis is logarithmic in the cost, which is the fitness with its sign turned, and grows downwards.
+    The axis is logarithmic in the cost, which is the negative fitness, and grows downwards.
     """
     series = []
     for color, stroke, curve in zip(COLORS, STROKES, curves, strict=False):
@@ -84,7 +84,7 @@ def _line(name: str, points: list[tuple[int, float]], color: str, stroke: str, *
 
 
 def _thinned(rows: Sequence[tuple[int, float, float]]) -> list[tuple[int, float, float]]:
-    """Evenly chosen rows, the first and the last among them."""
+    """Return evenly chosen rows, the first and the last among them."""
     if len(rows) <= POINTS:
         return list(rows)
     step = (len(rows) - 1) / (POINTS - 1)

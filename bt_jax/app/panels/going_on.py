@@ -1,0 +1,61 @@
+"""The question for which task an evolution goes on: its own, or the one that step 1 shows by now."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+from nicegui import ui
+
+from bt_jax.app.panels.parts import dialog, heading
+from bt_jax.app.plain_words import Words
+from bt_jax.app.state.edited_task import same_things
+from bt_jax.app.state.studio import Studio
+from bt_jax.tasks import Task
+
+__all__ = ["ask_goal"]
+
+Goal = Literal["own", "edited"]
+
+
+async def ask_goal(studio: Studio) -> Goal | None:
+    """Return the task that a person wants an evolution to go on for, None if they cancel. It is asked only if the two
+    differ."""
+    evolved, edited = studio.evolution.task, studio.edited.task
+    if evolved is None or studio.in_step:
+        return "own"
+    with dialog() as asked:
+        ui.label("The task in step 1 is not the one that this evolution works for.").classes("text-bold")
+        with ui.row().classes("gap-6 no-wrap").props("data-testid=goal-differences"):
+            _column("The evolution works for", _sentences(evolved))
+            _column("Step 1 says", _sentences(edited))
+        if not same_things(evolved, edited):
+            ui.label("The boxes differ: to evolve for the task in step 1, press Start in step 2.")
+        elif evolved.layout != edited.layout:
+            ui.label("They also start in different places.")
+        with ui.row().classes("self-end gap-2"):
+            ui.button("Cancel", on_click=lambda: asked.submit(None)).props(
+                "no-caps flat autofocus data-testid=goal-cancel"
+            )
+            ui.button("Go on as before", on_click=lambda: asked.submit("own")).props(
+                "no-caps unelevated data-testid=goal-own"
+            )
+            if same_things(evolved, edited):
+                ui.button("Go on for step 1", on_click=lambda: asked.submit("edited")).props(
+                    "no-caps unelevated data-testid=goal-edited"
+                )
+    return await asked
+
+
+def _sentences(task: Task) -> list[str]:
+    words = Words(task)
+    return [f"{target.object} {words.place(target.object, target.position, target.frame)}" for target in task.targets]
+
+
+def _column(title: str, sentences: Sequence[str]) -> None:
+    with ui.column().classes("gap-0"):
+        heading(title)
+        with ui.element("ul").classes("lesson-list"):
+            for sentence in sentences:
+                with ui.element("li"):
+                    ui.label(sentence)

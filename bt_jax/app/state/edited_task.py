@@ -1,0 +1,91 @@
+"""The task that a person edits: a document with a history. It is not the task that an evolution works for.
+
+Every version is immutable and holds the task and the layout in which the scene starts.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import dataclasses
+
+from bt_jax._util.errors import UserError
+from bt_jax.app.state.history import History
+from bt_jax.app.state.workspace import Workspace
+from bt_jax.mjx_env.scene.layouts import sample_layouts
+from bt_jax.mjx_env.semantics import see_subgoals
+from bt_jax.mjx_env.world import World
+from bt_jax.tasks import Task
+
+__all__ = ["EditedTask", "same_goal", "same_things"]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Version:
+    """A task and the layout in which the scene starts, a batch of one state (NumPy)."""
+
+    task: Task
+    start: World
+
+
+class EditedTask:
+    """The task in step 1. `turn` is held while an edit is computed from the task before it, so that none is lost."""
+
+    def __init__(self, workspace: Workspace, task: Task) -> None:
+        self.turn = asyncio.Lock()
+        self._workspace = workspace
+        self._history = History(_Version(task, sample_layouts(task, 0, 1)))
+
+    @property
+    def task(self) -> Task:
+        return self._history.present.task
+
+    @property
+    def start(self) -> World:
+        """The layout in which the scene starts, a batch of one state (NumPy)."""
+        return self._history.present.start
+
+    @property
+    def can_undo(self) -> bool:
+        return bool(self._history.past)
+
+    @property
+    def can_redo(self) -> bool:
+        return bool(self._history.future)
+
+    @property
+    def saved(self) -> bool:
+        """Whether the task equals its file."""
+        with contextlib.suppress(UserError):
+            return self._workspace.task(self.task.name) == self.task
+        return False
+
+    def open(self, task: Task, start: World | None = None) -> None:
+        """Take another task, with a new history; it starts in the first layout that is drawn unless `start` is given."""
+        self._history = History(_version(task, sample_layouts(task, 0, 1) if start is None else start))
+
+    def edit(self, task: Task, start: World | None = None) -> None:
+        """Change the targets or the start of the task, which keeps its boxes and frames."""
+        self._history = self._history.changed(_version(task, self.start if start is None else start))
+
+    def undo(self) -> None:
+        """Take back the last edit. Raise UserError if there is none."""
+        self._history = self._history.undone()
+
+    def redo(self) -> None:
+        """Repeat the edit that was taken back last. Raise UserError if there is none."""
+        self._history = self._history.redone()
+
+
+def same_things(one: Task, other: Task) -> bool:
+    """Whether two tasks have the same boxes and frames, so that a tree of one can run in the other."""
+    return (one.boxes, one.frames) == (other.boxes, other.frames)
+
+
+def same_goal(one: Task, other: Task) -> bool:
+    """Whether two tasks have the same things, the same targets and the same starts, whatever their names are."""
+    return same_things(one, other) and (one.targets, one.layout) == (other.targets, other.layout)
+
+
+def _version(task: Task, start: World) -> _Version:
+    return _Version(task, dataclasses.replace(start, reached=see_subgoals(task, start)))

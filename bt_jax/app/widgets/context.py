@@ -1,0 +1,35 @@
+"""What a widget sees of the window that it is in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Literal, Protocol, runtime_checkable
+
+from bt_jax.app.state.bus import Topic
+
+__all__ = ["STEPS", "PageContext", "Step"]
+
+Step = Literal["task", "evolve", "demonstrate", "understand", "combine", "run", "keep"]
+STEPS: tuple[Step, ...] = ("task", "evolve", "demonstrate", "understand", "combine", "run", "keep")
+
+
+@runtime_checkable
+class PageContext(Protocol):
+    """One window of the page."""
+
+    @property
+    def step(self) -> Step:
+        """The step that is shown."""
+
+    def on(self, topic: Topic, callback: Callable[[], Any], *, now: bool = True) -> None:
+        """Call back in this window after each change, as long as it is open, and at once if `now`; the function may be a
+        coroutine."""
+
+    def on_step(self, callback: Callable[[Step], Any]) -> None:
+        """Call back whenever this window shows another step; the function may be a coroutine."""
+
+    def go(self, step: Step) -> None:
+        """Show another step in this window."""
+
+    def guard(self, handler: Callable[..., Any]) -> Callable[..., Any]:
+        """Return a handler whose errors become a sentence on the page."""
