@@ -22,7 +22,7 @@ from benchmarks._report import best_seconds, report
 from bt_jax.behaviors import gene_pool
 from bt_jax.encoding.arrays import Trees, decode
 from bt_jax.encoding.formats.py_trees import to_py_trees
-from bt_jax.encoding.tick import JumpTable, Status, jump_table, tick
+from bt_jax.encoding.tick import JumpTable, Status, jump_table, tick_trees
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.random_trees import random_trees
 from bt_jax.tasks import load_task
@@ -85,7 +85,7 @@ def _tables(trees: Trees) -> JumpTable:
 
 def _walk(table: JumpTable, statuses: jax.Array) -> jax.Array:
     def one_block(rows):
-        return tick(table, lambda token: statuses[rows, token], tree=rows).status
+        return tick_trees(table, lambda token: statuses[rows, token], tree=rows).status
 
     return _in_blocks(one_block, statuses.shape[0])
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import os
 import re
-import tempfile
+import secrets
 from pathlib import Path
 
 from bt_jax._util.errors import UserError
@@ -14,40 +15,32 @@ __all__ = ["is_name", "unused", "write_atomic"]
 
 
 def is_name(text: str) -> bool:
-    """Whether a text can name a file or folder that a person has chosen a name for: in one folder, visible, harmless."""
+    """Return whether a text can name a file or folder: within one folder, visible, harmless."""
     return re.fullmatch(r"\w[\w .+-]{0,99}", text) is not None
 
 
 def unused(path: Path) -> Path:
-    """The path, or with -2, -3, ... behind it the first that nothing has yet."""
+    """Return the path, or the first of path-2, path-3, ... that does not exist."""
     names = itertools.chain([path], (path.with_name(f"{path.name}-{number}") for number in itertools.count(2)))
     return next(name for name in names if not name.exists())
 
 
 def write_atomic(path: Path, content: str | bytes) -> None:
-    """Writes to a temporary file beside `path` and renames it. Raises UserError where there is no room or no right to."""
+    """Write to a temporary file beside `path` and rename it. Raise UserError if there is no room or no permission."""
     data = content.encode("utf-8") if isinstance(content, str) else content
-    temporary = None
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as file:
-            temporary = file.name
+        with open(temporary, "xb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        os.chmod(temporary, 0o666 & ~_umask())
         os.replace(temporary, path)
     except BaseException as error:
-        if temporary is not None and os.path.exists(temporary):
-            os.unlink(temporary)
+        with contextlib.suppress(OSError):
+            temporary.unlink()
         if not isinstance(error, OSError):
             raise
         raise UserError(
             f"{path} cannot be written ({error.strerror}); free some space or choose another folder"
         ) from error
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

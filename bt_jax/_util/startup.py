@@ -18,7 +18,7 @@ Device = Literal["auto", "cpu", "gpu"]
 def configure_jax(device: Device = "auto") -> None:
     """Selects the device and keeps compiled functions (see `compilation`) in `$BT_JAX_CACHE` or `~/.cache/bt_jax`.
 
-    Raises UserError where a GPU is asked for and there is none.
+    Raise UserError if a GPU is asked for and none is found.
     """
     import jax
 

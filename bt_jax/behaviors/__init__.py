@@ -1,29 +1,5 @@
-"""The symbols that trees are made of, the pool that evolution draws from, and their notation."""
+"""The nodes that trees are made of, the pool that evolution draws from, and the notation of leaves."""
 
-from bt_jax.behaviors.gene_pool import gene_pool
-from bt_jax.behaviors.names import check_names, subgoal_conditions
-from bt_jax.behaviors.notation import CONTROLS, Parser, Token, parse_behavior
-from bt_jax.behaviors.symbols import CLOSED, NOTHING, OPEN, SIGNATURES, Argument, Behavior, Control, Kind, Tree, expand
-from bt_jax.behaviors.vocabulary import FIRST_LEAF, Vocabulary
+from bt_jax._util.lazy import lazy_face
 
-__all__ = [
-    "CLOSED",
-    "CONTROLS",
-    "FIRST_LEAF",
-    "NOTHING",
-    "OPEN",
-    "SIGNATURES",
-    "Argument",
-    "Behavior",
-    "Control",
-    "Kind",
-    "Parser",
-    "Token",
-    "Tree",
-    "Vocabulary",
-    "check_names",
-    "expand",
-    "gene_pool",
-    "parse_behavior",
-    "subgoal_conditions",
-]
+__all__, __getattr__, __dir__ = lazy_face(__name__, __file__)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from bt_jax.behaviors.symbols import CLOSED, NOTHING, OPEN, Behavior
 from bt_jax.behaviors.vocabulary import Vocabulary
-from bt_jax.tasks import Task
+from bt_jax.tasks.task import Task, Vec3
 
 __all__ = ["gene_pool"]
 
 
-def gene_pool(task: Task) -> Vocabulary:
-    """What evolution may use: gripper conditions and actions, a `reached` condition for each subgoal of the task, and one
-    `move` gene for each box and each place that the task's gene settings define (57 in the published scene)."""
+def gene_pool(task: Task) -> Vocabulary[Behavior]:
+    """Return what evolution may use in a task.
+
+    These are gripper conditions and actions, a `reached` condition for each subgoal, and one `move` gene for each box and
+    each place that the task's gene settings define (57 in the published scene).
+    """
     conditions = [Behavior("gripper", (OPEN,)), Behavior("gripper", (CLOSED,)), Behavior("holding", (NOTHING,))]
     conditions += [Behavior("reached", (subgoal.name,)) for subgoal in task.subgoals]
     actions = [Behavior("open_gripper"), Behavior("close_gripper")]
@@ -23,9 +26,9 @@ def gene_pool(task: Task) -> Vocabulary:
     return Vocabulary.of([*conditions, *actions, *genes])
 
 
-def _places(task: Task, name: str, size: float) -> list[tuple[str, tuple[float, float, float]]]:
+def _places(task: Task, name: str, size: float) -> list[tuple[str, Vec3]]:
     settings = task.genes
-    places = []
+    places: list[tuple[str, Vec3]] = []
     for other in task.boxes:
         if other.name == name:
             continue
@@ -45,5 +48,5 @@ def _places(task: Task, name: str, size: float) -> list[tuple[str, tuple[float, 
     return places
 
 
-def _rounded(*values: float) -> tuple[float, float, float]:
-    return tuple(round(value, 6) + 0.0 for value in values)
+def _rounded(x: float, y: float, z: float) -> Vec3:
+    return round(x, 6) + 0.0, round(y, 6) + 0.0, round(z, 6) + 0.0

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from bt_jax._util.errors import UserError
+from bt_jax.behaviors.nodes import Kind
 from bt_jax.behaviors.notation import parse_behavior
-from bt_jax.behaviors.symbols import NOTHING, Behavior, Kind, Tree
+from bt_jax.behaviors.symbols import NOTHING, Behavior, Tree
 from bt_jax.tasks import Task
 
 __all__ = ["check_names", "subgoal_conditions"]
 
 
 def subgoal_conditions(task: Task) -> dict[str, tuple[Behavior, ...]]:
-    """What each subgoal of a task means, by its name. Raises UserError where it is not made of conditions of the scene."""
+    """Return what each subgoal of a task means, by name. Raise UserError if it is not made of conditions of the scene."""
     meanings = {}
     for subgoal in task.subgoals:
         texts = (text.replace("{box}", name) for text in subgoal.conditions for name in task.box_names)
@@ -27,9 +28,9 @@ def subgoal_conditions(task: Task) -> dict[str, tuple[Behavior, ...]]:
 
 
 def check_names(leaf: Behavior, task: Task) -> None:
-    """Raises UserError where a leaf names an object, frame or subgoal that the task does not have."""
-    if leaf.name == "subtask":
-        _check_tree(leaf.args[1], task)
+    """Raise UserError if a leaf names an object, frame or subgoal that the task does not have."""
+    if leaf.body is not None:
+        _check_tree(leaf.body, task)
     objects = (*task.box_names, NOTHING) if leaf.name == "holding" else task.box_names
     if leaf.object is not None and leaf.object not in objects:
         raise UserError(f"{leaf}: task {task.name} has no object '{leaf.object}'; use one of {', '.join(objects)}")

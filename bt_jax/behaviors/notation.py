@@ -13,7 +13,8 @@ from collections.abc import Callable
 from typing import NoReturn, TypeVar
 
 from bt_jax._util.errors import UserError
-from bt_jax.behaviors.symbols import SIGNATURES, Behavior, Control, Kind, Tree
+from bt_jax.behaviors.nodes import Control, Kind
+from bt_jax.behaviors.symbols import SIGNATURES, Argument, Behavior, Tree
 
 __all__ = ["CONTROLS", "Parser", "Token", "parse_behavior"]
 
@@ -22,7 +23,7 @@ Item = TypeVar("Item")
 
 
 def parse_behavior(text: str) -> Behavior:
-    """Reads what `str(behavior)` writes. Raises UserError, with line, column and remedy, where it is not one behavior."""
+    """Read what `str(behavior)` writes. Raise UserError, with line, column and remedy, if it is not one behavior."""
     parser = Parser(text)
     try:
         node = None if parser.at_end else parser.node()
@@ -103,14 +104,18 @@ class Parser:
                 name.fail(f"{name.text} has no children; add some or delete it")
             return Control(CONTROLS[name.text], tuple(nodes))
         wanted = iter(SIGNATURES[name.text].arguments)
-        arguments = tuple(self.items(lambda: self.node() if next(wanted, None) == "tree" else self.argument()))
+
+        def argument() -> Argument:
+            return self.node() if next(wanted, None) == "tree" else self.argument()
+
+        arguments = tuple(self.items(argument))
         try:
             return Behavior(name.text, arguments)
         except UserError as error:
             name.fail(str(error))
 
     def items(self, read: Callable[[], Item]) -> list[Item]:
-        """What stands in parentheses, separated by commas; nothing where no parenthesis follows."""
+        """Return what stands in parentheses, separated by commas; nothing where no parenthesis follows."""
         if not self.peek("("):
             return []
         opening = self.next()
@@ -130,17 +135,18 @@ class Parser:
         self.next()
         return found
 
-    def argument(self) -> str | tuple[float, ...]:
+    def argument(self) -> str | tuple[float, float, float]:
         if not self.peek("("):
             token = self.next()
             if not _NAME.match(token.text):
                 token.fail(f"found '{token.text}' where a name should be; write positions as (0, 0, 0.1)")
             return token.text
         opening = self.tokens[self.at]
-        numbers = tuple(self.items(self.number))
+        numbers = self.items(self.number)
         if len(numbers) != 3:
             opening.fail(f"a position has three numbers, found {len(numbers)}; write it in metres, as (0, 0, 0.1)")
-        return numbers
+        x, y, z = numbers
+        return x, y, z
 
     def number(self) -> float:
         token = self.next()

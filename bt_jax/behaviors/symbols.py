@@ -1,4 +1,4 @@
-"""The symbols that trees are made of: control nodes, conditions, actions and genes.
+"""The leaves of trees for pick-and-place: conditions, actions and genes.
 
 A behavior is a name with arguments, written as `pick(YellowBox)` or `at(GreenBox, (0, 0, 0.1), YellowBox)`. Positions are
 metres in the named frame and mean the centre of the object.
@@ -7,11 +7,12 @@ metres in the named frame and mean the centre of the object.
 from __future__ import annotations
 
 import dataclasses
-import enum
+from typing import Any
 
 import numpy as np
 
 from bt_jax._util.errors import UserError
+from bt_jax.behaviors.nodes import Control, Kind, Node
 
 __all__ = [
     "CLOSED",
@@ -20,23 +21,10 @@ __all__ = [
     "SIGNATURES",
     "Argument",
     "Behavior",
-    "Control",
-    "Kind",
     "Signature",
     "Tree",
     "expand",
 ]
-
-
-class Kind(enum.IntEnum):
-    """What a token is. The order is that of the tokens in a vocabulary."""
-
-    PAD = 0
-    SEQUENCE = 1
-    FALLBACK = 2
-    CONDITION = 3
-    ACTION = 4
-    GENE = 5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,7 +53,7 @@ NOTHING = "nothing"
 OPEN, CLOSED = "open", "closed"
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Behavior:
     """A leaf: a condition, an action, or a gene. Compare and hash by value.
 
@@ -80,7 +68,7 @@ class Behavior:
             raise UserError(f"unknown behavior '{self.name}'; use one of {', '.join(SIGNATURES)}")
         wanted = SIGNATURES[self.name].arguments
         if len(self.args) != len(wanted):
-            raise UserError(f"{self.name} takes ({', '.join(wanted)}), found {len(self.args)} arguments; mend the call")
+            raise UserError(f"{self.name} takes ({', '.join(wanted)}), found {len(self.args)} arguments; fix the call")
         for argument, value in zip(wanted, self.args, strict=True):
             if not isinstance(value, ARGUMENT_TYPES.get(argument, str)):
                 raise UserError(f"{self.name}: {argument} cannot be {value!r}; write it as in {EXAMPLES[argument]}")
@@ -107,25 +95,36 @@ class Behavior:
 
     @property
     def object(self) -> str | None:
-        return self._argument("object")
+        value = self._argument("object")
+        return value if isinstance(value, str) else None
 
     @property
     def position(self) -> tuple[float, float, float] | None:
-        return self._argument("position")
+        value = self._argument("position")
+        return value if isinstance(value, tuple) else None
 
     @property
     def frame(self) -> str | None:
-        return self._argument("frame")
+        value = self._argument("frame")
+        return value if isinstance(value, str) else None
+
+    @property
+    def body(self) -> Tree | None:
+        """The tree of a subtask, as it was given; None for other behaviors."""
+        value = self._argument("tree")
+        return value if isinstance(value, Behavior | Control) else None
 
     def __str__(self) -> str:
         if not self.args:
             return self.name
         return f"{self.name}({', '.join(_argument_text(value) for value in self.args)})"
 
+    __repr__ = __str__
+
     @property
     def label(self) -> str:
-        """What stands in drawings: the text, but only the name of a subtask."""
-        return self.args[0] if self.name == "subtask" else str(self)
+        """What drawings show: the text, but only the name of a subtask."""
+        return str(self.args[0] if self.name == "subtask" else self)
 
     @property
     def preconditions(self) -> tuple[Behavior, ...]:
@@ -133,7 +132,7 @@ class Behavior:
         if self.name == "pick":
             return (Behavior("gripper", (OPEN,)), Behavior("reachable", self.args), Behavior("clear", self.args))
         if self.name == "place":
-            return (Behavior("holding", (self.object,)),)
+            return (Behavior("holding", self.args[:1]),)
         return ()
 
     @property
@@ -146,7 +145,7 @@ class Behavior:
             case "close_gripper":
                 return (Behavior("gripper", (CLOSED,)),)
             case "pick":
-                return (Behavior("holding", (self.object,)),)
+                return (Behavior("holding", self.args),)
             case "place":
                 return (Behavior("at", self.args), nothing)
             case _:
@@ -157,36 +156,20 @@ class Behavior:
         """What a gene stands for, without genes in it (of `move`: paper, figure 1); None for other behaviors."""
         if self.kind != Kind.GENE:
             return None
-        if self.name == "subtask":
-            return expand(self.args[1])
-        pick = Behavior("pick", (self.object,))
+        if self.body is not None:
+            return expand(self.body)
+        box = self.args[:1]
         opened = Control.fallback(Behavior("gripper", (OPEN,)), Behavior("open_gripper"))
-        held = Control.fallback(Behavior("holding", (self.object,)), Control.sequence(opened, pick))
+        held = Control.fallback(Behavior("holding", box), Control.sequence(opened, Behavior("pick", box)))
         return Control.fallback(Behavior("at", self.args), Control.sequence(held, Behavior("place", self.args)))
 
 
-@dataclasses.dataclass(frozen=True)
-class Control:
-    """A control node with its children; memoryless: ticked from the first child every time."""
-
-    kind: Kind
-    children: tuple[Tree, ...]
-
-    @staticmethod
-    def sequence(*children: Tree) -> Control:
-        return Control(Kind.SEQUENCE, children)
-
-    @staticmethod
-    def fallback(*children: Tree) -> Control:
-        return Control(Kind.FALLBACK, children)
-
-    def __str__(self) -> str:
-        return f"{self.kind.name.title()}({', '.join(map(str, self.children))})"
-
-
-Tree = Behavior | Control
+Tree = Node[Behavior]
 Argument = str | tuple[float, float, float] | Tree
-ARGUMENT_TYPES = {"position": tuple, "tree": Tree}  # of those that are no names
+ARGUMENT_TYPES: dict[str, type | tuple[type, ...]] = {
+    "position": tuple,
+    "tree": (Behavior, Control),
+}  # others are names
 EXAMPLES = {
     **dict.fromkeys(("object", "position", "frame"), "at(Box, (0, 0, 0.1), Frame)"),
     **dict.fromkeys(("name", "tree"), "subtask(unstack, Sequence(...))"),
@@ -195,13 +178,13 @@ EXAMPLES = {
 }
 
 
-def _is_position(values: tuple) -> bool:
+def _is_position(values: Any) -> bool:
     numbers = all(isinstance(value, int | float | np.number) for value in values)
     return len(values) == 3 and numbers and bool(np.all(np.isfinite(values)))
 
 
 def expand(tree: Tree) -> Tree:
-    """The same tree with each gene replaced by the subtree that it stands for."""
+    """Return the same tree with each gene replaced by the subtree that it stands for."""
     if isinstance(tree, Behavior):
         return tree.subtree or tree
     return Control(tree.kind, tuple(map(expand, tree.children)))

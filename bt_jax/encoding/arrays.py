@@ -12,13 +12,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import numpy as np
 from jaxtyping import Int16, UInt8
 
 from bt_jax._util.errors import UserError
-from bt_jax.behaviors import Behavior, Control, Kind, Tree, Vocabulary
+from bt_jax.behaviors.nodes import Control, Kind, L, Node
+from bt_jax.behaviors.vocabulary import Vocabulary
 from bt_jax.encoding.limits import MAX_NODES
 
 __all__ = ["Array", "Trees", "decode", "encode", "encode_all", "length", "violations"]
@@ -34,7 +36,7 @@ class Trees:
     tokens: Int16[Array, "*P N"]
     sizes: UInt8[Array, "*P N"]
 
-    def __getitem__(self, index) -> Trees:
+    def __getitem__(self, index: Any) -> Trees:
         return Trees(self.tokens[index], self.sizes[index])
 
     @property
@@ -44,16 +46,16 @@ class Trees:
 
 
 def length(trees: Trees) -> Array:
-    """Number of nodes of each tree, uint8[*P]: the size of its root."""
+    """Return the number of nodes of each tree, uint8[*P]: the size of its root."""
     return trees.sizes[..., 0]
 
 
-def encode(tree: Tree, vocabulary: Vocabulary, num_nodes: int) -> Trees:
-    """One tree as NumPy arrays of length `num_nodes`. Raises UserError where it does not fit or a leaf is unknown."""
+def encode(tree: Node[L], vocabulary: Vocabulary[L], num_nodes: int) -> Trees:
+    """Return one tree as NumPy arrays of length `num_nodes`. Raise UserError if it does not fit or a leaf is unknown."""
     tokens: list[int] = []
     sizes: list[int] = []
 
-    def visit(node: Tree) -> None:
+    def visit(node: Node[L]) -> None:
         at = len(tokens)
         if isinstance(node, Control):
             tokens.append(int(node.kind))
@@ -74,21 +76,22 @@ def encode(tree: Tree, vocabulary: Vocabulary, num_nodes: int) -> Trees:
     return Trees(np.array(tokens + padding, np.int16), np.array(sizes + padding, np.uint8))
 
 
-def encode_all(trees: Sequence[Tree], vocabulary: Vocabulary, num_nodes: int) -> Trees:
-    """Several trees as one batch of NumPy arrays, [P, N]."""
+def encode_all(trees: Sequence[Node[L]], vocabulary: Vocabulary[L], num_nodes: int) -> Trees:
+    """Return several trees as one batch of NumPy arrays, [P, N]."""
     encoded = [encode(tree, vocabulary, num_nodes) for tree in trees]
     return Trees(np.stack([tree.tokens for tree in encoded]), np.stack([tree.sizes for tree in encoded]))
 
 
-def decode(trees: Trees, vocabulary: Vocabulary) -> Tree:
-    """The tree that one pair of arrays [N] stands for."""
+def decode(trees: Trees, vocabulary: Vocabulary[L]) -> Node[L]:
+    """Return the tree that one pair of arrays [N] stands for."""
     tokens, sizes = np.asarray(trees.tokens), np.asarray(trees.sizes)
 
-    def build(i: int) -> Tree:
+    def build(i: int) -> Node[L]:
         kind = Kind(vocabulary.kinds[tokens[i]])
         if kind not in (Kind.SEQUENCE, Kind.FALLBACK):
             return vocabulary.leaf(int(tokens[i]))
-        children, child, end = [], i + 1, i + int(sizes[i])
+        children: list[Node[L]] = []
+        child, end = i + 1, i + int(sizes[i])
         while child < end:
             children.append(build(child))
             child += int(sizes[child])
@@ -97,8 +100,8 @@ def decode(trees: Trees, vocabulary: Vocabulary) -> Tree:
     return build(0)
 
 
-def violations(tree: Tree, *, gene_under_fallback: bool = True) -> list[str]:
-    """Which rules of a well-formed evolved tree are broken, in words; empty for a valid tree.
+def violations(tree: Node[L], *, gene_under_fallback: bool = True) -> list[str]:
+    """Return which rules of a well-formed evolved tree are broken, in words; empty for a valid tree.
 
     The rules are those of the design: the root is a control node, or the tree is one action or gene; control nodes have
     at least two children, none of its own kind; no identical leaves side by side; no condition last among siblings or
@@ -106,10 +109,10 @@ def violations(tree: Tree, *, gene_under_fallback: bool = True) -> list[str]:
     Fallback, is not a direct child of a Fallback.
     """
     found: list[str] = []
-    if isinstance(tree, Behavior):
+    if not isinstance(tree, Control):
         return ["the tree is a single condition"] if tree.kind == Kind.CONDITION else []
 
-    def visit(node: Control) -> None:
+    def visit(node: Control[L]) -> None:
         if len(node.children) < 2:
             found.append(f"a {node.kind.name.title()} has {len(node.children)} children")
         for before, child in zip((None, *node.children), node.children, strict=False):
@@ -120,13 +123,13 @@ def violations(tree: Tree, *, gene_under_fallback: bool = True) -> list[str]:
                 continue
             if child == before:
                 found.append(f"{child} stands twice side by side")
-            after_action = isinstance(before, Behavior) and before.kind != Kind.CONDITION
+            after_action = before is not None and before.kind in (Kind.ACTION, Kind.GENE)
             if child.kind == Kind.CONDITION and after_action:
                 found.append(f"the condition {child} directly follows {before}")
             if child.kind == Kind.GENE and node.kind == Kind.FALLBACK and not gene_under_fallback:
                 found.append(f"the gene {child} is directly under a Fallback")
         last = node.children[-1] if node.children else None
-        if isinstance(last, Behavior) and last.kind == Kind.CONDITION:
+        if last is not None and last.kind == Kind.CONDITION:
             found.append(f"the condition {last} is the last child")
 
     visit(tree)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 
-from bt_jax.behaviors import Behavior, Kind, Tree
+from bt_jax.behaviors.nodes import Control, Kind, L, Node
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import prefix
 
@@ -21,22 +21,22 @@ class TreeTick:
 
     @property
     def running(self) -> int | None:
-        """Index of the leaf that is RUNNING, None where there is none."""
+        """Index of the leaf that is RUNNING, or None."""
         if self.status != Status.RUNNING:
             return None
         return max(i for i, status in enumerate(self.statuses) if status == Status.RUNNING)
 
 
-def tick_tree(tree: Tree, status_of: Callable[[Behavior, int], Status]) -> TreeTick:
-    """Ticks a memoryless tree once. `status_of(leaf, index)` gives the status of a leaf (a gene is one); it is called
+def tick_tree(tree: Node[L], status_of: Callable[[L, int], Status]) -> TreeTick:
+    """Tick a memoryless tree once. `status_of(leaf, index)` gives the status of a leaf (a gene is one); it is called
     for the leaves that are ticked only, in their order; `index` is the leaf's place in prefix order."""
     statuses: list[Status | None] = [None] * len(prefix(tree))
 
-    def visit(node: Tree, at: int) -> tuple[Status, int]:
-        """Status of the node at index `at`, and the index after its subtree."""
-        if isinstance(node, Behavior):
-            statuses[at] = status_of(node, at)
-            return statuses[at], at + 1
+    def visit(node: Node[L], at: int) -> tuple[Status, int]:
+        """Return the status of the node at index `at`, and the index after its subtree."""
+        if not isinstance(node, Control):
+            statuses[at] = status = status_of(node, at)
+            return status, at + 1
         goes_on = Status.SUCCESS if node.kind == Kind.SEQUENCE else Status.FAILURE
         status, after = goes_on, at + 1
         for child in node.children:

@@ -15,11 +15,12 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Bool, Int8, Int32, UInt8
 
-from bt_jax.behaviors import FIRST_LEAF, Kind
+from bt_jax.behaviors.nodes import Kind
+from bt_jax.behaviors.vocabulary import FIRST_LEAF
 from bt_jax.encoding.arrays import Array, Trees
 from bt_jax.encoding.status import Status
 
-__all__ = ["JumpTable", "Status", "Ticked", "jump_table", "tick"]
+__all__ = ["JumpTable", "Status", "Ticked", "jump_table", "tick_trees"]
 
 
 @jax.tree_util.register_dataclass
@@ -29,7 +30,7 @@ class JumpTable:
     look-up; the target N means that the tree has succeeded, N + 1 that it has failed."""
 
     words: Int32[Array, "P N"]
-    first: UInt8[Array, "P"]  # the leaf where a tick starts
+    first: UInt8[Array, " P"]  # the leaf where a tick starts
 
 
 @jax.tree_util.register_dataclass
@@ -37,13 +38,17 @@ class JumpTable:
 class Ticked:
     """The end of one tick."""
 
-    status: Int8[Array, "E"]  # of the root
-    leaf: Int32[Array, "E"]  # node that is RUNNING; N or N + 1 where the tree has succeeded or failed
+    status: Int8[Array, " E"]  # of the root
+    leaf: Int32[Array, " E"]  # node that is RUNNING; N or N + 1 where the tree has succeeded or failed
     visited: Bool[Array, "E N"] | None  # leaves that were ticked, where asked for
 
 
+# Of the walk: the node of each E, whether it is RUNNING, and which nodes were visited.
+Carry = tuple[jax.Array, jax.Array, jax.Array | None]
+
+
 def jump_table(trees: Trees) -> JumpTable:
-    """Builds the tables of P trees [P, N], in one pass forward and one backward over their nodes.
+    """Build the tables of P trees [P, N], in one pass forward and one backward over their nodes.
 
     After node i comes the node at its end, e = i + size. It is ticked if the status of i is the one that its parent goes
     on with (SUCCESS in a Sequence, FAILURE in a Fallback); otherwise the parent is done, with that status, and the same
@@ -57,7 +62,9 @@ def jump_table(trees: Trees) -> JumpTable:
     longest = root.max()
     end = jnp.arange(num_nodes, dtype=small)[:, None] + sizes
 
-    def forward(i: Array, parent: Array) -> Array:  # parent[j] = parent's end << 2 | parent's kind, for nodes up to i
+    def forward(
+        i: jax.Array, parent: jax.Array
+    ) -> jax.Array:  # parent[j] = parent's end << 2 | parent's kind, for nodes up to i
         here, is_control = parent[i], tokens[i] < FIRST_LEAF
         last = end[i] >= here >> 2
         after = jnp.where(is_control & ~last, end[i], num_nodes + 1).astype(jnp.int32)
@@ -72,7 +79,7 @@ def jump_table(trees: Trees) -> JumpTable:
     # targets[j] = on_success << 8 | on_failure: the leaf to tick, or the end, if the tick comes to node j with a status.
     done = jnp.int32(num_nodes << 8 | num_nodes + 1)
 
-    def backward(k: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
+    def backward(k: jax.Array, carry: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
         targets, leaf = carry
         j = longest - 1 - k
         inside = j < root
@@ -90,33 +97,33 @@ def jump_table(trees: Trees) -> JumpTable:
     return JumpTable(words.T, first.astype(jnp.uint8))
 
 
-def tick(
+def tick_trees(
     table: JumpTable,
-    status_of: Callable[[Int32[Array, "E"]], Int8[Array, "E"]],
+    status_of: Callable[[Int32[Array, " E"]], Int8[Array, " E"]],
     *,
-    tree: Int32[Array, "E"] | None = None,
+    tree: Int32[Array, " E"] | None = None,
     trace: bool = False,
 ) -> Ticked:
-    """Ticks E trees once. `status_of` gives the status of the leaf with a token, for each of the E; `tree[e]` is the row
+    """Tick E trees once. `status_of` gives the status of the leaf with a token, for each of the E; `tree[e]` is the row
     of the table that e ticks (default: E = P, each its own). `trace` also returns which leaves were ticked."""
     num_nodes = table.words.shape[1]
     rows = jnp.arange(table.words.shape[0]) if tree is None else tree
     flat = table.words.reshape(-1)
     offset = rows * num_nodes
 
-    def visit(carry):
+    def visit(carry: Carry) -> Carry:
         at, running, visited = carry
         active = (at < num_nodes) & ~running
         word = flat[offset + jnp.minimum(at, num_nodes - 1)]
         status = status_of(word >> 16)
         target = jnp.where(status == Status.SUCCESS, word >> 8 & 255, word & 255)
         running = running | (active & (status == Status.RUNNING))
-        if trace:
+        if visited is not None:
             visited = visited | (active[:, None] & (jnp.arange(num_nodes)[None] == at[:, None]))
         return jnp.where(active & ~running, target, at), running, visited
 
     visited = jnp.zeros((rows.shape[0], num_nodes), bool) if trace else None
-    start = table.first[rows].astype(jnp.int32), jnp.zeros(rows.shape, bool), visited
+    start: Carry = jnp.asarray(table.first)[rows].astype(jnp.int32), jnp.zeros(rows.shape, bool), visited
     at, running, visited = lax.while_loop(lambda c: jnp.any((c[0] < num_nodes) & ~c[1]), visit, start)
     status = jnp.where(running, Status.RUNNING, jnp.where(at == num_nodes, Status.SUCCESS, Status.FAILURE))
     return Ticked(status.astype(jnp.int8), at, visited)

@@ -2,29 +2,29 @@
 
 from __future__ import annotations
 
-from bt_jax.behaviors import Behavior, Control, Tree
+from bt_jax.behaviors.nodes import Control, L, Node
 
 __all__ = ["children", "depth", "leaves", "prefix"]
 
 
-def children(tree: Tree) -> tuple[Tree, ...]:
-    """Children of a node from left to right; none for a leaf."""
+def children(tree: Node[L]) -> tuple[Node[L], ...]:
+    """Return the children of a node from left to right; none for a leaf."""
     return tree.children if isinstance(tree, Control) else ()
 
 
-def prefix(tree: Tree) -> list[Tree]:
-    """All nodes in prefix order; a node's index in this list is its index everywhere, also in the array encoding."""
+def prefix(tree: Node[L]) -> list[Node[L]]:
+    """Return all nodes in prefix order; a node's index in this list is its index everywhere, also in the array encoding."""
     nodes = [tree]
     for child in children(tree):
         nodes += prefix(child)
     return nodes
 
 
-def depth(tree: Tree) -> int:
-    """Number of nodes on the longest path from the root to a leaf."""
+def depth(tree: Node[L]) -> int:
+    """Return the number of nodes on the longest path from the root to a leaf."""
     return 1 + max(map(depth, children(tree)), default=0)
 
 
-def leaves(tree: Tree) -> list[Behavior]:
-    """All leaves from left to right."""
-    return [node for node in prefix(tree) if isinstance(node, Behavior)]
+def leaves(tree: Node[L]) -> list[L]:
+    """Return all leaves from left to right."""
+    return [node for node in prefix(tree) if not isinstance(node, Control)]

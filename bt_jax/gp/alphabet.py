@@ -1,4 +1,4 @@
-"""What the genetic operators know of a vocabulary: how many conditions, actions and genes there are.
+"""What the genetic operators know of a vocabulary, of whatever domain: how many conditions, actions and genes it has.
 
 Tokens of one kind are one range, so that a set of allowed leaves is a range with a few holes, and a uniform draw from it
 is arithmetic.
@@ -13,7 +13,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int32, UInt32
 
 from bt_jax._util.errors import UserError
-from bt_jax.behaviors import FIRST_LEAF, Kind, Vocabulary
+from bt_jax.behaviors.nodes import Kind
+from bt_jax.behaviors.vocabulary import FIRST_LEAF, Vocabulary
 
 __all__ = ["Alphabet", "LeafSet", "scaled"]
 
@@ -61,7 +62,7 @@ class Alphabet:
         return max(self.num_acts - holes, 0) * max(self.num_leaves - holes - 1, 0)
 
     def check(self) -> None:
-        """Raises UserError where no tree can be made."""
+        """Raise UserError if no tree can be made."""
         if not self.num_pairs(genes=True):
             raise UserError("no tree can be made of these behaviors; give an action or gene and one more behavior")
         if self.end >= 1 << 15:
@@ -71,14 +72,14 @@ class Alphabet:
         return (token >= FIRST_LEAF) & (token < self.first_action)
 
     def is_act(self, token: Array) -> Bool[Array, "..."]:
-        """Whether a token is an action or a gene."""
+        """Return whether a token is an action or a gene."""
         return token >= self.first_action
 
     def is_gene(self, token: Array) -> Bool[Array, "..."]:
         return token >= self.first_gene
 
     def leaves(self, *forbidden: Array, conditions: Array, acts: Array, genes: Array) -> LeafSet:
-        """The leaves of the wanted kinds (genes count only among acts), without the forbidden tokens."""
+        """Return the leaves of the wanted kinds (genes count only among acts), without the forbidden tokens."""
         low = jnp.where(conditions, jnp.int32(FIRST_LEAF), jnp.int32(self.first_action))
         high = jnp.where(acts, jnp.where(genes, jnp.int32(self.end), self.first_gene), self.first_action)
         holes: list[Array] = []
@@ -109,7 +110,7 @@ class LeafSet:
         return inside
 
     def draw(self, word: UInt32[Array, "*S"]) -> Int32[Array, "*S"]:
-        """A uniform token of the set, from a random word; meaningless where the set is empty."""
+        """Return a uniform token of the set, from a random word; meaningless where the set is empty."""
         token = self.low + scaled(word, self.count())
         holes = list(self.holes)
         for i in range(len(holes)):  # ascending, so that each step over a hole is final
@@ -120,6 +121,6 @@ class LeafSet:
 
 
 def scaled(word: UInt32[Array, "*S"], count: Int32[Array, "*S"]) -> Int32[Array, "*S"]:
-    """A random word as a uniform integer from 0 to count - 1 (0 where count is 0), at 24 bits."""
+    """Return a random word as a uniform integer from 0 to count - 1 (0 where count is 0), at 24 bits."""
     fraction = (word >> 8).astype(jnp.float32) * jnp.float32(2**-24)
     return jnp.maximum(jnp.minimum((fraction * count.astype(jnp.float32)).astype(jnp.int32), count - 1), 0)

@@ -122,7 +122,7 @@ class GPConfig:
         return max(1, round(self.old_share * self.population))
 
     def check(self) -> None:
-        """Raises UserError for the first setting that cannot work."""
+        """Raise UserError for the first setting that cannot work."""
         if not 8 <= self.population <= 100_000:
             raise UserError(f"a population of {self.population} cannot evolve here; choose 8 to 100000")
         for name in ("p_add", "p_delete", "p_change"):

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int32, UInt32
 
-from bt_jax.behaviors import FIRST_LEAF
+from bt_jax.behaviors.vocabulary import FIRST_LEAF
 from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.alphabet import Alphabet, LeafSet, scaled
 from bt_jax.gp.mutation import NODES_DRAWN, draw_nodes
@@ -30,7 +30,7 @@ def crossover(
     baseline: Bool[Array, "2 P"] | None = None,
     baseline_index: int | None = None,
 ) -> tuple[Trees, Trees]:
-    """Two offspring of each of P pairs: the first grows from `a`, the second from `b`.
+    """Return two offspring of each of P pairs: the first grows from `a`, the second from `b`.
 
     A random proper subtree of each (a lone leaf is taken whole) is inserted at a random place of the other (published), or
     takes the place of the other's subtree (`swap`). A few subtrees and places are drawn, and one pair that fits is chosen
@@ -100,9 +100,9 @@ def crossover(
 
 
 def _choose(
-    options: Bool[Array, "P *W"], word: UInt32[Array, " P"]
+    options: Bool[Array, " P *W"], word: UInt32[Array, " P"]
 ) -> tuple[tuple[Int32[Array, " P"], ...], Bool[Array, " P"]]:
-    """One of the true options of each row, evenly, as its indices (0 where there is none), and whether there is any."""
+    """Return one of the true options of each row, evenly, as its indices (0 if there is none), and whether there is any."""
     flat = jnp.cumsum(options.reshape(options.shape[0], -1).astype(jnp.int32), axis=1)
     count = flat[:, -1]
     index = jnp.sum((flat <= scaled(word, count)[:, None]).astype(jnp.int32), axis=1)
@@ -110,7 +110,7 @@ def _choose(
 
 
 def _child_of_root(nodes: Int32[Array, "P N"], index: int) -> Int32[Array, " P"]:
-    """The child of that index of each root; 0, the root itself, where there are fewer children."""
+    """Return the child of that index of each root; 0, the root itself, where there are fewer children."""
     length = nodes[:, 0] >> SIZE_BIT
 
     def step(_: Array, child: Array) -> Array:

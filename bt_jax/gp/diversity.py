@@ -15,7 +15,7 @@ __all__ = ["edit_distance", "fitness_entropy", "mean_edit_distance"]
 
 
 def fitness_entropy(fitness: Float32[Array, " P"]) -> Float32[Array, ""]:
-    """Entropy of the distribution of fitness values, in nats: 0 where all are equal, log P where all differ."""
+    """Return the entropy of the distribution of fitness values, in nats: 0 where all are equal, log P where all differ."""
     ordered = jnp.sort(fitness)
     first, last = (jnp.searchsorted(ordered, fitness, side=side) for side in ("left", "right"))
     count = fitness.shape[0]
@@ -23,8 +23,11 @@ def fitness_entropy(fitness: Float32[Array, " P"]) -> Float32[Array, ""]:
 
 
 def edit_distance(a: Trees, b: Trees) -> Int32[Array, " P"]:
-    """Least number of nodes to insert, delete or change in the prefix sequence of one tree to get the other's, for each
-    of P pairs (Levenshtein). A node is its token; how subtrees nest counts only through the order."""
+    """Return the edit distance of each of P pairs of trees (Levenshtein).
+
+    It is the least number of nodes to insert, delete or change in the prefix sequence of one to get the other's. A node is
+    its token; how subtrees nest counts only through the order.
+    """
     left, right = (pack(trees) & 0xFFFF for trees in (a, b))
     left_length, right_length = (trees.sizes[:, 0].astype(jnp.int32) for trees in (a, b))
     columns = jnp.arange(right.shape[1] + 1, dtype=jnp.int32)[None]
@@ -43,7 +46,7 @@ def edit_distance(a: Trees, b: Trees) -> Int32[Array, " P"]:
 
 @partial(jax.jit, static_argnames="pairs")
 def mean_edit_distance(key: Array, trees: Trees, *, pairs: int = 64) -> Float32[Array, ""]:
-    """Mean edit distance, in nodes, over random pairs of different individuals of P >= 2 (drawn with replacement)."""
+    """Return the mean edit distance, in nodes, over random pairs of different individuals of P >= 2 (with replacement)."""
     first_key, other_key = jax.random.split(key)
     count = trees.tokens.shape[0]
     first = jax.random.randint(first_key, (pairs,), 0, count)

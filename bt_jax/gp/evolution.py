@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float32, Int, Int32, Key, UInt32, UInt64
 
 from bt_jax._util.compile_cache import kept_jit
-from bt_jax.behaviors import FIRST_LEAF
+from bt_jax.behaviors.vocabulary import FIRST_LEAF
 from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.config import GPConfig
@@ -32,7 +32,8 @@ __all__ = ["Evaluate", "Evolution", "Generation", "Population", "State", "best_o
 
 RunKeys = UInt32[Array, "R 2"]
 Fitness = Float32[np.ndarray, "R P"]
-Evaluate = Callable[[Trees], Fitness | tuple[Fitness, Int32[np.ndarray, "R P"]]]
+Niched = tuple[Fitness, Int32[np.ndarray, "R P"]]
+Evaluate = Callable[[Trees], Fitness | Niched]
 
 
 @jax.tree_util.register_dataclass
@@ -51,8 +52,8 @@ class State:
 
     population: Population
     generation: int
-    baseline_fitness: Float32[Array, "R"]  # of the baseline if there is one, else of an individual at the start
-    seen: tuple[UInt64[np.ndarray, "_"], ...]  # for each run the hashes of all trees measured, sorted
+    baseline_fitness: Float32[Array, " R"]  # of the baseline if there is one, else of an individual at the start
+    seen: tuple[UInt64[np.ndarray, " _"], ...]  # for each run the hashes of all trees measured, sorted
     earlier: tuple[int, ...]  # for each run, how many were measured before, for another fitness
 
     @property
@@ -66,7 +67,7 @@ class Generation:
     """One run after one generation. `episodes`: distinct trees measured so far, times the layouts in which each is.
 
     `baseline_leaves` is how many leaves of the best tree are leaves of the baseline, `baseline_child` the child of the root,
-    counted from 0, under which the first of them stands; -1 where there is none.
+    counted from 0, under which the first of them stands; -1 if there is none.
     """
 
     run: int
@@ -82,20 +83,30 @@ class Generation:
     baseline_child: int
 
 
-class Evolution:
-    """Evolves R populations with a fitness function.
+def _nothing(trees: Trees) -> Fitness:
+    raise ValueError("this Evolution has no fitness function; give it one, or use ask and tell")
 
-    `evaluate` takes Trees [R, P, N] and returns their fitness [R, P] (higher is better); it is called once for the first
-    populations and once a generation for the offspring. With `config.niches` it returns the fitness and a second array
-    int[R, P], 0 or more, equal for individuals that have achieved the same: with the number of nodes, their niche.
-    `episodes_per_tree` only serves to count episodes.
+
+class Evolution:
+    """Evolve R populations, of any alphabet and for any fitness; higher fitness is better.
+
+    You measure the trees yourself:
+
+        state = None
+        for _ in range(1 + config.generations):
+            offspring = evolution.ask(state)
+            state = evolution.tell(state, offspring, fitness(offspring))
+
+    or give `evaluate`, which takes Trees [R, P, N] and returns their fitness [R, P], and call `step` or `run`. With
+    `config.niches` the fitness is a pair: the fitness itself and int[R, P], 0 or more, equal for individuals that have
+    achieved the same: with the number of nodes, their niche. `episodes_per_tree` only serves to count episodes.
     """
 
     def __init__(
         self,
         config: GPConfig,
         alphabet: Alphabet,
-        evaluate: Evaluate,
+        evaluate: Evaluate = _nothing,
         *,
         baseline: Trees | None = None,
         episodes_per_tree: int = 1,
@@ -108,61 +119,72 @@ class Evolution:
         self._static = dataclasses.replace(config, seed=0, generations=1)
         self.keys = _run_keys(np.arange(config.seed, config.seed + config.runs, dtype=np.uint32))
 
-    def start(self) -> State:
-        """The first, random populations; the baseline, if any, takes the place of individual 0."""
-        trees = _first(self.keys, self.alphabet, self._static)
-        first = np.zeros(self.config.runs, int)
-        return self._measured(self._with_baseline(trees, first), first, generation=0, earlier=(0,) * self.config.runs)
+    def ask(self, state: State | None) -> Trees:
+        """Return the offspring [R, M, N] to measure next: those of a state, or for None the first, random populations
+        [R, P, N], in which the baseline, if any, takes the place of individual 0."""
+        if state is None:
+            trees = _first(self.keys, self.alphabet, self._static)
+            return self._with_baseline(trees, np.zeros(self.config.runs, int))
+        now = np.int32(state.generation + 1)
+        return _offspring(
+            self.keys, now, state.population, self.alphabet, self._static, self.baseline, state.baseline_fitness
+        )
+
+    def tell(self, state: State | None, offspring: Trees, fitness: Fitness | Niched) -> State:
+        """Return the state after the offspring that `ask` gave for `state` were measured: who survives."""
+        measured = self._population(offspring, fitness)
+        if state is None:
+            first = np.zeros(self.config.runs, int)
+            return self._begun(measured, first, generation=0, earlier=(0,) * self.config.runs)
+        generation = state.generation + 1
+        population = _survivors(self.keys, np.int32(generation), state.population, measured, self._static)
+        return State(population, generation, state.baseline_fitness, _now_seen(state.seen, offspring), state.earlier)
+
+    def step(self, state: State | None) -> State:
+        """Return the state one generation later, or for None the first: `ask`, `evaluate`, `tell`."""
+        offspring = self.ask(state)
+        return self.tell(state, offspring, self.evaluate(offspring))
 
     def adopt(self, trees: Trees, *, generation: int, earlier: Sequence[int]) -> State:
-        """Goes on with populations [R, P, N] that were bred for another fitness: they are measured anew, and the baseline,
+        """Go on with populations [R, P, N] that were bred for another fitness: they are measured again, and the baseline,
         if any, takes the place of the worst. `earlier` is how many trees each run has measured so far."""
-        worst = np.asarray(self._population(trees).fitness).argmin(axis=1)
+        worst = np.asarray(self._population(trees, self.evaluate(trees)).fitness).argmin(axis=1)
         trees = self._with_baseline(trees, worst)
-        return self._measured(trees, worst, generation=generation, earlier=tuple(earlier))
+        population = self._population(trees, self.evaluate(trees))
+        return self._begun(population, worst, generation=generation, earlier=tuple(earlier))
 
-    def _with_baseline(self, trees: Trees, places: Int[np.ndarray, "R"]) -> Trees:
-        """The populations with the baseline, if any, in one place of each."""
+    def _with_baseline(self, trees: Trees, places: Int[np.ndarray, " R"]) -> Trees:
+        """Return the populations with the baseline, if any, in one place of each."""
         if self.baseline is None:
             return trees
         rows = np.arange(len(places))
         return jax.tree.map(lambda all_, one: all_.at[rows, places].set(one), trees, self.baseline)
 
-    def _measured(
-        self, trees: Trees, places: Int[np.ndarray, "R"], *, generation: int, earlier: tuple[int, ...]
+    def _begun(
+        self, population: Population, places: Int[np.ndarray, " R"], *, generation: int, earlier: tuple[int, ...]
     ) -> State:
-        """The state of populations; the individuals at `places` give the fitness of the baseline."""
+        """Return the state that begins with a population; the individuals at `places` give the fitness of the baseline."""
         nothing = (np.empty(0, np.uint64),) * self.config.runs
-        population = self._population(trees)
         baseline_fitness = population.fitness[np.arange(len(places)), places]
-        return State(population, generation, baseline_fitness, _now_seen(nothing, trees), earlier)
+        return State(population, generation, baseline_fitness, _now_seen(nothing, population.trees), earlier)
 
-    def _population(self, trees: Trees) -> Population:
-        """Trees with what `evaluate` says of them."""
-        if not self.config.niches:
-            return Population(trees, jnp.asarray(self.evaluate(trees)))
-        fitness, achieved = self.evaluate(trees)
+    def _population(self, trees: Trees, fitness: Fitness | Niched) -> Population:
+        """Return trees with what was measured of them."""
+        if isinstance(fitness, tuple) != self.config.niches:
+            raise ValueError("the fitness is a pair if, and only if, config.niches is set")
+        if not isinstance(fitness, tuple):
+            return Population(trees, jnp.asarray(fitness))
+        fitness, achieved = fitness
         niche = achieved * (self.config.max_nodes + 1) + np.asarray(trees.sizes)[..., 0]
         return Population(trees, jnp.asarray(fitness), jnp.asarray(niche.astype(np.int32)))
-
-    def step(self, state: State) -> State:
-        """One generation: offspring, their fitness, survivors."""
-        generation = state.generation + 1
-        now = np.int32(generation)
-        trees = _offspring(
-            self.keys, now, state.population, self.alphabet, self._static, self.baseline, state.baseline_fitness
-        )
-        offspring = self._population(trees)
-        population = _survivors(self.keys, now, state.population, offspring, self._static)
-        return State(population, generation, state.baseline_fitness, _now_seen(state.seen, trees), state.earlier)
 
     def run(
         self, state: State | None = None, *, target: float | None = None, time_limit: float | None = None
     ) -> Iterator[State]:
-        """Yields the state after each generation, the first or the given one included, until `config.generations`, until
+        """Yield the state after each generation, the first or the given one included, until `config.generations`, until
         every run has reached the `target` fitness, or for `time_limit` seconds."""
         began = time.monotonic()
-        state = self.start() if state is None else state
+        state = self.step(None) if state is None else state
         yield state
         while state.generation < self.config.generations:
             if target is not None and np.asarray(state.population.fitness).max(axis=1).min() >= target:
@@ -173,7 +195,7 @@ class Evolution:
             yield state
 
     def describe(self, state: State) -> list[Generation]:
-        """One row for each run."""
+        """Return one row for each run."""
         fitness = np.asarray(state.population.fitness)
         best = fitness.argmax(axis=1)
         rows = np.arange(len(best))
@@ -211,22 +233,22 @@ class Evolution:
         return len(places), count
 
 
-def best_of(state: State) -> tuple[Trees, Float32[np.ndarray, "R"]]:
-    """The best tree of each run [R, N] and its fitness; of equals, the first."""
+def best_of(state: State) -> tuple[Trees, Float32[np.ndarray, " R"]]:
+    """Return the best tree of each run [R, N] and its fitness; of equals, the first."""
     trees, fitness = jax.device_get((state.population.trees, state.population.fitness))
     best = fitness.argmax(axis=1)
     rows = np.arange(len(best))
     return trees[rows, best], fitness[rows, best]
 
 
-def _now_seen(seen: tuple[np.ndarray, ...], trees: Trees) -> tuple[UInt64[np.ndarray, "_"], ...]:
-    """Adds the hashes of trees [R, M, N] to those seen by each run."""
+def _now_seen(seen: tuple[np.ndarray, ...], trees: Trees) -> tuple[UInt64[np.ndarray, " _"], ...]:
+    """Add the hashes of trees [R, M, N] to those seen by each run."""
     halves = np.asarray(_hashes(trees)).astype(np.uint64)
     hashes = halves[..., 0] << np.uint64(32) | halves[..., 1]
     return tuple(_merged(old, np.unique(new)) for old, new in zip(seen, hashes, strict=True))
 
 
-def _merged(old: UInt64[np.ndarray, "_"], new: UInt64[np.ndarray, "_"]) -> UInt64[np.ndarray, "_"]:
+def _merged(old: UInt64[np.ndarray, " _"], new: UInt64[np.ndarray, " _"]) -> UInt64[np.ndarray, " _"]:
     """Union of two sorted arrays without repeats, in time linear in their lengths."""
     place = np.searchsorted(old, new)
     fresh = np.ones(len(new), bool)
@@ -241,7 +263,7 @@ def _hashes(trees: Trees) -> UInt32[Array, "R M 2"]:
 
 
 @kept_jit
-def _run_keys(seeds: UInt32[Array, "R"]) -> RunKeys:
+def _run_keys(seeds: UInt32[Array, " R"]) -> RunKeys:
     return jax.vmap(lambda seed: jax.random.key_data(jax.random.key(seed)))(seeds)
 
 
@@ -285,7 +307,7 @@ def _offspring(
     alphabet: Alphabet,
     config: GPConfig,
     baseline: Trees | None,
-    baseline_fitness: Float32[Array, "R"],
+    baseline_fitness: Float32[Array, " R"],
 ) -> Trees:
     def one(key: UInt32[Array, "2"], parents: Population, fitness: Float32[Array, ""]) -> Trees:
         return reproduce(
@@ -318,7 +340,7 @@ def _survivors(
 @kept_jit
 def _diversity(
     keys: RunKeys, generation: Int32[Array, ""], population: Population
-) -> tuple[Float32[Array, "R"], Float32[Array, "R"]]:
+) -> tuple[Float32[Array, " R"], Float32[Array, " R"]]:
     def one(key: UInt32[Array, "2"], population: Population) -> tuple[Float32[Array, ""], Float32[Array, ""]]:
         distance = mean_edit_distance(_key(key, generation, _Use.DIVERSITY), population.trees)
         return fitness_entropy(population.fitness), distance

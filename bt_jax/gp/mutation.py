@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float32, Int32, UInt32
 
-from bt_jax.behaviors import Kind
+from bt_jax.behaviors.nodes import Kind
 from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.alphabet import OUTSIDE, Alphabet, LeafSet
 from bt_jax.gp.config import MutationConfig
@@ -43,7 +43,7 @@ class Edit(enum.IntEnum):
 
 
 def draw_nodes(words: UInt32[Array, "W P"], length: Int32[Array, " P"]) -> Int32[Array, "P S"]:
-    """Uniform nodes of each tree, two from each random word."""
+    """Return uniform nodes of each tree, two from each random word."""
     halves = jnp.concatenate([words & 0xFFFF, words >> 16]).T
     return ((halves * length[:, None].astype(jnp.uint32)) >> 16).astype(jnp.int32)
 
@@ -51,7 +51,7 @@ def draw_nodes(words: UInt32[Array, "W P"], length: Int32[Array, " P"]) -> Int32
 def mutate(
     key: Array, trees: Trees, alphabet: Alphabet, config: MutationConfig, *, max_nodes: int | None = None
 ) -> Trees:
-    """One mutation of each of P valid trees; a tree stays as it is where the nodes drawn admit no edit.
+    """Return one mutation of each of P valid trees; a tree stays as it is where the nodes drawn admit no edit.
 
     `max_nodes` bounds the size of the results (default: N).
     """
@@ -59,7 +59,7 @@ def mutate(
 
 
 def mutate_chain(key: Array, trees: Trees, alphabet: Alphabet, config: MutationConfig) -> Trees:
-    """A chain of mutations of each of P trees; see `chain_lengths`."""
+    """Return a chain of mutations of each of P trees; see `chain_lengths`."""
     length_key, key = jax.random.split(key)
     nodes = pack(trees)
     steps = chain_lengths(length_key, nodes.shape[0], config)
@@ -168,7 +168,7 @@ def _weights(
 
 
 def _beside(slot: Site, alphabet: Alphabet, config: MutationConfig) -> LeafSet:
-    """Leaves that may stand before an action or gene when a control node takes its place and both become children."""
+    """Return leaves that may stand before an action or gene when a control node takes its place and both become children."""
     sequence = (slot.control != Kind.FALLBACK) | config.gene_under_fallback
     fits = sequence | ~alphabet.is_gene(slot.token)
     return alphabet.leaves(slot.token, conditions=fits, acts=fits, genes=sequence)
@@ -192,7 +192,7 @@ def _apply(
     alphabet: Alphabet,
     config: MutationConfig,
 ) -> Int32[Array, "P N"]:
-    """Carries out one edit of each tree; -1 is none. The new nodes are those drawn from the two words."""
+    """Carry out one edit of each tree; -1 is none. The new nodes are those drawn from the two words."""
     any_gene = config.gene_under_fallback
     root = slot.is_root
     delete, insert, insert_control, replace, grow, append, append_control = (edit == e for e in Edit)
@@ -266,6 +266,6 @@ def _apply(
 
 
 def _aligned(*sets: LeafSet) -> list[LeafSet]:
-    """The sets with equally many holes, so that one can be selected element by element."""
+    """Return the sets with equally many holes, so that one can be selected element by element."""
     most = max(len(leaves.holes) for leaves in sets)
     return [LeafSet(s.low, s.high, s.holes + (jnp.full_like(s.low, OUTSIDE),) * (most - len(s.holes))) for s in sets]

@@ -19,12 +19,12 @@ ROUNDS = 64
 
 
 def hash_trees(trees: Trees) -> UInt32[Array, "P 2"]:
-    """64 bits of each of P trees, equal for equal trees."""
+    """Return 64 bits of each of P trees, equal for equal trees."""
     return _hash(pack(trees))
 
 
 def duplicates(hashes: UInt32[Array, "Q 2"]) -> Bool[Array, " Q"]:
-    """Whether an equal pair of hashes comes before."""
+    """Return whether an equal pair of hashes comes before."""
     count = hashes.shape[0]
     rows = jnp.arange(count, dtype=jnp.int32)
     return ~_insert(_empty_table(count), hashes, rows, jnp.ones(count, bool))[1]
@@ -40,7 +40,7 @@ def make_novel(
     steps: Int32[Array, " M"] | None = None,
     rounds: int = ROUNDS,
 ) -> tuple[Trees, Int32[Array, ""]]:
-    """Mutates each of M offspring as often as `steps` says (default: not at all), and further while it equals one of the P
+    """Mutate each of M offspring as often as `steps` says (default: not at all), and further while it equals one of the P
     individuals or an offspring that was finished before.
 
     Also returns how many are no news after the given number of rounds: normally 0. Mutations are carried out in batches
@@ -82,7 +82,7 @@ def make_novel(
 
 
 def _hash(nodes: Int32[Array, "P N"]) -> UInt32[Array, "P 2"]:
-    """Two sums over the nodes of a tree, each node mixed with its place."""
+    """Return two sums over the nodes of a tree, each node mixed with its place."""
     places = jnp.arange(nodes.shape[1], dtype=jnp.uint32)[None] * jnp.uint32(0x9E3779B9)
     mixed = mix(nodes.astype(jnp.uint32) ^ places)
     sums = (jnp.sum(jnp.where(nodes != 0, bits, 0), axis=1) for bits in (mixed, mix(mixed + jnp.uint32(0x27D4EB2F))))
@@ -97,7 +97,7 @@ def _empty_table(rows: int) -> Int32[Array, " T"]:
 def _insert(
     table: Int32[Array, " T"], hashes: UInt32[Array, "Q 2"], rows: Int32[Array, " C"], asked: Bool[Array, " C"]
 ) -> tuple[Int32[Array, " T"], Bool[Array, " C"]]:
-    """Enters those of the rows (of `hashes`) that are asked about, and says which are new; of equal ones the first is.
+    """Enter those of the rows (of `hashes`) that are asked about, and say which are new; of equal ones the first is.
 
     Open addressing with double hashing. Equal hashes probe the same entries, so that they meet where the first one
     settles; an entry, once taken, stays.

@@ -34,7 +34,7 @@ def reproduce(
     baseline: Trees | None = None,
     baseline_fitness: Float32[Array, ""] | None = None,
 ) -> tuple[Trees, Int32[Array, ""]]:
-    """M offspring of P individuals, and how many of them are not new (normally 0).
+    """Return M offspring of P individuals, and how many of them are not new (normally 0).
 
     The first `num_mutation_parents * mutation_offspring` come from chains of mutations, the others from crossover. A
     `baseline` (one tree, arrays of length N) is added to the individuals that may become parents where they lack it

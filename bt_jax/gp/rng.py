@@ -13,7 +13,7 @@ __all__ = ["mix", "random_words", "shuffled"]
 
 
 def mix(word: UInt32[Array, "*S"]) -> UInt32[Array, "*S"]:
-    """A bijection of 32 bits in which each bit depends on all (the finalizer of MurmurHash3)."""
+    """Return a bijection of 32 bits in which each bit depends on all (the finalizer of MurmurHash3)."""
     word = (word ^ (word >> 16)) * jnp.uint32(0x85EBCA6B)
     word = (word ^ (word >> 13)) * jnp.uint32(0xC2B2AE35)
     return word ^ (word >> 16)
@@ -28,6 +28,6 @@ def random_words(key: Array, shape: tuple[int, int], step: int | Int32[Array, ""
 
 
 def shuffled(key: Array, count: int, step: int = 0) -> Int32[Array, " P"]:
-    """The numbers from 0 to count - 1 in random order."""
+    """Return the numbers from 0 to count - 1 in random order."""
     order = jnp.arange(count, dtype=jnp.int32)
     return jax.lax.sort((random_words(key, (1, count), step)[0], order), num_keys=1)[1]

@@ -46,12 +46,12 @@ def tournament(key: Array, fitness: Fitness, num: int) -> Indices:
 
 
 def rank(key: Array, fitness: Fitness, num: int) -> Indices:
-    """Draws without replacement, in proportion to the rank: P for the best, 1 for the worst."""
+    """Draw without replacement, in proportion to the rank: P for the best, 1 for the worst."""
     return _by_weight(key, _ranks(fitness) + 1, num)
 
 
 def adjustable_rank(key: Array, fitness: Fitness, num: int) -> Indices:
-    """Draws without replacement, by linear ranking (Baker 1985) with pressure 1 + diversity: the best is that many times
+    """Draw without replacement, by linear ranking (Baker 1985) with pressure 1 + diversity: the best is that many times
     as likely as the average. Diversity is the entropy of the fitness over its largest value, log P; a population of
     equals is drawn from evenly, which lets it drift apart."""
     count = fitness.shape[0]
@@ -61,18 +61,18 @@ def adjustable_rank(key: Array, fitness: Fitness, num: int) -> Indices:
 
 
 def elitism(key: Array, fitness: Fitness, num: int) -> Indices:
-    """The best, in order; the first of equals comes first."""
+    """Return the best, in order; the first of equals comes first."""
     del key
     return jax.lax.top_k(fitness, num)[1]
 
 
 def uniform(key: Array, fitness: Fitness, num: int) -> Indices:
-    """Draws without replacement, evenly."""
+    """Draw without replacement, evenly."""
     return shuffled(key, fitness.shape[0])[:num]
 
 
 def everyone(key: Array, fitness: Fitness, num: int) -> Indices:
-    """All in their order, again from the first where `num` is more than there are."""
+    """Return all in their order, again from the first where `num` is more than there are."""
     del key
     return jnp.arange(num, dtype=jnp.int32) % fitness.shape[0]
 
@@ -101,14 +101,14 @@ def survivors(
     niche: Int32[Array, " P"] | None = None,
     offspring_niche: Int32[Array, " M"] | None = None,
 ) -> Int32[Array, " P"]:
-    """The next population, as indices into the old one followed by the offspring; elites first.
+    """Return the next population, as indices into the old one followed by the offspring; elites first.
 
     The best `config.old_share` of the old population and all offspring compete; the best of these are elites, the other
     places are filled from the rest by `config.survivor_selection`. Where niches are given, `niche_strength` takes the place
     of the fitness.
     """
     count = fitness.shape[0]
-    if niche is not None:
+    if niche is not None and offspring_niche is not None:
         strength = niche_strength(
             jnp.concatenate([fitness, offspring_fitness]), jnp.concatenate([niche, offspring_niche])
         )
@@ -126,7 +126,7 @@ def survivors(
 
 
 def niche_strength(fitness: Fitness, niche: Int32[Array, " P"]) -> Fitness:
-    """What selection sees in place of the fitness where individuals have niches: their place, P - 1 for the first.
+    """Return what selection sees in place of the fitness where individuals have niches: their place, P - 1 for the first.
 
     The best of every niche come first, then the second best of every niche, and so on; those of one turn are ordered by
     fitness. So each niche gets as many places as the others, as far as it can fill them (after clearing with a capacity,
@@ -158,6 +158,6 @@ def _ranks(fitness: Fitness) -> Fitness:
 
 
 def _by_weight(key: Array, weights: Fitness, num: int) -> Indices:
-    """Draws without replacement in proportion to weights, by the Gumbel trick."""
+    """Draw without replacement in proportion to weights, by the Gumbel trick."""
     noisy = jnp.log(weights) + jax.random.gumbel(key, weights.shape)
     return jax.lax.top_k(noisy, num)[1]

@@ -14,7 +14,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int32
 
-from bt_jax.behaviors import FIRST_LEAF, Kind
+from bt_jax.behaviors.nodes import Kind
+from bt_jax.behaviors.vocabulary import FIRST_LEAF
 from bt_jax.gp.alphabet import Alphabet, LeafSet
 from bt_jax.gp.splice import SIZE_BIT
 
@@ -58,7 +59,7 @@ class Site:
         return self.node + self.size
 
     def before(self, alphabet: Alphabet, *, gene_under_fallback: bool) -> LeafSet:
-        """Leaves that may be inserted before the node."""
+        """Return leaves that may be inserted before the node."""
         return alphabet.leaves(
             self.previous,
             self.token,
@@ -68,7 +69,7 @@ class Site:
         )
 
     def instead(self, alphabet: Alphabet, *, gene_under_fallback: bool) -> LeafSet:
-        """Leaves, other than the node itself, that may replace it."""
+        """Return leaves, other than the node itself, that may replace it."""
         return alphabet.leaves(
             self.previous,
             self.token,
@@ -79,7 +80,7 @@ class Site:
         )
 
     def behind(self, alphabet: Alphabet, *, gene_under_fallback: bool) -> LeafSet:
-        """Leaves that may be appended to the node's children."""
+        """Return leaves that may be appended to the node's children."""
         yes = jnp.ones_like(self.node, bool)
         genes = (self.token != Kind.FALLBACK) | gene_under_fallback
         return alphabet.leaves(self.last_child, conditions=~yes, acts=yes, genes=genes)
@@ -88,7 +89,7 @@ class Site:
 def describe_sites(
     nodes: Int32[Array, "P N"], at: Int32[Array, "P S"], alphabet: Alphabet, *, gene_under_fallback: bool
 ) -> Site:
-    """The surroundings of S nodes in each packed tree."""
+    """Return the surroundings of S nodes in each packed tree."""
     num_nodes = nodes.shape[1]
     sizes = nodes >> SIZE_BIT
     small = jnp.uint8
@@ -158,7 +159,7 @@ def describe_sites(
     last_child = leaf_before(end, last_is_control)
 
     def beside(left: Array, right: Array) -> Array:
-        """Whether two siblings may stand side by side; 0 is the edge of the child list."""
+        """Return whether two siblings may stand side by side; 0 is the edge of the child list."""
         twice = (left == right) & (left >= FIRST_LEAF)
         ends_in_condition = (right == 0) & alphabet.is_condition(left)
         return ~(twice | ends_in_condition | (alphabet.is_act(left) & alphabet.is_condition(right)))

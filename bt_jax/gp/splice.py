@@ -19,7 +19,7 @@ SIZE_BIT = 16  # a node as one integer: the token below this bit, the size above
 
 
 def pack(trees: Trees) -> Int32[Array, "P N"]:
-    return trees.tokens.astype(jnp.int32) | (trees.sizes.astype(jnp.int32) << SIZE_BIT)
+    return jnp.asarray(trees.tokens, jnp.int32) | (jnp.asarray(trees.sizes, jnp.int32) << SIZE_BIT)
 
 
 def unpack(nodes: Int32[Array, "P N"]) -> Trees:
@@ -27,7 +27,7 @@ def unpack(nodes: Int32[Array, "P N"]) -> Trees:
 
 
 def materialize(values: T) -> T:
-    """The same arrays of integers, computed before what follows.
+    """Return the same arrays of integers, computed before what follows.
 
     XLA fuses what is computed once a tree into the loops over its nodes, and so computes it N times; on a CPU it drops
     `jax.lax.optimization_barrier`. A loop stays whose number of rounds, 0, it cannot know, and that changes every value.
@@ -43,7 +43,7 @@ def materialize(values: T) -> T:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Cut:
-    """At node `at`, `removed` nodes make way for `inserted` nodes, which are the donor's from `start` on."""
+    """At node `at`, `inserted` nodes, the donor's from `start` on, replace `removed` nodes."""
 
     at: Int32[Array, " P"]
     removed: Int32[Array, " P"]
@@ -60,8 +60,10 @@ def splice(
     anchor: Int32[Array, " P"],
     growth: Int32[Array, " P"],
 ) -> Int32[Array, "P N"]:
-    """Packed trees after both cuts; `second` lies behind what `first` removes. The sizes of the anchor node and of its
-    ancestors grow by `growth`; the result must fit."""
+    """Return packed trees after both cuts; `second` lies behind what `first` removes.
+
+    The sizes of the anchor node and of its ancestors grow by `growth`; the result must fit.
+    """
     num_nodes = nodes.shape[1]
     donor, first, second, anchor, growth = materialize((donor, first, second, anchor, growth))
     here = jnp.arange(num_nodes, dtype=jnp.int32)[None]

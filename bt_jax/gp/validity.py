@@ -1,4 +1,4 @@
-"""The rules of a valid tree, for whole populations; `encoding.trees.violations` says the same in words for one tree."""
+"""The rules of a valid tree, for whole populations; `encoding.arrays.violations` says the same in words for one tree."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from bt_jax.behaviors import FIRST_LEAF, Kind
+from bt_jax.behaviors.nodes import Kind
+from bt_jax.behaviors.vocabulary import FIRST_LEAF
 from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.alphabet import Alphabet
 
@@ -17,13 +18,13 @@ __all__ = ["is_valid"]
 
 @partial(jax.jit, static_argnames=("alphabet", "gene_under_fallback"))
 def is_valid(trees: Trees, alphabet: Alphabet, *, gene_under_fallback: bool = False) -> Bool[Array, " P"]:
-    """Whether each of P trees is well formed, as arrays (nested sizes, padding) and by every rule of the design.
+    """Return whether each of P trees is well formed, as arrays (nested sizes, padding) and by every rule of the design.
 
     A single action or gene is valid, as in `violations`; the operators never make one.
     """
     num_nodes = trees.num_nodes
     here = jnp.arange(num_nodes, dtype=jnp.int32)[None]
-    tokens, sizes = trees.tokens.astype(jnp.int32), trees.sizes.astype(jnp.int32)
+    tokens, sizes = jnp.asarray(trees.tokens, jnp.int32), jnp.asarray(trees.sizes, jnp.int32)
     ends = here + sizes
     length = sizes[:, :1]
     control = (tokens == Kind.SEQUENCE) | (tokens == Kind.FALLBACK)

@@ -13,7 +13,7 @@ __all__ = ["with_goal_of", "with_subgoal", "with_targets"]
 
 
 def with_targets(task: Task, targets: Sequence[Target], *, source: str) -> Task:
-    """The task with more targets, each in place of one that the same object has; `source` is named in errors."""
+    """Return the task with more targets, each in place of one that the same object has; `source` is named in errors."""
     kept = {target.object: target for target in (*task.targets, *targets)}
     changed = dataclasses.replace(task, targets=tuple(kept.values()))
     check(changed, source)
@@ -29,7 +29,7 @@ def with_goal_of(task: Task, other: Task) -> Task:
 
 
 def with_subgoal(task: Task, subgoal: Subgoal, *, source: str) -> Task:
-    """The task with one more subgoal, unless it has that already; `source` is named in errors."""
+    """Return the task with one more subgoal, unless it has that already; `source` is named in errors."""
     if subgoal in task.subgoals:
         return task
     if subgoal.name in [other.name for other in task.subgoals]:

@@ -1,4 +1,4 @@
-"""Whether a task can be meant: names, sizes, places and targets that go together."""
+"""Whether a task is valid: names, sizes, places and targets that go together."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ RESERVED = ("floor", "gripper", "kit", "metal", "nothing", "plate", "rubber", "s
 
 
 def check(task: Task, source: str) -> None:
-    """Raises UserError, naming `source`, key and remedy, where a task cannot be meant."""
+    """Raise UserError, naming `source`, key and remedy, if a task is invalid."""
     fail = functools.partial(_fail, source)
     names = [*task.frames, *(table.name for table in task.tables)]
     if not re.fullmatch(r"[\w-]+", task.name):
@@ -66,7 +66,7 @@ def _check_sizes(task: Task, fail: Any) -> None:
             )
     for i, table in enumerate(task.tables):
         if min(table.size) <= 0:
-            fail(f"tables[{i}].size", "must be positive", "mend it")
+            fail(f"tables[{i}].size", "must be positive", "fix it")
         if task.kit.size > min(table.size[:2]):
             fail(
                 "kit.size", f"{task.kit.size} m is wider than {table.name}", "make the kit smaller or the table larger"
@@ -77,7 +77,7 @@ def _check_sizes(task: Task, fail: Any) -> None:
                 fail(f"{section}.{key}", f"{value} is negative", "make it zero or more")
     for key in ("size", "thickness", "wall_height", "wall_thickness"):
         if getattr(task.kit, key) <= 0:
-            fail(f"kit.{key}", "must be more than zero", "mend it")
+            fail(f"kit.{key}", "must be more than zero", "fix it")
     if task.kit.inner <= 0:
         fail("kit.wall_thickness", "the walls leave no room", "make the walls thinner or the kit larger")
     if task.episode.max_ticks < 1 or task.episode.success_ticks < 1 or task.episode.action_ticks < 1:

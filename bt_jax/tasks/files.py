@@ -27,21 +27,21 @@ SUBGOALS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 
 def task_names() -> list[str]:
-    """Names of the tasks that come with the package."""
+    """Return the names of the tasks that come with the package."""
     return sorted(path.stem for path in FOLDER.glob("*.yaml"))
 
 
 def load_task(name_or_path: str | Path) -> Task:
-    """Reads a task by name (one of `task_names()`) or from a YAML file.
+    """Read a task by name (one of `task_names()`) or from a YAML file.
 
-    Raises UserError, naming file, key and remedy, where the task cannot be meant.
+    Raise UserError, naming file, key and remedy, if the task is invalid.
     """
     path = _find(name_or_path)
     return task_from_dict(_read(path), source=str(path))
 
 
 def task_from_dict(data: Mapping[str, Any], *, source: str) -> Task:
-    """Builds a task from a mapping as in the YAML files and checks that it makes sense; `source` is named in errors."""
+    """Build a task from a mapping as in the YAML files and check it; `source` is named in errors."""
     data = {"description": "", **data}
     data.pop("extends", None)
     if isinstance(data.get("subgoals"), list | tuple):
@@ -52,7 +52,7 @@ def task_from_dict(data: Mapping[str, Any], *, source: str) -> Task:
 
 
 def _subgoal(entry: Any, source: str) -> Any:
-    """A subgoal that is only named is one of those that every task knows."""
+    """Return a subgoal that is only named is one of those that every task knows."""
     if not isinstance(entry, str):
         return entry
     if entry not in SUBGOALS:
@@ -84,7 +84,7 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
         where = getattr(error, "problem_mark", None)
         line = f", line {where.line + 1}" if where else ""
         raise UserError(
-            f"{path}{line} is not valid YAML ({getattr(error, 'problem', error)}); mend that line"
+            f"{path}{line} is not valid YAML ({getattr(error, 'problem', error)}); fix that line"
         ) from error
     if not isinstance(data, dict):
         raise UserError(f"{path} must be a mapping with keys such as boxes and targets; see bt_jax/tasks/stack.yaml")
@@ -144,22 +144,22 @@ def _scalar(kind: str, value: Any, source: str, where: str) -> Any:
         return _number(value, source, where)
     if kind == "int":
         if not _number(value, source, where).is_integer():
-            raise UserError(f"{source}, key {where}: expected a whole number, found {value!r}; mend it")
+            raise UserError(f"{source}, key {where}: expected a whole number, found {value!r}; fix it")
         return int(value)
     if kind == "Vec3":
         if not isinstance(value, list | tuple) or len(value) != 3:
-            raise UserError(f"{source}, key {where}: expected three numbers [x, y, z], found {value!r}; mend it")
+            raise UserError(f"{source}, key {where}: expected three numbers [x, y, z], found {value!r}; fix it")
         return tuple(_number(x, source, where) for x in value)
     if kind.startswith("tuple"):
         if not isinstance(value, list | tuple) or not all(isinstance(x, str) for x in value):
-            raise UserError(f"{source}, key {where}: expected a list of names, found {value!r}; mend it")
+            raise UserError(f"{source}, key {where}: expected a list of names, found {value!r}; fix it")
         return tuple(value)
     if not isinstance(value, str):
-        raise UserError(f"{source}, key {where}: expected a name, found {value!r}; mend it")
+        raise UserError(f"{source}, key {where}: expected a name, found {value!r}; fix it")
     return value
 
 
 def _number(value: Any, source: str, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise UserError(f"{source}, key {where}: expected a number, found {value!r}; mend it")
+        raise UserError(f"{source}, key {where}: expected a number, found {value!r}; fix it")
     return float(value)

@@ -157,7 +157,7 @@ class Task:
         return tuple(box.name for box in self.boxes)
 
     def size(self, name: str) -> float:
-        """Edge of a box, metres. Raises UserError where there is no such box."""
+        """Return the edge of a box, metres. Raise UserError if there is no such box."""
         for box in self.boxes:
             if box.name == name:
                 return box.size
@@ -193,7 +193,7 @@ class Task:
         return min(middle - half for middle, half in edges), max(middle + half for middle, half in edges)
 
     def to_dict(self) -> dict[str, Any]:
-        """A plain mapping that `task_from_dict` reads back to an equal task."""
+        """Return a plain mapping that `task_from_dict` reads back to an equal task."""
         return _plain(dataclasses.asdict(self))
 
 

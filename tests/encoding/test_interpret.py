@@ -11,7 +11,7 @@ from bt_jax.behaviors import Behavior, Control, Kind, Vocabulary
 from bt_jax.encoding.arrays import encode_all
 from bt_jax.encoding.formats.py_trees import to_py_trees
 from bt_jax.encoding.interpret import tick_tree
-from bt_jax.encoding.tick import Status, jump_table, tick
+from bt_jax.encoding.tick import Status, jump_table, tick_trees
 from bt_jax.encoding.walk import prefix
 from tests.helpers.strategies import ATOMS, GENES, trees
 
@@ -35,7 +35,7 @@ def test_equals_the_compiled_tick():
     forest = [random_tree(rng, rng.randint(1, NODES)) for _ in range(1000)]
     outcome = np.random.default_rng(0).choice(3, p=[0.4, 0.4, 0.2], size=(len(forest), len(VOCABULARY))).astype(np.int8)
     rows, table = jnp.arange(len(forest)), jnp.asarray(outcome)
-    ticked = tick(
+    ticked = tick_trees(
         jax.jit(jump_table)(encode_all(forest, VOCABULARY, NODES)), lambda token: table[rows, token], trace=True
     )
     status, leaf, visited = (np.asarray(x) for x in (ticked.status, ticked.leaf, ticked.visited))

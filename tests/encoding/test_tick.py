@@ -8,7 +8,7 @@ from bt_jax.behaviors import Behavior, Control, Vocabulary
 from bt_jax.encoding.arrays import encode, encode_all
 from bt_jax.encoding.formats.py_trees import to_py_trees
 from bt_jax.encoding.limits import MAX_NODES
-from bt_jax.encoding.tick import Status, jump_table, tick
+from bt_jax.encoding.tick import Status, jump_table, tick_trees
 from bt_jax.encoding.walk import prefix
 from tests.helpers.samples import random_trees
 from tests.helpers.strategies import ATOMS, GENES
@@ -22,7 +22,7 @@ TO_THEIRS = {Status.SUCCESS: Theirs.SUCCESS, Status.FAILURE: Theirs.FAILURE, Sta
 def tick_all(trees, statuses):
     """Each tree with its own row of statuses [P, V]."""
     rows = jnp.arange(statuses.shape[0])
-    return tick(jump_table(trees), lambda token: statuses[rows, token], trace=True)
+    return tick_trees(jump_table(trees), lambda token: statuses[rows, token], trace=True)
 
 
 def agree_with_py_trees(trees, num_nodes, seed):
@@ -83,7 +83,7 @@ def test_a_table_of_few_trees_serves_many_episodes():
         first = token == VOCABULARY.token(a)
         return jnp.where(first, success.astype(jnp.int8), jnp.int8(Status.RUNNING))
 
-    ticked = tick(table, status_of, tree=tree)
+    ticked = tick_trees(table, status_of, tree=tree)
     assert list(ticked.status) == [Status.SUCCESS, Status.RUNNING, Status.FAILURE, Status.RUNNING]
     assert list(ticked.leaf) == [8, 2, 9, 2]
     assert ticked.visited is None

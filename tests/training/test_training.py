@@ -159,7 +159,7 @@ def test_physics_that_fails_costs_the_individual_and_the_evolution_goes_on(monke
 
 def test_one_broken_layout_is_enough():
     training = Training(TASK, CONFIG, dataclasses.replace(QUICK, layouts=2))
-    trees = training.evolution.start().population.trees
+    trees = training.evolution.ask(None)
     found = training.evaluator(trees[0], training.layouts)
     ending = found.ending.copy()
     ending[3, 1] = 4

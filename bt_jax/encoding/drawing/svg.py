@@ -18,10 +18,12 @@ import textwrap
 import unicodedata
 from collections.abc import Callable, Collection, Sequence
 from html import escape
+from typing import Any
 
-from bt_jax.behaviors import Behavior, Control, Kind, Tree
+from bt_jax.behaviors.nodes import Control, Kind, L, Node
+from bt_jax.behaviors.symbols import Behavior, Tree
 from bt_jax.encoding.drawing.terminal import SYMBOLS
-from bt_jax.encoding.drawing.tree_layout import Frame, Layout, Shape, lay_out
+from bt_jax.encoding.drawing.tree_layout import Shape, SubtreeFrame, TreeLayout, lay_out
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import children, prefix
 
@@ -60,20 +62,20 @@ STYLE = """
 
 
 def status_class(status: Status | None) -> str:
-    """The CSS class of a status: `success`, `failure`, `running`, or `idle` for a node that was not ticked."""
+    """Return the CSS class of a status: `success`, `failure`, `running`, or `idle` for a node that was not ticked."""
     return "idle" if status is None else status.name.lower()
 
 
 def to_svg(
-    tree: Tree,
+    tree: Node[L],
     statuses: Sequence[Status | None] | None = None,
     *,
     title: str = "",
     expand_genes: bool = False,
-    words: Callable[[Tree], str] | None = None,
+    words: Callable[[Node[L]], str] | None = None,
     folded: Collection[str] | None = None,
 ) -> str:
-    """The tree as one SVG element with its own style, to be written to a file or put into a page.
+    """Return the tree as one SVG element with its own style, to be written to a file or put into a page.
 
     `statuses` has one entry for each node in prefix order, None where it was not ticked. `expand_genes` draws the
     subtree of each gene in a frame; numbers stay those of the tree as given: the root of the subtree has the id
@@ -87,7 +89,9 @@ def to_svg(
     width = max(layout.width, _text_width(title) * 17 / FONT_SIZE) + 2 * MARGIN
     height = top + layout.height + MARGIN
     flat = _prefix(nodes)
-    known = {} if statuses is None else dict(zip(range(len(prefix(tree))), statuses, strict=True))
+    known: dict[int | None, Status | None] = {}
+    if statuses is not None:
+        known.update(zip(range(len(prefix(tree))), statuses, strict=True))
     role = "img" if folded is None else "group"  # in a picture, nothing could be reached by keyboard or screen reader
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" class="bt" role="{role}" viewBox="0 0 {width:.0f} {height:.0f}" '
@@ -105,12 +109,12 @@ def to_svg(
     return "\n".join([*parts, "</g>", "</svg>"]) + "\n"
 
 
-def node_ids(tree: Tree) -> list[str]:
-    """Ids of the nodes of `expand(tree)` in prefix order, where `to_svg(tree)` draws them."""
+def node_ids(tree: Node[L]) -> list[str]:
+    """Return the ids of the nodes of `expand(tree)` in prefix order, where `to_svg(tree)` draws them."""
     ids: list[str] = []
     for i, node in enumerate(prefix(tree)):
-        below = prefix(node.subtree) if isinstance(node, Behavior) and node.subtree is not None else [node]
-        ids += [f"node-{i}", *(f"node-{i}-{j}" for j in range(1, len(below)))]
+        gene = node.subtree if isinstance(node, Behavior) else None
+        ids += [f"node-{i}", *(f"node-{i}-{j}" for j in range(1, 1 if gene is None else len(prefix(gene))))]
     return ids
 
 
@@ -119,12 +123,12 @@ class _Node:
     """A node to be drawn; `index` is its number, or None inside a gene; `gene` is the gene whose root it is; `hides` is
     the number of nodes below that are not drawn, `folds` whether a person may change that."""
 
-    tree: Tree
+    tree: Node[Any]
     id: str
     index: int | None
     children: tuple[_Node, ...]
     gene: Behavior | None = None
-    words: Callable[[Tree], str] | None = None
+    words: Callable[[Any], str] | None = None
     hides: int = 0
     folds: bool = False
 
@@ -145,18 +149,19 @@ class _Node:
 
 
 def _nodes(
-    tree: Tree, expand_genes: bool, words: Callable[[Tree], str] | None, folded: Collection[str] | None
+    tree: Node[L], expand_genes: bool, words: Callable[[Node[L]], str] | None, folded: Collection[str] | None
 ) -> _Node:
     count = 0
 
-    def visit(node: Tree) -> _Node:
+    def visit(node: Node[L]) -> _Node:
         nonlocal count
         index, count = count, count + 1
-        gene = isinstance(node, Behavior) and node.subtree is not None
-        if gene and (expand_genes if folded is None else f"node-{index}" not in folded):
-            return _gene(node, node.subtree, index, words, folded)
         found = _Node(node, f"node-{index}", index, tuple(map(visit, children(node))), words=words)
-        return _folded(found, folded, len(prefix(node.subtree)) - 1 if gene else 0)
+        if not isinstance(node, Behavior) or node.subtree is None:
+            return _folded(found, folded, 0)
+        if expand_genes if folded is None else found.id not in folded:
+            return _gene(node, node.subtree, index, words, folded)
+        return _folded(found, folded, len(prefix(node.subtree)) - 1)
 
     return visit(tree)
 
@@ -165,7 +170,7 @@ def _gene(
     gene: Behavior,
     subtree: Tree,
     index: int,
-    words: Callable[[Tree], str] | None,
+    words: Callable[[Any], str] | None,
     folded: Collection[str] | None,
 ) -> _Node:
     count = 0
@@ -208,7 +213,7 @@ def _caption(node: _Node) -> str:
 
 
 def _wrapped(text: str) -> list[str]:
-    """Words in as few lines as they need, all about as long."""
+    """Return words in as few lines as they need, all about as long."""
     wrap = functools.partial(textwrap.wrap, text, break_long_words=False)
     count = len(wrap(LINE_LENGTH))
     return next(lines for width in range(1, LINE_LENGTH + 1) if len(lines := wrap(width)) <= count)
@@ -220,7 +225,7 @@ def _text_width(text: str) -> float:
 
 
 def _broken(label: str) -> list[str]:
-    """A label in lines, broken after its arguments; positions stay whole."""
+    """Return a label in lines, broken after its arguments; positions stay whole."""
     lines: list[str] = []
     for piece in _ARGUMENT_END.split(label):
         if lines and len(lines[-1]) + len(piece) < LINE_LENGTH:
@@ -230,14 +235,14 @@ def _broken(label: str) -> list[str]:
     return lines
 
 
-def _frame(frame: Frame, node: _Node) -> str:
+def _frame(frame: SubtreeFrame, node: _Node) -> str:
     assert node.gene is not None
     where = f'x="{frame.left:g}" y="{frame.top:g}" width="{frame.width:g}" height="{frame.height:g}"'
     caption = f'<text class="caption" x="{frame.left + 8:g}" y="{frame.top + 16:g}">{escape(_caption(node))}</text>'
     return f'<g><title>{escape(str(node.gene))}</title><rect class="frame" {where} rx="10"/>{caption}</g>'
 
 
-def _edge(layout: Layout, nodes: list[_Node], i: int) -> str:
+def _edge(layout: TreeLayout, nodes: list[_Node], i: int) -> str:
     """From the parent down to the gap between the rows, across, and down to the child."""
     parent = layout.parent[i]
     x0, y0 = layout.x[parent], layout.top[parent] + nodes[parent].size[1]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bt_jax.behaviors import Behavior, Control, Kind, Tree, expand
+from bt_jax.behaviors.nodes import Control, Kind, L, Node
+from bt_jax.behaviors.symbols import Tree, expand
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import children
 
@@ -21,14 +22,14 @@ DOT_SHAPES = {
 }
 
 
-def draw_text(tree: Tree, statuses: Sequence[Status | None] | None = None) -> str:
-    """The tree with box-drawing lines, → for Sequence and ? for Fallback, one node a line, ends with a newline.
+def draw_text(tree: Node[L], statuses: Sequence[Status | None] | None = None) -> str:
+    """Return the tree with box-drawing lines, → for Sequence and ? for Fallback, one node a line, ends with a newline.
 
     `statuses`, one for each node in prefix order, stand at the front: ✓ SUCCESS, ✗ FAILURE, … RUNNING, blank for None.
     """
     lines: list[str] = []
 
-    def visit(node: Tree, lead: str, rest: str) -> None:
+    def visit(node: Node[L], lead: str, rest: str) -> None:
         label = SYMBOLS[node.kind] if isinstance(node, Control) else node.label
         lines.append(f"{lead}{label}\n")
         below = children(node)
@@ -44,7 +45,7 @@ def draw_text(tree: Tree, statuses: Sequence[Status | None] | None = None) -> st
 
 
 def to_dot(tree: Tree, *, expand_genes: bool = False) -> str:
-    """Graphviz source; nodes are called n0, n1, ... in prefix order, with the same numbers in their SVG id `node-0`."""
+    """Return Graphviz source; node i in prefix order is called ni and has the SVG id `node-i`."""
     if expand_genes:
         tree = expand(tree)
     lines = ["digraph tree {", "  graph [ordering=out]", '  node [fontname="sans-serif"]', "  edge [arrowhead=none]"]
@@ -53,7 +54,7 @@ def to_dot(tree: Tree, *, expand_genes: bool = False) -> str:
     def visit(node: Tree) -> int:
         nonlocal count
         index, count = count, count + 1
-        label = node.label if isinstance(node, Behavior) else SYMBOLS[node.kind]
+        label = SYMBOLS[node.kind] if isinstance(node, Control) else node.label
         quoted = label.replace("\\", "\\\\").replace('"', '\\"')
         lines.append(f'  n{index} [label="{quoted}" id="node-{index}" {DOT_SHAPES[node.kind]}]')
         for child in children(node):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 
-__all__ = ["Frame", "Layout", "Shape", "lay_out"]
+__all__ = ["Shape", "SubtreeFrame", "TreeLayout", "lay_out"]
 
 GAP = 18.0
 ROW_GAP = 46.0
@@ -28,7 +28,7 @@ class Shape:
 
 
 @dataclasses.dataclass(frozen=True)
-class Frame:
+class SubtreeFrame:
     """The rectangle around the subtree of a framed node."""
 
     node: int
@@ -39,7 +39,7 @@ class Frame:
 
 
 @dataclasses.dataclass(frozen=True)
-class Layout:
+class TreeLayout:
     """Where everything is, in prefix order; the drawing starts at (0, 0). `x` is a node's centre, `top` its upper edge,
     `row_bottom` the lower edge of the tallest node of its row: lines below it cross no node. -1 is no parent."""
 
@@ -47,7 +47,7 @@ class Layout:
     top: tuple[float, ...]
     row_bottom: tuple[float, ...]
     parent: tuple[int, ...]
-    frames: tuple[Frame, ...]
+    frames: tuple[SubtreeFrame, ...]
     width: float
     height: float
 
@@ -62,15 +62,15 @@ class _Placed:
     contour: list[tuple[float, float]]
 
 
-def lay_out(root: Shape) -> Layout:
-    """Places the nodes of a tree so that none overlap, nor do frames and the nodes outside them."""
+def lay_out(root: Shape) -> TreeLayout:
+    """Place the nodes of a tree so that none overlap, nor do frames and the nodes outside them."""
     placed = _place(root)
     rows = _row_tops(root)
     x: list[float] = []
     top: list[float] = []
     bottom: list[float] = []
     parents: list[int] = []
-    frames: list[Frame] = []
+    frames: list[SubtreeFrame] = []
     shift = -min(left for left, _ in placed.contour)
 
     def visit(node: _Placed, center: float, row: int, parent: int) -> None:
@@ -83,14 +83,14 @@ def lay_out(root: Shape) -> Layout:
             left, right = node.contour[0]
             upper = rows[row][0] - 2 * FRAME_PADDING
             lower = rows[row + len(node.contour) - 1][1] + FRAME_PADDING / 2
-            frames.append(Frame(index, center + left, upper, right - left, lower - upper))
+            frames.append(SubtreeFrame(index, center + left, upper, right - left, lower - upper))
         for child, offset in zip(node.children, node.offsets, strict=True):
             visit(child, center + offset, row + 1, index)
 
     visit(placed, shift, 0, -1)
     height = max([rows[-1][1], *(frame.top + frame.height for frame in frames)])
     lift = min([0.0, *(frame.top for frame in frames)])
-    return Layout(
+    return TreeLayout(
         tuple(x),
         tuple(value - lift for value in top),
         tuple(value - lift for value in bottom),

@@ -12,7 +12,7 @@ __all__ = ["read_tree"]
 
 
 def read_tree(path: Path) -> Tree:
-    """A tree from a .txt or .xml file. Raises UserError, naming the file, where there is none."""
+    """Read a tree from a .txt or .xml file. Raise UserError, naming the file, if it holds none."""
     if not path.exists():
         raise UserError(f"there is no file or folder {path}; give a run folder, or a tree as .txt or .xml")
     if path.suffix.lower() == ".xml":

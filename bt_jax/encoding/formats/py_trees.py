@@ -29,7 +29,7 @@ class Leaf(Behaviour):
 def to_py_trees(
     tree: Tree, status_of: Callable[[Behavior], Status], *, expand_genes: bool = False
 ) -> Sequence | Selector | Leaf:
-    """The tree with memoryless Sequence and Selector composites (our Fallback is py_trees' Selector).
+    """Return the tree with memoryless Sequence and Selector composites (our Fallback is py_trees' Selector).
 
     `status_of(behavior)` is called each time that a leaf is ticked and returns its status. A gene is one leaf, unless
     `expand_genes` puts its subtree in its place. `tick_once()` of the root ticks the tree.

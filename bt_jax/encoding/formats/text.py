@@ -26,7 +26,7 @@ INDENT = 2
 
 
 def format_tree(tree: Tree) -> str:
-    """One node a line, indented by depth, ends with a newline. `parse_tree` reads it back to an equal tree."""
+    """Return one node a line, indented by depth, ends with a newline. `parse_tree` reads it back to an equal tree."""
     lines: list[str] = []
 
     def visit(node: Tree, depth: int) -> None:
@@ -40,14 +40,14 @@ def format_tree(tree: Tree) -> str:
 
 
 def one_line(tree: Tree) -> str:
-    """The tree on one line, children in parentheses. `parse_tree` reads it back to an equal tree."""
+    """Return the tree on one line, children in parentheses. `parse_tree` reads it back to an equal tree."""
     return str(tree)
 
 
 def parse_tree(text: str) -> Tree:
-    """Reads what `format_tree` and `one_line` write.
+    """Read what `format_tree` and `one_line` write.
 
-    Raises UserError, with line, column and remedy, where the text is not one tree.
+    Raise UserError, with line, column and remedy, if the text is not one tree.
     """
     parser = _Lines(text)
     if parser.at_end:
@@ -70,7 +70,7 @@ class _Lines(Parser):
     """Adds to the notation the nesting of lines by their indentation."""
 
     def tree(self) -> Tree:
-        """The lines, nested by their indentation."""
+        """Return the lines, nested by their indentation."""
         root: Tree | _Open | None = None
         path: list[tuple[int, Tree | _Open]] = []
         while not self.at_end:

@@ -13,6 +13,7 @@ Format: https://www.behaviortree.dev/docs/learn-the-basics/xml_format
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -24,7 +25,7 @@ from xml.parsers import expat
 import numpy as np
 
 from bt_jax._util.errors import UserError
-from bt_jax.behaviors import SIGNATURES, Behavior, Control, Kind, Tree, expand
+from bt_jax.behaviors import SIGNATURES, Argument, Behavior, Control, Kind, Tree, expand
 from bt_jax.encoding.limits import MAX_NODES
 from bt_jax.encoding.walk import prefix
 
@@ -43,10 +44,10 @@ MAX_READ_NODES = 20 * MAX_NODES  # genes are read node by node
 
 
 def to_xml(tree: Tree, *, name: str = "MainTree", expand_genes: bool = False) -> str:
-    """The tree as an XML document whose main tree is called `name`; `from_xml` reads it back to an equal tree.
+    """Return the tree as an XML document whose main tree is called `name`; `from_xml` reads it back to an equal tree.
 
     `expand_genes` writes the subtree of each gene in its place instead of a SubTree; that is then what is read back.
-    Raises UserError where `name` cannot be a tree's name.
+    Raise UserError if `name` cannot be a tree's name.
     """
     taken = {*CONTROLS, *LEAVES, *EXPLICIT, *WITH_MEMORY}
     if not re.fullmatch(r"[A-Za-z][\w-]*", name) or name in taken:
@@ -65,20 +66,22 @@ def to_xml(tree: Tree, *, name: str = "MainTree", expand_genes: bool = False) ->
 
 
 def _genes(tree: Tree) -> tuple[dict[str, Tree], set[str]]:
-    """The subtasks in a tree, by name, and the names of the other genes, also those inside of subtasks. Raises UserError
-    where two different subtasks have one name."""
+    """The subtasks in a tree, by name, and the names of the other genes, also those inside of subtasks. Raise UserError
+    if two different subtasks have one name."""
     subtasks: dict[str, Tree] = {}
     genes: set[str] = set()
     open_ = [tree]
     while open_:
         for node in prefix(open_.pop()):
-            if node.kind == Kind.GENE and node.name != "subtask":
+            if isinstance(node, Control) or node.kind != Kind.GENE:
+                continue
+            if node.body is None:
                 genes.add(node.name)
-            elif node.kind == Kind.GENE and node.args[0] not in subtasks:
-                subtasks[node.args[0]] = node.args[1]
-                open_.append(node.args[1])
-            elif node.kind == Kind.GENE and subtasks[node.args[0]] != node.args[1]:
-                raise UserError(f"two different subtasks are called '{node.args[0]}'; rename one of them")
+            elif node.label not in subtasks:
+                subtasks[node.label] = node.body
+                open_.append(node.body)
+            elif subtasks[node.label] != node.body:
+                raise UserError(f"two different subtasks are called '{node.label}'; rename one of them")
     return subtasks, genes
 
 
@@ -89,7 +92,7 @@ def _write(parent: Element, node: Tree) -> None:
             _write(element, child)
         return
     if node.name == "subtask":
-        SubElement(parent, "SubTree", {"ID": f"{SUBTASK}{node.args[0]}"})
+        SubElement(parent, "SubTree", {"ID": f"{SUBTASK}{node.label}"})
         return
     ports = {port: _port_text(value) for port, value in zip(SIGNATURES[node.name].arguments, node.args, strict=True)}
     if node.kind == Kind.GENE:
@@ -99,7 +102,7 @@ def _write(parent: Element, node: Tree) -> None:
 
 
 def _write_gene(root: Element, name: str) -> None:
-    """Writes the subtree of a gene with ports in place of its arguments: expanded with the values below as stand-ins,
+    """Write the subtree of a gene with ports in place of its arguments: expanded with the values below as stand-ins,
     which no other leaf of the subtree has."""
     arguments = SIGNATURES[name].arguments
     stand_ins = {port: (0.0, 0.0, 0.0) if port == "position" else f"{{{port}}}" for port in arguments}
@@ -122,15 +125,17 @@ def _write_models(root: Element, subtasks: Iterable[str]) -> None:
         SubElement(models, "SubTree", {"ID": f"{SUBTASK}{name}", "editable": "true"})
 
 
-def _port_text(value: str | tuple[float, ...]) -> str:
-    return value if isinstance(value, str) else ";".join(np.format_float_positional(x, trim="-") for x in value)
+def _port_text(value: Argument) -> str:
+    if isinstance(value, tuple):
+        return ";".join(np.format_float_positional(x, trim="-") for x in value)
+    return str(value)
 
 
 def from_xml(source: str | Path) -> Tree:
-    """Reads a tree from XML text or from the path of a file.
+    """Read a tree from XML text or from the path of a file.
 
     SubTrees are replaced by what they stand for, except that one which is what a gene stands for becomes that gene.
-    Raises UserError, with line and remedy, where the text is not XML of this format or holds nodes that we do not have.
+    Raise UserError, with line and remedy, if the text is not XML of this format or holds unknown nodes.
     """
     text: str | bytes
     if isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<"):
@@ -181,7 +186,7 @@ class _Reader:
             parser.Parse(text, True)
         except expat.ExpatError as error:
             problem = expat.ErrorString(error.code)
-            raise UserError(f"{self.where}, line {error.lineno}: not XML ({problem}); mend that line") from error
+            raise UserError(f"{self.where}, line {error.lineno}: not XML ({problem}); fix that line") from error
         return builder.close()
 
     def _check(self) -> None:
@@ -211,7 +216,7 @@ class _Reader:
         return self.definition(name, _Scope({}))
 
     def definition(self, name: str, scope: _Scope) -> Tree:
-        """The tree that <BehaviorTree ID=name> defines."""
+        """Return the tree that <BehaviorTree ID=name> defines."""
         element = self.trees[name]
         if len(element) != 1:
             self.fail(element, f"<BehaviorTree ID='{name}'> has {len(element)} nodes at its top; it must have one")
@@ -291,13 +296,13 @@ class _Reader:
         except UserError as error:
             self.fail(element, str(error))
 
-    def value(self, element: Element, port: str, text: str) -> str | tuple[float, ...]:
+    def value(self, element: Element, port: str, text: str) -> str | tuple[float, float, float]:
         if port != "position":
             return text.strip()
         try:
-            position = tuple(float(x) for x in text.split(";"))
+            x, y, z = map(float, text.split(";"))
         except ValueError:
-            position = ()
-        if len(position) != 3 or not np.all(np.isfinite(position)):
+            x = y = z = math.nan
+        if not np.all(np.isfinite((x, y, z))):
             self.fail(element, f"'{text}' is not a position; write three numbers in metres, as 0;0;0.1")
-        return position
+        return x, y, z

@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float32, Int8, Int16, Int32
 
 from bt_jax._util.compile_cache import kept_jit
 from bt_jax.encoding.arrays import Trees
-from bt_jax.encoding.tick import JumpTable, Status, jump_table, tick
+from bt_jax.encoding.tick import JumpTable, Status, jump_table, tick_trees
 from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS, Ending, fitness
 from bt_jax.mjx_env.episodes.table import BROKEN, UNKNOWN, TransitionTable
 from bt_jax.mjx_env.physics.protocol import Physics
@@ -141,7 +141,7 @@ def _advance(
             second = lax.cond(some_exhausted, lambda: flat[at + capacity * tokens], lambda: first)
             return resolve(first, second, progress, rules.action_ticks)
 
-        ticked = tick(table, lambda token: look_up(token)[0], tree=tree)
+        ticked = tick_trees(table, lambda token: look_up(token)[0], tree=tree)
         num_nodes = table.words.shape[1]
         leaf = table.words.reshape(-1)[tree * num_nodes + jnp.minimum(ticked.leaf, num_nodes - 1)] >> 16
         _, command = look_up(leaf)

@@ -16,7 +16,7 @@ from jaxtyping import Array, Int32
 
 from bt_jax._util.compile_cache import kept_jit
 from bt_jax.encoding.arrays import Trees
-from bt_jax.encoding.tick import JumpTable, Status, jump_table, tick
+from bt_jax.encoding.tick import JumpTable, Status, jump_table, tick_trees
 from bt_jax.mjx_env.episodes.evaluator import (
     Evaluation,
     Progress,
@@ -83,7 +83,7 @@ def _rollout(
         def look_up(token):
             return resolve(outcomes[0][rows, token], outcomes[1][rows, token], progress, task.episode.action_ticks)
 
-        ticked = tick(jumps, lambda token: look_up(token)[0], tree=tree)
+        ticked = tick_trees(jumps, lambda token: look_up(token)[0], tree=tree)
         leaf = jumps.words[tree, jnp.minimum(ticked.leaf, trees.num_nodes - 1)] >> 16
         _, command = look_up(leaf)
         running = (ticked.status == Status.RUNNING) & (progress.ending == Ending.OPEN)

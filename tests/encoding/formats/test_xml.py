@@ -127,7 +127,7 @@ BOMB = (
     ("text", "message"),
     [
         ("no/such.xml", "cannot be read as a file; check the path"),
-        ("<root>\n<a></b></root>", "XML, line 2: not XML (mismatched tag); mend"),
+        ("<root>\n<a></b></root>", "XML, line 2: not XML (mismatched tag); fix"),
         ("<root/>", 'must start with <root BTCPP_format="4">'),
         ('<root BTCPP_format="3"/>', 'must start with <root BTCPP_format="4">'),
         ('<root BTCPP_format="4"/>', "there is no <BehaviorTree>; add one"),

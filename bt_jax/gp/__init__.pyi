@@ -1,0 +1,16 @@
+from bt_jax.gp.alphabet import Alphabet
+from bt_jax.gp.config import GPConfig, Selection
+from bt_jax.gp.evolution import Evolution, Generation, Population, State, best_of
+from bt_jax.gp.validity import is_valid
+
+__all__ = [
+    "Alphabet",
+    "Evolution",
+    "GPConfig",
+    "Generation",
+    "Population",
+    "Selection",
+    "State",
+    "best_of",
+    "is_valid",
+]
