@@ -44,7 +44,7 @@ class _Store:
 
 
 def keep_compiled(folder: Path) -> None:
-    """From now on, functions made by `kept_jit` are loaded from and kept in `folder`."""
+    """Load functions made by `kept_jit` from `folder`, and keep them there, from now on."""
     _Store.folder = folder
 
 
@@ -82,7 +82,7 @@ def kept_jit(
         executable = loaded.get(key)
         if executable is None:
             name = f"{function.__module__}.{function.__qualname__}"
-            executable = loaded[key] = _load(name, key, lambda: jitted.lower(*args).compile())
+            executable = loaded[key] = _load(_Store.folder, name, key, lambda: jitted.lower(*args).compile())
         return executable(*dynamic)
 
     return call
@@ -105,7 +105,7 @@ def _described(value: Any) -> Any:
     raise TypeError(f"{value!r} does not say what it is")
 
 
-def _load(name: str, key: tuple[tuple[Any, ...], Any, Any], compile_: Callable[[], Any]) -> Callable:
+def _load(folder: Path, name: str, key: tuple[tuple[Any, ...], Any, Any], compile_: Callable[[], Any]) -> Callable:
     """The executable from the store, or a new one that is put there."""
     static, structure, leaves = key
     try:
@@ -113,7 +113,7 @@ def _load(name: str, key: tuple[tuple[Any, ...], Any, Any], compile_: Callable[[
     except TypeError:
         return compile_()
     digest = hashlib.sha256(identity.encode()).hexdigest()
-    path = _Store.folder / f"{name}-{digest[:32]}.bin"
+    path = folder / f"{name}-{digest[:32]}.bin"
     if path.is_file():
         try:
             began = perf_counter()
@@ -130,7 +130,7 @@ def _load(name: str, key: tuple[tuple[Any, ...], Any, Any], compile_: Callable[[
         write_atomic(path, pickle.dumps(serialize(executable)))
     except (
         Exception
-    ):  # keeping it only saves time: a full disk or a backend that cannot write executables cost no results
+    ):  # keeping it only saves time: with a full disk, or a backend that cannot write, results stay the same
         _Store.folder = None
     return executable
 
@@ -151,7 +151,8 @@ def _environment() -> str:
         if file.relative_to(package).parts[0] not in NOT_COMPILED:
             source.update(file.read_bytes())
     devices = [(device.platform, device.device_kind) for device in jax.devices()]
-    flags = os.environ.get("XLA_FLAGS", ""), jax.config.jax_enable_x64, jax.config.jax_default_matmul_precision
+    settings = [jax.config.values[name] for name in ("jax_enable_x64", "jax_default_matmul_precision")]
+    flags = (os.environ.get("XLA_FLAGS", ""), *settings)
     versions = [importlib.metadata.version(library) for library in LIBRARIES]
     return repr((source.hexdigest(), versions, devices, flags, _processor()))
 

@@ -1,7 +1,7 @@
-from bt_jax.behaviors.gene_pool import gene_pool
 from bt_jax.behaviors.names import check_names, subgoal_conditions
 from bt_jax.behaviors.nodes import Control, Kind, Leaf, Node, Symbol
 from bt_jax.behaviors.notation import CONTROLS, Parser, Token, parse_behavior
+from bt_jax.behaviors.pool import gene_pool
 from bt_jax.behaviors.symbols import CLOSED, NOTHING, OPEN, SIGNATURES, Argument, Behavior, Tree, expand
 from bt_jax.behaviors.vocabulary import FIRST_LEAF, Vocabulary
 

@@ -1,24 +1,5 @@
 """Tasks: what a scene holds and what should become of it, written as YAML files."""
 
-from bt_jax.tasks.changes import with_goal_of, with_subgoal, with_targets
-from bt_jax.tasks.files import load_task, task_from_dict, task_names
-from bt_jax.tasks.task import Box, Episode, GeneSettings, Kit, Layout, Subgoal, Table, Target, Task, Weights
+from bt_jax._util.lazy import lazy_face
 
-__all__ = [
-    "Box",
-    "Episode",
-    "GeneSettings",
-    "Kit",
-    "Layout",
-    "Subgoal",
-    "Table",
-    "Target",
-    "Task",
-    "Weights",
-    "load_task",
-    "task_from_dict",
-    "task_names",
-    "with_goal_of",
-    "with_subgoal",
-    "with_targets",
-]
+__all__, __getattr__, __dir__ = lazy_face(__name__, __file__)

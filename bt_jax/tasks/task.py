@@ -6,6 +6,7 @@ All lengths are metres, all positions are in the named frame, all frames have th
 from __future__ import annotations
 
 import dataclasses
+from html import escape
 from typing import Any
 
 from bt_jax._util.errors import UserError
@@ -74,6 +75,9 @@ class Target:
     position: Vec3
     frame: str
 
+    def __str__(self) -> str:
+        return f"{self.object} at ({', '.join(f'{x:g}' for x in self.position)}) in {self.frame}"
+
 
 @dataclasses.dataclass(frozen=True)
 class Layout:
@@ -128,7 +132,7 @@ class Subgoal:
     conditions: tuple[str, ...]
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Task:
     """Everything that defines a task; hashable, so that compiled functions can be kept per task."""
 
@@ -191,6 +195,25 @@ class Task:
         """Where the tables begin and end along an axis."""
         edges = [(table.position[axis], table.size[axis] / 2) for table in self.tables]
         return min(middle - half for middle, half in edges), max(middle + half for middle, half in edges)
+
+    def _summary(self) -> list[tuple[str, str]]:
+        """What a person wants to see of a task, as rows of a heading and a text."""
+        return [
+            ("boxes", ", ".join(f"{box.name} ({1000 * box.size:g} mm)" for box in self.boxes)),
+            *(("target", str(target)) for target in self.targets),
+            *(("subgoal", f"{subgoal.name}: {', '.join(subgoal.conditions)}") for subgoal in self.subgoals),
+        ]
+
+    def __repr__(self) -> str:
+        return f"<Task {self.name}: {len(self.boxes)} boxes, {len(self.targets)} targets>"
+
+    def __str__(self) -> str:
+        return "\n".join([self.title, *(f"  {heading:8} {text}" for heading, text in self._summary())])
+
+    def _repr_html_(self) -> str:
+        """The table that a notebook shows."""
+        rows = "".join(f"<tr><th>{heading}</th><td>{escape(text)}</td></tr>" for heading, text in self._summary())
+        return f"<table><caption>{escape(self.title)}</caption>{rows}</table>"
 
     def to_dict(self) -> dict[str, Any]:
         """Return a plain mapping that `task_from_dict` reads back to an equal task."""

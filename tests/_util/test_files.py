@@ -1,5 +1,6 @@
 import os
 import subprocess
+import sys
 
 import pytest
 from hypothesis import given, settings
@@ -44,6 +45,13 @@ def test_a_failure_half_way_keeps_the_old_file(tmp_path, monkeypatch):
         write_atomic(path, "new")
     assert path.read_text() == "old"
     assert os.listdir(tmp_path) == ["file"]
+
+
+@pytest.mark.parametrize(("mask", "mode"), [(0o022, 0o644), (0o077, 0o600)])
+def test_others_may_read_what_the_umask_lets_them(tmp_path, mask, mode):
+    code = f"import os, sys; os.umask({mask}); from pathlib import Path; from bt_jax._util.files import write_atomic; "
+    subprocess.run([sys.executable, "-c", f"{code}write_atomic(Path(sys.argv[1]), 'x')", tmp_path / "f"], check=True)
+    assert (tmp_path / "f").stat().st_mode & 0o777 == mode
 
 
 def test_a_full_disk(tmp_path):

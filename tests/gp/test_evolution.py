@@ -187,3 +187,15 @@ def test_settings_that_cannot_work_are_refused():
         Evolution(dataclasses.replace(CONFIG, population=3), ALPHABET, evaluate)
     with pytest.raises(UserError, match="no tree can be made"):
         Evolution(CONFIG, Alphabet(num_conditions=1, num_actions=0, num_genes=0), evaluate)
+
+
+def test_asking_and_telling_is_the_same_evolution(single):
+    _, found = single
+    evolution = Evolution(CONFIG, ALPHABET)
+    state = None
+    for expected in found:
+        offspring = evolution.ask(state)
+        state = evolution.tell(state, offspring, evaluate(offspring))
+        assert_same((state.population, state.seen), (expected.population, expected.seen))
+    with pytest.raises(ValueError, match="give it one, or use ask and tell"):
+        evolution.step(state)
