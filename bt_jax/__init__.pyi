@@ -22,7 +22,6 @@ from bt_jax.tasks.files import load_task, task_names
 from bt_jax.tasks.task import Target, Task
 from bt_jax.training.result import Result
 from bt_jax.training.settings import Settings
-from bt_jax.training.settings import Settings
 from bt_jax.training.training import Training, evolve
 
 __version__: str
