@@ -22,8 +22,8 @@ from bt_jax.encoding.walk import leaves
 from bt_jax.lfd import learn
 from bt_jax.lfd.evaluation.assessment import Example, assess, random_example
 from bt_jax.lfd.evaluation.synthetic import with_boxes
-from bt_jax.mjx_env.episodes.fitness import Ending
 from bt_jax.mjx_env.episodes.playback import play
+from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.mjx_env.physics.settler import Settler
 from bt_jax.mjx_env.semantics import LeafSemantics

@@ -8,8 +8,10 @@ from py_trees.common import Status as PyStatus
 
 from bt_jax.behaviors import Behavior, Tree
 from bt_jax.encoding.formats.py_trees import to_py_trees
+from bt_jax.encoding.tick import Status
 from bt_jax.encoding.walk import prefix
-from bt_jax.mjx_env.episodes.fitness import Ending, fitness
+from bt_jax.mjx_env.episodes.fitness import fitness
+from bt_jax.mjx_env.episodes.rules import Ending, count_tick, fresh_tally
 from bt_jax.mjx_env.scene.mjcf import compile_scene, timing
 from bt_jax.mjx_env.skills import LIFT
 from bt_jax.mjx_env.world import World
@@ -41,16 +43,14 @@ class PlainEpisode:
         self.data.qpos[:] = layout.poses.reshape(-1)
         self.held, self.gripper_open = None, True
         root = to_py_trees(tree, self.status, expand_genes=True)
-        ending, successes = Ending.TIMEOUT, 0
-        for _ in range(self.task.episode.max_ticks):
+        tally, command, broken = fresh_tally(1), np.zeros(1, np.int32), np.zeros(1, bool)
+        while tally.ending[0] == Ending.OPEN:
             self.pending = None
             root.tick_once()
             if self.pending is not None:
                 self.act(self.pending)
-            successes = successes + 1 if root.status == PyStatus.SUCCESS else 0
-            if root.status == PyStatus.FAILURE or successes >= self.task.episode.success_ticks:
-                ending = Ending.FAILURE if root.status == PyStatus.FAILURE else Ending.SUCCESS
-                break
+            status = np.array([Status[root.status.name]], np.int8)
+            tally = count_tick(tally, status, command, broken, self.task.episode)
         distance = sum(
             np.linalg.norm(self.position(t.object) - self.in_world(t.frame, t.position)) for t in self.task.targets
         )
@@ -60,7 +60,7 @@ class PlainEpisode:
                 distance=np.float32(distance),
                 subgoals_missed=np.int32(0),
                 nodes=np.int32(len(prefix(tree))),
-                ending=np.int8(ending),
+                ending=tally.ending[0],
             )
         )
 

@@ -25,8 +25,8 @@ from bt_jax.encoding.limits import MAX_NODES
 from bt_jax.encoding.tick import Status
 from bt_jax.encoding.walk import leaves, prefix
 from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
-from bt_jax.mjx_env.episodes.fitness import Ending
 from bt_jax.mjx_env.episodes.playback import Playback, Tick, play
+from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.mjx_env.physics.mujoco import MujocoPhysics
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.physics.settler import Settler

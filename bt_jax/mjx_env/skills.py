@@ -30,10 +30,10 @@ class Released:
     world: World  # the held box, if any, at its new pose; nothing has moved otherwise
     poses: Float32[Array, "S B 7"]  # where every box starts to fall from
     present: Bool[Array, "S B"]  # boxes that gravity and contacts act on: all but the held one
-    box: Int32[Array, "S"]  # the box that was taken or let go, -1 where none
+    box: Int32[Array, " S"]  # the box that was taken or let go, -1 where none
 
 
-def act(semantics: LeafSemantics, world: World, command: Int32[Array, "S"]) -> Released:
+def act(semantics: LeafSemantics, world: World, command: Int32[Array, " S"]) -> Released:
     """Carries out one command in each state, up to the moment when the gripper lets go or has lifted."""
     task, count = semantics.task, len(semantics.task.boxes)
     xp = namespace(world.poses)
@@ -71,7 +71,7 @@ def settled_world(task: Task, released: Released, poses: Float32[Array, "S B 7"]
     return dataclasses.replace(world, reached=world.reached | see_subgoals(task, world))
 
 
-def _release_pose(semantics: LeafSemantics, world: World, place: Int32[Array, "S"]) -> Float32[Array, "S B 7"]:
+def _release_pose(semantics: LeafSemantics, world: World, place: Int32[Array, " S"]) -> Float32[Array, "S B 7"]:
     """Where the gripper lets go of the held box: the goal, or over what is in the way of lowering it there. The box keeps
     its orientation. Same for all boxes of a state; only the held one's is meant."""
     task = semantics.task

@@ -11,7 +11,7 @@ from bt_jax.behaviors import Behavior
 from bt_jax.encoding.arrays import violations
 from bt_jax.encoding.walk import leaves
 from bt_jax.lfd import Action, DemonstrationFolder, Demonstrations, Pose, learn
-from bt_jax.mjx_env.episodes.fitness import Ending
+from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.tasks import Target, load_task, with_subgoal
 from tests.helpers.demonstrations import (
     RESTACK,

@@ -11,7 +11,7 @@ from bt_jax.encoding.arrays import violations
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.lfd.evaluation.synthetic import random_truth, with_boxes
 from bt_jax.lfd.planner import MAX_DEPTH, fold_moves, plan, plan_task
-from bt_jax.mjx_env.episodes.fitness import Ending
+from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.tasks import load_task
 from tests.helpers.demonstrations import RESTACK, STACK3, STACKING, UNSTACKING, at, run
 

@@ -19,7 +19,7 @@ from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.context import Step
 from bt_jax.app.widgets.place_fields import PlaceFields
 from bt_jax.app.widgets.tree_view import TreeView
-from bt_jax.mjx_env.episodes.fitness import Ending
+from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.tasks import Task
 from bt_jax.training.settings import UNSEEN

@@ -12,8 +12,9 @@ from bt_jax.behaviors import Tree, Vocabulary, expand
 from bt_jax.encoding.drawing.svg import node_ids
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import leaves
-from bt_jax.mjx_env.episodes.fitness import Ending, target_distances
-from bt_jax.mjx_env.episodes.playback import Episode, Tick
+from bt_jax.mjx_env.episodes.fitness import target_distances
+from bt_jax.mjx_env.episodes.playback import EpisodeState, Tick
+from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.physics.settler import Settler
 from bt_jax.mjx_env.render.choreography import Shot, Stage
@@ -33,7 +34,7 @@ class Snapshot:
     """The scene between two ticks, and what led to it: a `tick`, or the name of the box that a person `moved` after that
     tick. The last of the `shots` is how the scene looks now, those before it are the motion of the tick."""
 
-    episode: Episode
+    episode: EpisodeState
     tick: Tick | None
     moved: str | None
     shots: tuple[Shot, ...]
@@ -113,10 +114,10 @@ class Player:
         self.at += 1
         return self.now
 
-    def _episode(self, world: World) -> Episode:
-        return Episode(self._semantics, self._settler, expand(self.tree), world)
+    def _episode(self, world: World) -> EpisodeState:
+        return EpisodeState(self._semantics, self._settler, expand(self.tree), world)
 
-    def _motion(self, tick: Tick, after: Episode) -> tuple[Shot, ...]:
+    def _motion(self, tick: Tick, after: EpisodeState) -> tuple[Shot, ...]:
         """Return the motion of gripper and boxes; the tick that would follow tells where a box will be put."""
         stage = Stage(self._semantics, tick.before, fps=FPS, gripper=self.now.shots[-1].gripper)
         stage.run(tick, [after.tick()[0]] if after.ending == Ending.OPEN else [])

@@ -18,7 +18,7 @@ from bt_jax.app.state.edited_task import EditedTask
 from bt_jax.app.state.player import Player
 from bt_jax.app.state.worker import Worker
 from bt_jax.behaviors import Tree
-from bt_jax.mjx_env.episodes.fitness import Ending
+from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.mjx_env.render.choreography import Shot
 from bt_jax.mjx_env.world import World
 

@@ -2,27 +2,16 @@
 
 from __future__ import annotations
 
-import enum
-
 import numpy as np
 from jaxtyping import Float32, Int8, Int32
 
+from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.mjx_env.world import Array, World, distances, frames, namespace, to_world
 from bt_jax.tasks import Task
 
-__all__ = ["WORST_FITNESS", "Ending", "fitness", "subgoals_missed", "target_distances"]
+__all__ = ["WORST_FITNESS", "fitness", "subgoals_missed", "target_distances"]
 
-WORST_FITNESS = -1e6  # of an individual whose physics gave no number
-
-
-class Ending(enum.IntEnum):
-    """How an episode ended. BROKEN: physics gave no number."""
-
-    OPEN = 0
-    SUCCESS = 1
-    FAILURE = 2
-    TIMEOUT = 3
-    BROKEN = 4
+WORST_FITNESS = -1e6  # of an individual whose simulation diverged
 
 
 def target_distances(task: Task, world: World) -> Float32[Array, "S targets"]:
@@ -34,7 +23,7 @@ def target_distances(task: Task, world: World) -> Float32[Array, "S targets"]:
     return distances(world.poses[..., objects, :3], goal)
 
 
-def subgoals_missed(world: World) -> Int32[Array, "S"]:
+def subgoals_missed(world: World) -> Int32[Array, " S"]:
     """Number of the task's subgoals that were never seen."""
     xp = namespace(world.reached)
     return xp.sum(~world.reached, axis=-1, dtype=np.int32)

@@ -5,19 +5,29 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, Int32
 
 from bt_jax.behaviors import Behavior, Tree
 from bt_jax.encoding.interpret import tick_tree
 from bt_jax.encoding.tick import Status
 from bt_jax.encoding.walk import prefix
-from bt_jax.mjx_env.episodes.fitness import Ending, fitness, subgoals_missed, target_distances
+from bt_jax.mjx_env.episodes.fitness import fitness, subgoals_missed, target_distances
+from bt_jax.mjx_env.episodes.rules import (
+    NO_COMMAND,
+    Ending,
+    Tally,
+    count_tick,
+    fresh_tally,
+    is_solved,
+    resolve,
+    used_up,
+)
 from bt_jax.mjx_env.physics.settler import Settler
-from bt_jax.mjx_env.semantics import COMMAND_BITS, LeafSemantics
+from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.skills import act, settled_world
 from bt_jax.mjx_env.world import World
 
-__all__ = ["Episode", "Playback", "Tick", "play"]
+__all__ = ["EpisodeState", "Playback", "Tick", "play"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,7 +53,7 @@ class Playback:
     start: World  # a batch of one state
     ticks: tuple[Tick, ...]
     ending: Ending
-    distance: Float32[np.ndarray, "targets"]  # metres, at the end
+    distance: Float32[np.ndarray, " targets"]  # metres, at the end
     fitness: float
     solved: bool  # ended in SUCCESS with every target within the tolerance
 
@@ -54,43 +64,36 @@ class Playback:
 
 
 @dataclasses.dataclass(frozen=True)
-class Episode:
-    """A tree at work in a scene, between two ticks, by the rules of `evaluate.TableEvaluator`. An episode with another
-    `world` and otherwise only the first three fields is one that begins there."""
+class EpisodeState:
+    """A tree at work in a scene, between two ticks. Without a `tally`, it has not begun."""
 
     semantics: LeafSemantics
     settler: Settler
     tree: Tree
     world: World  # a batch of one state (NumPy)
-    ending: Ending = Ending.OPEN
-    count: int = 0  # ticks so far
-    successes: int = 0  # in how many of the last ticks in a row the tree returned SUCCESS
-    command: int | None = None  # what ran in the last tick
-    runs: int = 0  # in how many of the last ticks in a row it ran
+    tally: Tally = dataclasses.field(default_factory=lambda: fresh_tally(1))
 
-    def tick(self) -> tuple[Tick, Episode]:
-        """The next tick, and the episode after it. Raises UserError where a leaf is not in the vocabulary."""
+    @property
+    def ending(self) -> Ending:
+        """How the episode has ended, OPEN while it goes on."""
+        return Ending(self.tally.ending[0])
+
+    def tick(self) -> tuple[Tick, EpisodeState]:
+        """Return the next tick, and the episode after it. Raises UserError if a leaf is not in the vocabulary."""
         rules = self.semantics.task.episode
-        exhausted = self.command if self.runs >= rules.action_ticks else None
-        statuses, command = _tick(self.semantics, self.tree, self.world, exhausted=exhausted)
+        statuses, command = _tick(self.semantics, self.tree, self.world, exhausted=used_up(self.tally, rules))
         after, sane = self.world, True
-        if command is not None:
+        if command != NO_COMMAND:
             after, sane = _execute(self.semantics, self.settler, self.world, command)
-        status, count = statuses[0], self.count + 1
-        successes = self.successes + 1 if status == Status.SUCCESS else 0
-        ending = Ending.OPEN
-        if not sane:
-            ending = Ending.BROKEN
-        elif status == Status.FAILURE:
-            ending = Ending.FAILURE
-        elif successes >= rules.success_ticks:
-            ending = Ending.SUCCESS
-        elif count >= rules.max_ticks:
-            ending = Ending.TIMEOUT
-        runs = 0 if command is None else self.runs + 1 if command == self.command else 1
-        done = Tick(statuses, None if command is None else self.semantics.commands[command], self.world, after)
-        changes = {"world": after, "ending": ending, "count": count, "successes": successes, "runs": runs}
-        return done, dataclasses.replace(self, command=command, **changes)
+        tally = count_tick(
+            self.tally,
+            np.array([statuses[0]], np.int8),
+            np.array([command], np.int32),
+            np.array([not sane]),
+            rules,
+        )
+        ran = None if command == NO_COMMAND else self.semantics.commands[command]
+        return Tick(statuses, ran, self.world, after), dataclasses.replace(self, world=after, tally=tally)
 
 
 def play(semantics: LeafSemantics, settler: Settler, tree: Tree, layout: World) -> Playback:
@@ -98,7 +101,7 @@ def play(semantics: LeafSemantics, settler: Settler, tree: Tree, layout: World) 
 
     Raises UserError where a leaf is not in the vocabulary of `semantics`.
     """
-    episode, ticks = Episode(semantics, settler, tree, layout), []
+    episode, ticks = EpisodeState(semantics, settler, tree, layout), []
     while episode.ending == Ending.OPEN:
         tick, episode = episode.tick()
         ticks.append(tick)
@@ -106,28 +109,25 @@ def play(semantics: LeafSemantics, settler: Settler, tree: Tree, layout: World) 
 
 
 def _tick(
-    semantics: LeafSemantics, tree: Tree, world: World, *, exhausted: int | None
-) -> tuple[tuple[Status | None, ...], int | None]:
-    """Statuses of all nodes, and the command that runs; the command `exhausted` has used up its ticks."""
-    outcomes = semantics.outcomes(world)[:, 0]
-    running: int | None = None
+    semantics: LeafSemantics, tree: Tree, world: World, *, exhausted: Int32[np.ndarray, "1"]
+) -> tuple[tuple[Status | None, ...], int]:
+    """Return the statuses of all nodes, and the command that runs or NO_COMMAND; the `exhausted` one has failed."""
+    outcomes = semantics.outcomes(world)
+    running = NO_COMMAND
 
     def status_of(leaf: Behavior, _: int) -> Status:
         nonlocal running
         token = semantics.vocabulary.token(leaf)
-        outcome = int(outcomes[0, token])
-        if outcome & 3 == Status.RUNNING and outcome >> COMMAND_BITS == exhausted:
-            outcome = int(outcomes[1, token])
-        status = Status(outcome & 3)
-        if status == Status.RUNNING:
-            running = outcome >> COMMAND_BITS
-        return status
+        status, command = resolve(outcomes[0, :, token], outcomes[1, :, token], exhausted)
+        if status[0] == Status.RUNNING:
+            running = int(command[0])
+        return Status(status[0])
 
     return tick_tree(tree, status_of).statuses, running
 
 
 def _execute(semantics: LeafSemantics, settler: Settler, world: World, command: int) -> tuple[World, bool]:
-    """The state once everything rests again; the same state and False where physics gave no number."""
+    """The state once everything rests again; the same state and False where the simulation diverged."""
     released = act(semantics, world, np.array([command], np.int32))
     poses, ok = settler.settle(released)
     if not ok[0]:
@@ -145,5 +145,5 @@ def _playback(semantics: LeafSemantics, tree: Tree, start: World, ticks: list[Ti
         nodes=np.array([len(prefix(tree))], np.int32),
         ending=np.array([ending], np.int8),
     )
-    solved = ending == Ending.SUCCESS and bool((distance < task.episode.tolerance).all())
+    solved = bool(is_solved(np.array([ending], np.int8), distance, task.episode)[0])
     return Playback(tree, start, tuple(ticks), ending, distance[0], float(value[0]), solved)

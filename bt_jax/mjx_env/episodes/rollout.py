@@ -19,15 +19,12 @@ from bt_jax.encoding.arrays import Trees
 from bt_jax.encoding.tick import JumpTable, Status, jump_table, tick_trees
 from bt_jax.mjx_env.episodes.evaluator import (
     Evaluation,
-    Progress,
     all_layouts,
     evaluation,
-    fresh_progress,
     in_batches,
-    resolve,
-    update_progress,
 )
-from bt_jax.mjx_env.episodes.fitness import Ending, subgoals_missed, target_distances
+from bt_jax.mjx_env.episodes.fitness import subgoals_missed, target_distances
+from bt_jax.mjx_env.episodes.rules import Ending, Tally, count_tick, fresh_tally, resolve, used_up
 from bt_jax.mjx_env.physics.protocol import SettleFn
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.skills import act, settled_world
@@ -44,7 +41,7 @@ class RolloutEvaluator:
 
     def __init__(self, semantics: LeafSemantics, settle: SettleFn, *, batch: int) -> None:
         self.semantics, self.batch = semantics, batch
-        self.num_broken = 0  # episodes in which physics gave no number
+        self.num_broken = 0  # episodes whose simulation diverged
         self._rollout = functools.partial(_rollout, semantics, settle)
 
     def __call__(self, trees: Trees, layouts: World, which: Int32[np.ndarray, "P K"] | None = None) -> Evaluation:
@@ -57,11 +54,11 @@ class RolloutEvaluator:
     def _run(self, layouts: World, trees: Trees, starts: Int32[np.ndarray, "P K"]) -> Evaluation:
         tree = jnp.repeat(jnp.arange(starts.shape[0]), starts.shape[1])
         start = jax.tree.map(jnp.asarray, take(layouts, starts.reshape(-1)))
-        world, progress = jax.device_get(self._rollout(trees, tree, start))
+        world, tally = jax.device_get(self._rollout(trees, tree, start))
         return evaluation(
             self.semantics.task,
             trees,
-            progress,
+            tally,
             distance=target_distances(self.semantics.task, world),
             subgoals_missed=subgoals_missed(world),
             shape=starts.shape,
@@ -70,23 +67,23 @@ class RolloutEvaluator:
 
 @kept_jit(static_argnames=("semantics", "settle"))
 def _rollout(
-    semantics: LeafSemantics, settle: SettleFn, trees: Trees, tree: Int32[Array, "E"], world: World
-) -> tuple[World, Progress]:
+    semantics: LeafSemantics, settle: SettleFn, trees: Trees, tree: Int32[Array, " E"], world: World
+) -> tuple[World, Tally]:
     task = semantics.task
     jumps: JumpTable = jump_table(trees)
     rows = jnp.arange(tree.shape[0])
 
     def one_tick(carry):
-        world, progress = carry
-        outcomes = semantics.outcomes(world)
+        world, tally = carry
+        outcomes, exhausted = semantics.outcomes(world), used_up(tally, task.episode)
 
         def look_up(token):
-            return resolve(outcomes[0][rows, token], outcomes[1][rows, token], progress, task.episode.action_ticks)
+            return resolve(outcomes[0][rows, token], outcomes[1][rows, token], exhausted)
 
         ticked = tick_trees(jumps, lambda token: look_up(token)[0], tree=tree)
         leaf = jumps.words[tree, jnp.minimum(ticked.leaf, trees.num_nodes - 1)] >> 16
         _, command = look_up(leaf)
-        running = (ticked.status == Status.RUNNING) & (progress.ending == Ending.OPEN)
+        running = (ticked.status == Status.RUNNING) & (tally.ending == Ending.OPEN)
         # Episodes that do nothing in this tick close an already closed gripper, or open an empty one: no motion.
         idle = jnp.where(world.gripper_open, 0, 1)
         released = act(semantics, world, jnp.where(running, command, idle))
@@ -98,8 +95,7 @@ def _rollout(
         world = jax.tree.map(
             lambda new, old: jnp.where(acts.reshape((-1,) + (1,) * (new.ndim - 1)), new, old), after, world
         )
-        progress = update_progress(progress, ticked.status, command, broken, jnp.zeros_like(running), task.episode)
-        return world, progress
+        return world, count_tick(tally, ticked.status, command, broken, task.episode)
 
-    start = (world, fresh_progress(tree.shape[0]))
+    start = (world, fresh_tally(tree.shape[0]))
     return lax.while_loop(lambda carry: jnp.any(carry[1].ending == Ending.OPEN), one_tick, start)

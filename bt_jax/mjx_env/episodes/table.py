@@ -41,7 +41,7 @@ class TransitionTable:
     """
 
     outcomes: Int16[Array, "2 S V"]
-    following: Int32[Array, "SC"]
+    following: Int32[Array, " SC"]
 
     def __init__(self, semantics: LeafSemantics, physics: Physics) -> None:
         self.semantics = semantics
@@ -55,19 +55,19 @@ class TransitionTable:
         self.outcomes = jnp.asarray(np.zeros((2, FIRST_CAPACITY, len(semantics.vocabulary)), np.int16))
         self.following = jnp.asarray(np.full(FIRST_CAPACITY * self.num_commands, UNKNOWN, np.int32))
 
-    def worlds(self, ids: Int32[np.ndarray, "S"]) -> World:
+    def worlds(self, ids: Int32[np.ndarray, " S"]) -> World:
         """The states with these ids (NumPy)."""
         return take(self._rows.world, ids)
 
-    def distance(self, ids: Int32[np.ndarray, "S"]) -> Float32[np.ndarray, "S targets"]:
+    def distance(self, ids: Int32[np.ndarray, " S"]) -> Float32[np.ndarray, "S targets"]:
         """Distances of the targets' objects in these states, metres."""
         return self._rows.distance[ids]
 
-    def subgoals_missed(self, ids: Int32[np.ndarray, "S"]) -> Int32[np.ndarray, "S"]:
+    def subgoals_missed(self, ids: Int32[np.ndarray, " S"]) -> Int32[np.ndarray, " S"]:
         """Number of the task's subgoals not seen on the way to these states."""
         return self._rows.subgoals_missed[ids]
 
-    def ids(self, world: World) -> Int32[np.ndarray, "S"]:
+    def ids(self, world: World) -> Int32[np.ndarray, " S"]:
         """Ids of snapped states (NumPy); new ones are added in the order in which they appear."""
         known = self._ids
         ids = np.array([known.setdefault(name, len(known)) for name in row_names(world_keys(world))], np.int32)
@@ -76,7 +76,7 @@ class TransitionTable:
             self._append(take(world, new[np.unique(ids[new], return_index=True)[1]]))
         return ids
 
-    def learn(self, states: Int32[np.ndarray, "n"], commands: Int32[np.ndarray, "n"]) -> None:
+    def learn(self, states: Int32[np.ndarray, " n"], commands: Int32[np.ndarray, " n"]) -> None:
         """Simulates the commands in the states, as one batch, and enters where they lead. The pairs must be distinct."""
         released = act(self.semantics, self.worlds(states), commands)
         poses, ok = self.settler.settle(released)
@@ -124,7 +124,7 @@ class _Rows:
 
     world: World
     distance: Float32[np.ndarray, "S targets"]
-    subgoals_missed: Int32[np.ndarray, "S"]
+    subgoals_missed: Int32[np.ndarray, " S"]
 
     def followed_by(self, other: _Rows, count: int) -> _Rows:
         """With the other rows behind the first `count`: entered in place where there is room."""

@@ -69,14 +69,14 @@ def settle(
     return Settled(poses, xp.ones(kit.shape[0], bool), xp.zeros(kit.shape[0], np.int32), reach)
 
 
-def _drop(surfaces: Surfaces, usable: Array, pose: Float32[Array, "S 7"], half: Float32[Array, "S"]) -> Array:
+def _drop(surfaces: Surfaces, usable: Array, pose: Float32[Array, "S 7"], half: Float32[Array, " S"]) -> Array:
     xp = namespace(pose)
     below = usable & (surfaces.top <= (pose[:, 2] - half + half * np.float32(2 * LEVEL))[:, None])
     height = support_height(surfaces, pose[:, :2], half, below) + half
     return xp.concatenate([pose[:, :2], height[:, None], pose[:, 3:]], axis=-1)
 
 
-def _topple(surfaces: Surfaces, usable: Array, pose: Float32[Array, "S 7"], half: Float32[Array, "S"]) -> Array:
+def _topple(surfaces: Surfaces, usable: Array, pose: Float32[Array, "S 7"], half: Float32[Array, " S"]) -> Array:
     """Moves a box whose centre is beside its support off that support, turned by a quarter; others stay."""
     xp = namespace(pose)
     xy, bottom = pose[:, :2], pose[:, 2] - half
@@ -101,7 +101,7 @@ def _topple(surfaces: Surfaces, usable: Array, pose: Float32[Array, "S 7"], half
 
 
 def _quarter_turn(
-    quaternion: Float32[Array, "S 4"], about_y: Float32[Array, "S"], about_x: Float32[Array, "S"]
+    quaternion: Float32[Array, "S 4"], about_y: Float32[Array, " S"], about_x: Float32[Array, " S"]
 ) -> Array:
     """(sqrt(1/2), about_x, about_y, 0) * quaternion, so that a box tips over its edge in the world's frame."""
     xp = namespace(quaternion)

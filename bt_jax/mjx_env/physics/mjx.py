@@ -49,9 +49,7 @@ class MjxPhysics:
         self.why = why
         self._settle = functools.partial(_settle_kept, settle_fn(task, lanes=lanes, implementation=implementation))
 
-    def settle(
-        self, kit: Float32[Host, " S 3"], poses: Float32[Host, " S B 7"], present: Bool[Host, " S B"]
-    ) -> Settled:
+    def settle(self, kit: Float32[Host, "S 3"], poses: Float32[Host, "S B 7"], present: Bool[Host, "S B"]) -> Settled:
         """See `Physics.settle`."""
         count = len(poses)
         bucket = _bucket(count)

@@ -110,7 +110,7 @@ class _Quiet:
         self.slow = np.zeros((len(start), QUIET_STEPS - 1), bool)  # whether the last steps were slow
         self.before = np.zeros(len(start))  # how fast the last step was
 
-    def update(self, active, trajectory: Float64[np.ndarray, "S T state"]) -> Bool[np.ndarray, "S"]:
+    def update(self, active, trajectory: Float64[np.ndarray, "S T state"]) -> Bool[np.ndarray, " S"]:
         """Takes in a piece of the motion of the active problems; returns which of them need no more."""
         boxes = self.start.shape[1]
         batch, nstep, _ = trajectory.shape

@@ -18,15 +18,15 @@ SEARCH_STEPS = 6
 
 
 def solve(
-    mass: Float32[Array, "dofs"],
-    free: Float32[Array, "dofs"],
+    mass: Float32[Array, " dofs"],
+    free: Float32[Array, " dofs"],
     jacobian: Float32[Array, "rows dofs"],
-    stiffness: Float32[Array, "rows"],
-    reference: Float32[Array, "rows"],
-    start: Float32[Array, "dofs"],
+    stiffness: Float32[Array, " rows"],
+    reference: Float32[Array, " rows"],
+    start: Float32[Array, " dofs"],
     *,
     iterations: int,
-) -> Float32[Array, "dofs"]:
+) -> Float32[Array, " dofs"]:
     """Accelerations. `mass` is M's diagonal, `free` is a0, `jacobian` J, `stiffness` D and `reference` r; `start` is a
     first guess."""
     # In units where M is the identity, float32 is enough for heavy and light bodies alike.

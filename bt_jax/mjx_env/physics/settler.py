@@ -51,7 +51,7 @@ class Settler:
         self._offsets = np.zeros((len(tables), 7), np.float32)
         self._offsets[:, :3] = positions - positions[[first[i] for i in range(len(tables))]]
 
-    def settle(self, released: Released) -> tuple[Float32[np.ndarray, "S B 7"], Bool[np.ndarray, "S"]]:
+    def settle(self, released: Released) -> tuple[Float32[np.ndarray, "S B 7"], Bool[np.ndarray, " S"]]:
         """Poses of all boxes at rest (metres, world; quaternion wxyz), and whether physics gave a sane answer."""
         poses, ok = released.poses.copy(), np.ones(len(released.box), bool)
         near = self._neighbours(released)
@@ -90,12 +90,12 @@ class Settler:
         loose = (touches | (near & tilted)).any(axis=1)
         return near & (~taken | loose)[:, None]
 
-    def _nearest_table(self, released: Released, rows: np.ndarray) -> Int[np.ndarray, "S"]:
+    def _nearest_table(self, released: Released, rows: np.ndarray) -> Int[np.ndarray, " S"]:
         """Index of the table nearest to the handled box, for the given rows."""
         here = released.poses[rows, released.box[rows], :2]
         return np.argmin(np.linalg.norm(self._centres - here[:, None], axis=-1), axis=1)
 
-    def _is_local(self, start, near, present, reach, centre, half) -> Bool[np.ndarray, "S"]:
+    def _is_local(self, start, near, present, reach, centre, half) -> Bool[np.ndarray, " S"]:
         """Whether every box stays over its table and nothing that moved could have met a box that was left out."""
         moved = near & (reach > STILL * self._sizes)
         body = self._sizes * np.float32(0.87)  # half the diagonal of a cube

@@ -67,7 +67,7 @@ def box_surfaces(task: Task, poses: Float32[Array, "S B 7"]) -> Surfaces:
     return Surfaces(centre=poses[..., :2], half=half[..., :2], top=poses[..., 2] + half[..., 2])
 
 
-def overlaps(surfaces: Surfaces, xy: Float32[Array, "S 2"], half: Float32[Array, "S"]) -> Bool[Array, "S M"]:
+def overlaps(surfaces: Surfaces, xy: Float32[Array, "S 2"], half: Float32[Array, " S"]) -> Bool[Array, "S M"]:
     """Which surfaces lie under a box of half size `half` at `xy`, by more than a touch."""
     xp = namespace(xy)
     reach = surfaces.half + (half * np.float32(1 - 2 * TOUCH))[:, None, None]
@@ -75,8 +75,8 @@ def overlaps(surfaces: Surfaces, xy: Float32[Array, "S 2"], half: Float32[Array,
 
 
 def support_height(
-    surfaces: Surfaces, xy: Float32[Array, "S 2"], half: Float32[Array, "S"], usable: Bool[Array, "S M"]
-) -> Float32[Array, "S"]:
+    surfaces: Surfaces, xy: Float32[Array, "S 2"], half: Float32[Array, " S"], usable: Bool[Array, "S M"]
+) -> Float32[Array, " S"]:
     """Height of the highest usable surface under a box of half size `half` at `xy`; the floor, the first
     surface, is always there."""
     xp = namespace(xy)

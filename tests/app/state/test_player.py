@@ -9,8 +9,8 @@ from bt_jax.behaviors import Vocabulary, expand
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import leaves
-from bt_jax.mjx_env.episodes.fitness import Ending
 from bt_jax.mjx_env.episodes.playback import play
+from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.mjx_env.physics.mujoco import MujocoPhysics
 from bt_jax.mjx_env.physics.settler import Settler
 from bt_jax.mjx_env.scene.layouts import sample_layouts

@@ -7,7 +7,7 @@ from bt_jax._util.errors import UserError
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.state.workspace import Workspace
 from bt_jax.encoding.formats.text import parse_tree
-from bt_jax.mjx_env.episodes.fitness import Ending
+from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.tasks import load_task
 
 TREE = parse_tree("""

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS, Ending, fitness, subgoals_missed, target_distances
+from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS, fitness, subgoals_missed, target_distances
+from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.tasks import Weights, load_task
 from tests.helpers.samples import kinematic_walk

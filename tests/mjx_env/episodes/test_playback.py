@@ -11,8 +11,9 @@ from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.tick import Status
 from bt_jax.encoding.walk import prefix
 from bt_jax.mjx_env.episodes.evaluator import TableEvaluator
-from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS, Ending
+from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS
 from bt_jax.mjx_env.episodes.playback import play
+from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.mjx_env.physics.factory import make_physics
 from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.mjx_env.physics.protocol import Settled

@@ -11,8 +11,9 @@ from bt_jax.behaviors import Behavior, Control
 from bt_jax.encoding.arrays import encode_all
 from bt_jax.encoding.walk import prefix
 from bt_jax.mjx_env.episodes.evaluator import MANY, TableEvaluator
-from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS, Ending
+from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS
 from bt_jax.mjx_env.episodes.rollout import RolloutEvaluator
+from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.mjx_env.episodes.table import TransitionTable
 from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.mjx_env.physics.mujoco import MujocoPhysics

@@ -1,0 +1,99 @@
+"""The rules of an episode, once for everything that runs one: when it ends, when an action has used up its ticks, and what
+counts as solved. Functions take NumPy or JAX arrays and return the same kind.
+
+An episode ends in FAILURE as soon as the root fails, in SUCCESS once the root has succeeded in a number of ticks in a row,
+in TIMEOUT after its last tick, and as BROKEN where the simulation diverged.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float32, Int8, Int16, Int32
+
+from bt_jax.encoding.tick import Status
+from bt_jax.mjx_env.semantics import COMMAND_BITS
+from bt_jax.mjx_env.world import Array, namespace
+from bt_jax.tasks import Episode
+
+__all__ = ["NO_COMMAND", "Ending", "Tally", "count_tick", "fresh_tally", "is_solved", "resolve", "select", "used_up"]
+
+NO_COMMAND = -1
+
+
+class Ending(enum.IntEnum):
+    """How an episode ended. BROKEN: the simulation diverged."""
+
+    OPEN = 0
+    SUCCESS = 1
+    FAILURE = 2
+    TIMEOUT = 3
+    BROKEN = 4
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Tally:
+    """What the rules remember of E episodes between two ticks."""
+
+    ticks: Int32[Array, " E"]
+    successes: Int32[Array, " E"]  # ticks in a row, up to the last one, that returned SUCCESS
+    command: Int32[Array, " E"]  # that ran in the last tick, or NO_COMMAND
+    runs: Int32[Array, " E"]  # ticks in a row, up to the last one, in which it ran
+    ending: Int8[Array, " E"]
+
+
+def fresh_tally(count: int) -> Tally:
+    """Return the tally of episodes that have not begun (NumPy)."""
+    zeros = np.zeros(count, np.int32)
+    return Tally(zeros, zeros, zeros + np.int32(NO_COMMAND), zeros, np.zeros(count, np.int8))
+
+
+def used_up(tally: Tally, rules: Episode) -> Int32[Array, " E"]:
+    """Return the command that fails from now on since it ran for all the ticks an action has, or NO_COMMAND."""
+    return namespace(tally.runs).where(tally.runs >= rules.action_ticks, tally.command, np.int32(NO_COMMAND))
+
+
+def resolve(
+    outcome: Int16[Array, " E"], second: Int16[Array, " E"], exhausted: Int32[Array, " E"]
+) -> tuple[Int8[Array, " E"], Int32[Array, " E"]]:
+    """Return status and command of a leaf from its two outcomes (see `LeafSemantics.outcomes`): the second counts where the
+    first one runs the `exhausted` command."""
+    xp = namespace(outcome)
+    running = outcome & 3 == Status.RUNNING
+    outcome = xp.where(running & ((outcome >> COMMAND_BITS).astype(np.int32) == exhausted), second, outcome)
+    return (outcome & 3).astype(np.int8), (outcome >> COMMAND_BITS).astype(np.int32)
+
+
+def count_tick(
+    tally: Tally, status: Int8[Array, " E"], command: Int32[Array, " E"], broken: Bool[Array, " E"], rules: Episode
+) -> Tally:
+    """Return the tally after one tick in which the root returned `status`; `command` counts where that is RUNNING, and the
+    simulation of it diverged where `broken`. Episodes that have ended stay as they are."""
+    xp = namespace(tally.ticks)
+    zero, one = np.int32(0), np.int32(1)
+    running = status == Status.RUNNING
+    ticks = tally.ticks + one
+    successes = xp.where(status == Status.SUCCESS, tally.successes + one, zero)
+    again = running & (command == tally.command)
+    runs = xp.where(running, xp.where(again, tally.runs + one, one), zero)
+    ending = xp.where(ticks >= rules.max_ticks, np.int8(Ending.TIMEOUT), np.int8(Ending.OPEN))
+    ending = xp.where(successes >= rules.success_ticks, np.int8(Ending.SUCCESS), ending)
+    ending = xp.where(status == Status.FAILURE, np.int8(Ending.FAILURE), ending)
+    ending = xp.where(running & broken, np.int8(Ending.BROKEN), ending)
+    new = Tally(ticks, successes, xp.where(running, command, np.int32(NO_COMMAND)), runs, ending)
+    return select(tally.ending == Ending.OPEN, new, tally)
+
+
+def select(condition: Bool[Array, " E"], yes: Tally, no: Tally) -> Tally:
+    """Return one tally where a condition holds, and the other elsewhere."""
+    where = namespace(condition).where
+    return jax.tree.map(lambda a, b: where(condition, a, b), yes, no)
+
+
+def is_solved(ending: Int8[Array, "*E"], distance: Float32[Array, "*E targets"], rules: Episode) -> Bool[Array, "*E"]:
+    """Return which episodes ended in SUCCESS with every target within the tolerance; `distance` is in metres."""
+    return (ending == Ending.SUCCESS) & (distance < rules.tolerance).all(axis=-1)
