@@ -18,10 +18,10 @@ def main() -> None:
     sys.exit(exit_code(lambda: _run(arguments)))
 
 
-def _run(arguments: RunArguments) -> None:
+def _run(arguments: RunArguments) -> int | None:
     from bt_jax.commands import run  # imports JAX and MuJoCo, which --help does without
 
-    run.robot(arguments) if arguments.level == "robot" else run.run(arguments)
+    return run.robot(arguments) if arguments.level == "robot" else run.run(arguments)
 
 
 if __name__ == "__main__":

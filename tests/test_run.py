@@ -1,18 +1,24 @@
+import dataclasses
 import io
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+import yaml
 from rich.console import Console
 
 from bt_jax._util.errors import UserError
 from bt_jax.commands.arguments import RunArguments as Arguments
 from bt_jax.commands.run import run
+from bt_jax.deploy.commands.twin import TwinArguments
+from bt_jax.deploy.execution.program import load_program
 from bt_jax.encoding.formats.files import read_tree
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.formats.xml import from_xml, to_xml
 from bt_jax.gp.config import GPConfig
 from bt_jax.mjx_env.render.offscreen import available
+from bt_jax.run import main
 from bt_jax.tasks import load_task
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.run_folder import RunFolder
@@ -37,8 +43,8 @@ def shown(terminal=False, **arguments):
 
 
 @pytest.mark.parametrize("level", ["kinematic", "physics"])
-def test_shows_every_tick_and_the_verdict(stack, level):
-    text = shown(source=stack, level=level)
+def test_verbose_shows_the_tree_at_every_tick(stack, level):
+    text = shown(source=stack, level=level, verbose=True)
     blocks = text.split("\ntick ")[1:]
     assert [block.split()[1] for block in blocks] == ["RUNNING"] * 4 + ["SUCCESS"] * 2
     assert "places GreenBox at (0, 0, 0.1) in the frame of YellowBox" in blocks[3]
@@ -47,6 +53,16 @@ def test_shows_every_tick_and_the_verdict(stack, level):
     assert "  └── move(GreenBox" in blocks[0]
     assert "ending     SUCCESS at tick 6" in text
     assert "solved     yes" in text
+
+
+def test_shows_what_changes_from_tick_to_tick(stack):
+    *ticks, last = shown(source=stack).split("\ntick ")[1:]
+    drawn = [block.splitlines()[1:] for block in (*ticks, last.split("\nending")[0].rstrip())]
+    assert [len(lines) for lines in drawn] == [3, 0, 2, 0, 2, 0]
+    assert drawn[2] == [
+        "✓ ├── move(YellowBox, (0, 0, 0.055), KittingBox)",
+        "… └── move(GreenBox, (0, 0, 0.1), YellowBox)",
+    ]
 
 
 def test_a_failure_is_told(tmp_path):
@@ -97,6 +113,33 @@ def test_a_run_folder_brings_its_task(tmp_path):
     assert "kinematic" in text
     with pytest.raises(UserError, match="no such subgoal"):
         shown(source=folder.path, task="stack")
+
+
+def test_a_folder_of_learn_brings_its_task(tmp_path):
+    task = dataclasses.replace(load_task("stack"), name="mine")
+    (tmp_path / "task.yaml").write_text(yaml.safe_dump(task.to_dict()))
+    (tmp_path / "learnt_tree.txt").write_text(STACK)
+    assert shown(source=tmp_path).startswith("mine")
+    assert load_program(tmp_path).task == task
+    assert load_program(tmp_path, "stack3").task == load_task("stack3")
+
+
+def test_the_robot_gets_what_was_given_and_its_exit_code_is_returned(monkeypatch, capsys):
+    got = []
+    monkeypatch.setattr(
+        "bt_jax.deploy.commands.twin.twin_command", lambda arguments, console: got.append(arguments) or 4
+    )
+    words = ["runs/mine", "--level", "robot", "--task", "yumi_stack", "--seed", "3", "--layouts", "2"]
+    monkeypatch.setattr(sys, "argv", ["run", *words])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 4
+    assert got == [TwinArguments(Path("runs/mine"), "yumi_stack", seed=3, layouts=2)]
+    monkeypatch.setattr(sys, "argv", ["run", *words, "--expand", "--delay", "0"])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 2
+    assert "does not take --expand and --delay" in capsys.readouterr().err
 
 
 def test_reads_and_writes_trees(stack, tmp_path):

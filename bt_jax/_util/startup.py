@@ -33,10 +33,11 @@ def configure_jax(device: Device = "auto") -> None:
         raise UserError('no GPU was found; use --device cpu, or on an NVIDIA machine pip install "bt_jax[cuda]"')
 
 
-def exit_code(command: Callable[[], None]) -> int:
-    """Runs a command; a UserError becomes one sentence on stderr and exit code 2, Ctrl-C code 130."""
+def exit_code(command: Callable[[], int | None]) -> int:
+    """Run a command and return its exit code, 0 if it returns none; a UserError becomes one sentence on stderr and code 2,
+    Ctrl-C code 130."""
     try:
-        command()
+        return command() or 0
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -46,7 +47,6 @@ def exit_code(command: Callable[[], None]) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    return 0
 
 
 class CompileClock:

@@ -24,6 +24,7 @@ __all__ = [
     "parse_train",
 ]
 
+NOT_ROBOT = ("backend", "expand", "verbose", "simplify", "export", "delay", "device")  # options of the other levels
 TRAIN = "python -m bt_jax.train"
 
 
@@ -90,8 +91,8 @@ class LearnArguments:
 
     folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
     """folder with info.yaml and demoN/data_K.yaml"""
-    task: str = "stack3"
-    """name of a task or YAML file: the scene in which the tree is tried"""
+    task: str | None = None
+    """name of a task or YAML file: the scene in which the tree is tried (default: that of the demonstrations, or stack3)"""
     frames: tuple[str, ...] = ()
     """frames of your choice, as ACTION=FRAME with the number of the action, for instance 2=GreenBox; 2=auto takes that back.
     They are kept with the demonstrations"""
@@ -117,7 +118,7 @@ class RunArguments:
     source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_FOLDER|TREE")]
     """folder that bt_jax.train or bt_jax.learn has written, or a tree as .txt or .xml"""
     task: str | None = None
-    """name of a task or YAML file (default: that of the run folder, or stack)"""
+    """name of a task or YAML file (default: that of the folder, or stack; yumi_stack for the robot)"""
     level: Level | Literal["robot"] | None = None
     """physics, kinematic, or robot, the twin of a YuMi (default: that of the run folder, or physics)"""
     backend: Backend = "auto"
@@ -130,6 +131,8 @@ class RunArguments:
     """film the episode: .mp4, .gif, or .png for six stills"""
     expand: bool = False
     """show what is inside genes"""
+    verbose: bool = False
+    """print the whole tree at every tick, not only what has changed (a terminal shows it in one place)"""
     simplify: bool = False
     """first remove every node that does nothing in 100 unseen layouts; writes simplified_tree.* into a run folder"""
     export: Path | None = None
@@ -149,6 +152,10 @@ class RunArguments:
             raise UserError(f"--delay is {self.delay}; choose seconds from 0 to 60")
         if self.render is not None and self.layouts > 1:
             raise UserError("a film shows one layout; leave out --layouts, or choose one with --seed")
+        defaults = RunArguments(self.source)
+        wrong = [name for name in NOT_ROBOT if getattr(self, name) != getattr(defaults, name)]
+        if self.level == "robot" and wrong:
+            raise UserError(f"--level robot does not take --{' and --'.join(wrong)}; leave out what it does not take")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -165,7 +172,7 @@ class DemonstrateArguments:
     """the script, for instance "pick BlueBox; to (0, 0, 0.12) GreenBox; release", or a file with one; without it, the
     demonstrations in the folder are listed"""
     task: str | None = None
-    """name of a task or YAML file (default: that of --after, or stack3)"""
+    """name of a task or YAML file (default: that of --after, of the folder, or stack3)"""
     count: int = NEEDED
     """how many demonstrations, each in another layout"""
     seed: int | None = None

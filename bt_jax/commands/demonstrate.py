@@ -10,31 +10,27 @@ from rich.markup import escape
 
 from bt_jax._util.errors import UserError
 from bt_jax.commands.arguments import DemonstrateArguments
+from bt_jax.encoding.formats.files import read_tree
 from bt_jax.lfd import DemonstrationFolder, Frames
 from bt_jax.lfd.clustering import NEEDED
 from bt_jax.mjx_env.physics.mujoco import MujocoPhysics
-from bt_jax.tasks import load_task
+from bt_jax.tasks import Task, load_task, task_of_folder
 from bt_jax.teaching.script import parse_script, record
-from bt_jax.training.phases import baseline_from
-from bt_jax.training.run_folder import RunFolder
 
 __all__ = ["run"]
 
 
 def run(arguments: DemonstrateArguments) -> None:
-    """Records as the arguments say and prints what came of it."""
+    """Record as the arguments say, and print what was recorded."""
     arguments.check()
     console = Console(highlight=False, soft_wrap=True)
     folder = DemonstrationFolder(arguments.folder)
     if arguments.script is None:
-        _keep_house(console, folder, arguments)
+        _edit(console, folder, arguments)
         return
     script = parse_script(_script_text(arguments.script))
-    tree, task = None, load_task(arguments.task or "stack3")
-    if arguments.after is not None:
-        tree = baseline_from(arguments.after)
-        if arguments.task is None and (arguments.after / "config.json").is_file():
-            task = RunFolder(arguments.after).config().task
+    tree = None if arguments.after is None else read_tree(arguments.after)
+    task = _task(arguments)
     physics = MujocoPhysics(task, why="the C engine")
     seed = arguments.seed
     if seed is None:
@@ -49,12 +45,20 @@ def run(arguments: DemonstrateArguments) -> None:
         console.print(
             f"{total} of {NEEDED} demonstrations: with fewer, every place is taken to be in {task.robot_frame}"
         )
-    named = "" if task.name == "stack3" else f" --task {arguments.task or task.name}"
-    console.print(f"learn from them with python -m bt_jax.learn {escape(str(folder.path))}{named}")
+    console.print(f"learn from them with python -m bt_jax.learn {escape(str(folder.path))}")
 
 
-def _keep_house(console: Console, folder: DemonstrationFolder, arguments: DemonstrateArguments) -> None:
-    """Renames or deletes as the arguments say, and lists what is there then."""
+def _task(arguments: DemonstrateArguments) -> Task:
+    """Return the task to demonstrate in."""
+    if arguments.task is not None:
+        return load_task(arguments.task)
+    folders = [folder for folder in (arguments.after, arguments.folder) if folder is not None and folder.is_dir()]
+    known = (task_of_folder(folder) for folder in folders)
+    return next((task for task in known if task is not None), None) or load_task("stack3")
+
+
+def _edit(console: Console, folder: DemonstrationFolder, arguments: DemonstrateArguments) -> None:
+    """Rename or delete as the arguments say, and list what is there then."""
     folder.frames()
     if arguments.rename is not None:
         folder.rename(*arguments.rename)
@@ -72,7 +76,7 @@ def _keep_house(console: Console, folder: DemonstrationFolder, arguments: Demons
 
 
 def _script_text(given: str) -> str:
-    """The script itself, or what stands in a file of that name."""
+    """Return the script itself, or the content of a file of that name."""
     path = Path(given)
     try:
         if not re.fullmatch(r"\S+\.\w+", given):

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 from rich.console import Console
 from rich.markup import escape
 from rich.panel import Panel
@@ -39,7 +40,7 @@ from bt_jax.lfd.figure import cluster_figure
 from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
-from bt_jax.tasks import load_task
+from bt_jax.tasks import Target, Task, load_task, task_names, task_of_folder
 from bt_jax.training.levels import make_level
 from bt_jax.training.phases import choose_frames, lesson_from
 from bt_jax.training.settings import UNSEEN, Settings
@@ -48,11 +49,12 @@ __all__ = ["run"]
 
 
 def run(arguments: LearnArguments) -> None:
-    """Learns as the arguments say, prints it and writes the results."""
+    """Learn as the arguments say, print it and write the results."""
     console = Console(highlight=False, soft_wrap=True)
     arguments.check()
     settings = Settings(level=arguments.level, test_layouts=arguments.layouts)
-    task = load_task(arguments.task)
+    own = task_of_folder(arguments.folder) if arguments.task is None else None
+    task = own or load_task(arguments.task or "stack3")
     lesson = lesson_from(arguments.folder, task)
     if arguments.frames:
         lesson = choose_frames(arguments.folder, lesson, _choices(arguments.frames))
@@ -112,8 +114,8 @@ def try_out(lesson: Lesson, settings: Settings) -> Evaluation:
     return TableEvaluator(semantics, make_level(task, settings), batch=1)(trees, layouts)
 
 
-def _reached_targets(lesson: Lesson):
-    """One target an object: where several goals are demonstrated, those of the first."""
+def _reached_targets(lesson: Lesson) -> tuple[Target, ...]:
+    """Return one target for each object; if several goals are demonstrated, those of the first."""
     first = dataclasses.replace(lesson, subtasks=lesson.subtasks[:1])
     return first.targets
 
@@ -125,6 +127,7 @@ def write(out: Path, lesson: Lesson, tried: Evaluation) -> None:
     write_atomic(out / "learnt_tree.xml", to_xml(lesson.tree))
     write_atomic(out / "learnt_tree.svg", to_svg(lesson.tree, title=title))
     write_atomic(out / "clusters.png", cluster_figure(lesson))
+    write_atomic(out / "task.yaml", yaml.safe_dump(lesson.task.to_dict(), sort_keys=False))
     write_atomic(out / "lesson.json", json.dumps(as_data(lesson, tried), indent=2) + "\n")
 
 
@@ -162,13 +165,20 @@ def as_data(lesson: Lesson, tried: Evaluation) -> dict[str, Any]:
 
 
 def _verdict(lesson: Lesson, tried: Evaluation, arguments: LearnArguments) -> str:
-    named = f"--task {arguments.task}" if arguments.task.endswith((".yaml", ".yml")) else arguments.task
+    """Say how often the tree has worked, and what to do if it does not always."""
     solved, count = int(tried.solved.sum()), tried.solved.size
     said = f"tried      reaches what was demonstrated in [bold]{solved} of {count}[/] random layouts"
     if solved < count:
         said += (
             ".\n           Demonstrations that begin where a tree has ended show only the last step:\n"
-            "           let evolution find the rest with "
-            f"python -m bt_jax.train {named} --add-target-from {escape(str(arguments.folder))}"
+            "           let evolution find the rest with python -m bt_jax.train "
+            f"{_task_option(lesson.task, arguments)} --add-target-from {escape(str(arguments.folder))}"
         )
     return said
+
+
+def _task_option(task: Task, arguments: LearnArguments) -> str:
+    """Return how `train` is told a task: by its name if it comes with the package, else by its file."""
+    if task.name in task_names() and load_task(task.name) == task:
+        return task.name
+    return f"--task {escape(arguments.task or str(arguments.folder / 'task.yaml'))}"

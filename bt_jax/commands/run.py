@@ -19,6 +19,7 @@ from bt_jax.commands.arguments import RunArguments
 from bt_jax.encoding.arrays import encode_all
 from bt_jax.encoding.drawing.svg import to_svg
 from bt_jax.encoding.drawing.terminal import draw_text, to_dot
+from bt_jax.encoding.formats.files import read_tree
 from bt_jax.encoding.formats.text import format_tree
 from bt_jax.encoding.formats.xml import to_xml
 from bt_jax.encoding.limits import MAX_NODES
@@ -34,9 +35,8 @@ from bt_jax.mjx_env.render.film import check_film, film
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.world import World, concatenate
-from bt_jax.tasks import Task, load_task
+from bt_jax.tasks import Task, load_task, task_of_folder
 from bt_jax.training.levels import make_level
-from bt_jax.training.phases import baseline_from
 from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import UNSEEN, Backend, Level, Settings
 from bt_jax.training.simplify import simplify
@@ -55,27 +55,22 @@ LISTED = 20  # failures
 SIMPLIFY_LAYOUTS = 100
 
 
-def robot(arguments: RunArguments, console: Console | None = None) -> None:
-    """The last rung of evaluation: the tree on the twin of a YuMi, in as many layouts as asked for. Raises UserError where
-    what the twin needs is not installed."""
+def robot(arguments: RunArguments, console: Console | None = None) -> int:
+    """Run the tree on the twin of a YuMi and return the twin's exit code. Raise UserError if what the twin needs is not
+    installed."""
+    _check(arguments)
     try:
-        from bt_jax.deploy.commands.twin import TwinArguments, survey, twin_command
-        from bt_jax.deploy.execution.program import load_program
+        from bt_jax.deploy.commands.twin import TwinArguments, twin_command  # heavy: only the robot needs these
     except ModuleNotFoundError as error:
         raise UserError(f'{error.name} is not installed; run pip install -e ".[robot]"') from error
-    console = Console(highlight=False, soft_wrap=True) if console is None else console
-    _check(arguments)
-    if arguments.layouts > 1:
-        seeds = range(arguments.seed, arguments.seed + arguments.layouts)
-        survey(load_program(arguments.source, arguments.task), seeds, console=console)
-    else:
-        twin_command(
-            TwinArguments(arguments.source, arguments.task, seed=arguments.seed, render=arguments.render), console
-        )
+    twin = TwinArguments(
+        arguments.source, arguments.task, seed=arguments.seed, layouts=arguments.layouts, render=arguments.render
+    )
+    return twin_command(twin, console)
 
 
 def run(arguments: RunArguments, console: Console | None = None) -> None:
-    """Does what the arguments say and prints it."""
+    """Do what the arguments say and print it."""
     console = Console(highlight=False, soft_wrap=True) if console is None else console
     _check(arguments)
     task, level, tree = _open(arguments)
@@ -95,7 +90,7 @@ def run(arguments: RunArguments, console: Console | None = None) -> None:
     settler, layout = Settler(task, physics), _layout(task, arguments.seed)
     playback = play(semantics, settler, tree, layout)
     shown = play(semantics, settler, written, layout) if arguments.expand else playback
-    _show(console, shown, delay=arguments.delay)
+    _show(console, shown, delay=arguments.delay, whole=arguments.verbose)
     console.print(_verdict(task, playback))
     if arguments.render is not None:
         with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
@@ -114,14 +109,19 @@ def _check(arguments: RunArguments) -> None:
 
 
 def _open(arguments: RunArguments) -> tuple[Task, Level, Tree]:
-    """What to run and how: arguments come before what a run folder says."""
+    """Return what to run and how: arguments come before what a folder says."""
+    assert arguments.level != "robot"
+    task, level = None, arguments.level
     if (arguments.source / "config.json").is_file():
         folder = RunFolder(arguments.source)
-        config, tree = folder.config(), folder.tree()
-        task = config.task if arguments.task is None else load_task(arguments.task)
-        return task, arguments.level or config.settings.level, tree
-    task = load_task(arguments.task or "stack")
-    return task, arguments.level or "physics", baseline_from(arguments.source)
+        config = folder.config()
+        folder.tree()  # says how to finish a run that has none yet
+        task, level = config.task, level or config.settings.level
+    elif arguments.source.is_dir():
+        task = task_of_folder(arguments.source)
+    if task is None or arguments.task is not None:
+        task = load_task(arguments.task or "stack")
+    return task, level or "physics", read_tree(arguments.source)
 
 
 def _simplified(console: Console, task: Task, level: Level, tree: Tree, arguments: RunArguments) -> Tree:
@@ -167,28 +167,37 @@ def _survey(console: Console, semantics: LeafSemantics, physics: Physics, tree: 
         console.print(f"watch one with --seed {seeds[failures[0]]}")
 
 
-def _show(console: Console, playback: Playback, *, delay: float) -> None:
-    """The tree at every tick: one below the other, or, on a terminal, in one place with pauses."""
-    pictures = [_picture(playback.tree, number, tick) for number, tick in enumerate(playback.ticks, start=1)]
+def _show(console: Console, playback: Playback, *, delay: float, whole: bool) -> None:
+    """Show the tree at every tick: on a terminal in one place with pauses, else the `whole` tree or what has changed."""
+    titles = [_title(number, tick) for number, tick in enumerate(playback.ticks, start=1)]
+    drawings = [_drawing(playback.tree, tick) for tick in playback.ticks]
     if not console.is_terminal:
-        for title, drawing in pictures:
-            console.print(title, drawing, "", sep="\n")
+        before: list[Text] = []
+        for title, lines in zip(titles, drawings, strict=True):
+            console.print(title)
+            for i, line in enumerate(lines):
+                if whole or not before or line != before[i]:
+                    console.print(line)
+            before = lines
+        console.print()
         return
     with Live(console=console, auto_refresh=False) as live:
-        for (title, drawing), tick in zip(pictures, playback.ticks, strict=True):
-            live.update(Group(title, drawing), refresh=True)
+        for title, lines in zip(titles, drawings, strict=True):
+            live.update(Group(title, *lines), refresh=True)
             time.sleep(delay)
-            if tick is not playback.ticks[-1]:
+            if title is not titles[-1]:
                 live.console.print(title)
 
 
-def _picture(tree: Tree, number: int, tick: Tick) -> tuple[Text, Text]:
-    """Title and drawing of a tick."""
-    style = STYLES[tick.status]
-    title = Text.assemble(f"tick {number:2d}  ", (tick.status.name, style), f"  {_words(tick.command)}")
+def _title(number: int, tick: Tick) -> Text:
+    """What the tree returned, and what the robot does."""
+    return Text.assemble(f"tick {number:2d}  ", (tick.status.name, STYLES[tick.status]), f"  {_words(tick.command)}")
+
+
+def _drawing(tree: Tree, tick: Tick) -> list[Text]:
+    """One line for each node, marked with its status."""
     lines = draw_text(tree, tick.statuses).splitlines()
-    drawing = Text("\n").join(Text(line, STYLES[status]) for line, status in zip(lines, tick.statuses, strict=True))
-    return title, drawing
+    return [Text(line, STYLES[status]) for line, status in zip(lines, tick.statuses, strict=True)]
 
 
 def _words(command: Behavior | None) -> str:

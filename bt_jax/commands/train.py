@@ -12,9 +12,10 @@ from bt_jax._util.errors import UserError
 from bt_jax._util.files import unused
 from bt_jax._util.startup import configure_jax
 from bt_jax.commands.arguments import TrainArguments
+from bt_jax.encoding.formats.files import read_tree
 from bt_jax.tasks import load_task
 from bt_jax.training.console import TrainingDisplay
-from bt_jax.training.phases import KEPT, Changes, baseline_from, resumed
+from bt_jax.training.phases import KEPT, Changes, resumed
 from bt_jax.training.progress import Reporter
 from bt_jax.training.run import TrainingRun
 from bt_jax.training.run_config import RunConfig
@@ -51,7 +52,7 @@ def warm(arguments: TrainArguments, *, until: Callable[[], bool]) -> None:
 def _configuration(arguments: TrainArguments) -> tuple[RunConfig, RunFolder]:
     """Return what to evolve, and the run folder for it; that of a resumed run comes from its folder."""
     changes = Changes(
-        baseline=None if arguments.baseline is None else baseline_from(arguments.baseline),
+        baseline=None if arguments.baseline is None else read_tree(arguments.baseline),
         plan=arguments.plan,
         target_from=arguments.add_target_from,
         subgoal_from=arguments.add_subgoal_from,

@@ -14,7 +14,16 @@ from jaxtyping import Float
 
 from bt_jax.tasks import Task
 
-__all__ = ["END_EFFECTOR_HEIGHT", "Action", "Demonstration", "Demonstrations", "Frames", "Moment", "Pose", "Scene"]
+__all__ = [
+    "END_EFFECTOR_HEIGHT",
+    "Action",
+    "Demonstration",
+    "Demonstrations",
+    "Frames",
+    "Moment",
+    "Pose",
+    "RecordedTask",
+]
 
 END_EFFECTOR_HEIGHT = 0.12  # of the end effector above the centre of what it holds, metres
 Kind = Literal["pick", "place"]
@@ -35,39 +44,45 @@ class Pose:
 
 
 @dataclasses.dataclass(frozen=True)
-class Scene:
-    """In which task demonstrations were recorded: its name, and the size of each of its boxes [m]."""
+class RecordedTask:
+    """In which task demonstrations were recorded: its name, the size of each of its boxes [m], and, where they are recorded,
+    the task itself."""
 
-    task: str
+    name: str
     boxes: Mapping[str, float]
+    task: Task | None = dataclasses.field(default=None, compare=False)
+
+    @staticmethod
+    def of(task: Task) -> RecordedTask:
+        """Return what is recorded of a task."""
+        return RecordedTask(task.name, {box.name: box.size for box in task.boxes}, task)
 
     def difference(self, task: Task) -> str | None:
         """How the boxes of a task differ, as part of a sentence, or None."""
         for box in task.boxes:
             known = self.boxes.get(box.name)
             if known is None:
-                return f"task {task.name} has a {box.name} and {self.task} has none"
+                return f"task {task.name} has a {box.name} and {self.name} has none"
             if abs(known - box.size) > 1e-6:
-                return f"{box.name} measures {known:g} m in task {self.task} and {box.size:g} m in {task.name}"
+                return f"{box.name} measures {known:g} m in task {self.name} and {box.size:g} m in {task.name}"
         return None
 
 
 @dataclasses.dataclass(frozen=True)
 class Frames:
     """The frames in which poses are recorded: the fixtures' and objects', and the robot's; `default` serves where the
-    demonstrations do not say which frame is meant. `scene` is None where it was not recorded."""
+    demonstrations do not tell the frame. `recorded` is None if the task was not recorded."""
 
     names: tuple[str, ...]
     default: str
     robot: str
-    scene: Scene | None = dataclasses.field(default=None, compare=False)
+    recorded: RecordedTask | None = dataclasses.field(default=None, compare=False)
 
     @staticmethod
     def of(task: Task) -> Frames:
         """Those of a task: the kit's, the boxes' and the robot's, which is the default."""
         names = (task.kit.name, *task.box_names, task.robot_frame)
-        scene = Scene(task.name, {box.name: box.size for box in task.boxes})
-        return Frames(names, task.robot_frame, task.robot_frame, scene)
+        return Frames(names, task.robot_frame, task.robot_frame, RecordedTask.of(task))
 
     @property
     def objects(self) -> tuple[str, ...]:

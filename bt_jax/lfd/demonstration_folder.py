@@ -1,6 +1,7 @@
 """Demonstrations on the disk, in the published format:
 
     FOLDER/info.yaml            frames, default_frame, robot
+    FOLDER/task.yaml            the task in which they were recorded (not part of the format)
     FOLDER/demo1/data_1.yaml    type: pick | place, vec_pos: {frame: [x, y, z]}, vec_quat: {frame: [x, y, z, w]}
 
 Beyond it, `info.yaml` may say in which task they were recorded (`task`, `boxes`: the size of each), the `order` of the
@@ -21,7 +22,7 @@ import yaml
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import is_name, write_atomic
-from bt_jax.lfd.demonstration import Action, Demonstration, Demonstrations, Frames, Moment, Pose, Scene
+from bt_jax.lfd.demonstration import Action, Demonstration, Demonstrations, Frames, Moment, Pose, RecordedTask
 
 __all__ = ["DemonstrationFolder"]
 
@@ -40,31 +41,35 @@ class DemonstrationFolder:
     path: Path
 
     def create(self, frames: Frames) -> None:
-        """Writes `info.yaml`, or checks that the one there says the same."""
+        """Write `info.yaml`, or check that the one there says the same; and the task, unless one is there."""
         if (self.path / "info.yaml").exists():
             known = self.frames()
             if known != frames:
                 raise UserError(f"{self.path} holds demonstrations with other frames; choose another folder")
-            if known.scene is not None and frames.scene is not None and known.scene.boxes != frames.scene.boxes:
+            old, new = known.recorded, frames.recorded
+            if old is not None and new is not None and old.boxes != new.boxes:
                 raise UserError(f"{self.path} holds demonstrations with boxes of other sizes; choose another folder")
-            return
-        info = {"default_frame": frames.default, "frames": list(frames.names), "robot": frames.robot}
-        if frames.scene is not None:
-            info |= {"task": frames.scene.task, "boxes": dict(frames.scene.boxes)}
-        write_atomic(self.path / "info.yaml", yaml.safe_dump(info))
+        else:
+            info = {"default_frame": frames.default, "frames": list(frames.names), "robot": frames.robot}
+            if frames.recorded is not None:
+                info |= {"task": frames.recorded.name, "boxes": dict(frames.recorded.boxes)}
+            write_atomic(self.path / "info.yaml", yaml.safe_dump(info))
+        task, source = frames.recorded and frames.recorded.task, self.path / "task.yaml"
+        if task is not None and not source.exists():
+            write_atomic(source, yaml.safe_dump(task.to_dict(), sort_keys=False))
 
     def frames(self) -> Frames:
         """Reads `info.yaml`. Raises UserError where it is missing or incomplete."""
         source, data = self.path / "info.yaml", self._info()
         names, default, robot = data.get("frames"), data.get("default_frame"), data.get("robot")
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-            raise UserError(f"{source}: frames must be a list of names; mend it")
+            raise UserError(f"{source}: frames must be a list of names; fix it")
         if len(set(names)) < len(names) or len(names) < 2:
-            raise UserError(f"{source}: frames must name at least two frames, each once; mend it")
+            raise UserError(f"{source}: frames must name at least two frames, each once; fix it")
         for key, name in (("default_frame", default), ("robot", robot)):
             if name not in names:
                 raise UserError(f"{source}: {key} '{name}' is not one of the frames; use one of {', '.join(names)}")
-        return Frames(tuple(names), default, robot, _scene(data, source))
+        return Frames(tuple(names), default, robot, _recorded(data, source))
 
     def names(self) -> list[str]:
         """The demonstrations: in the order that `info.yaml` may say, then in natural order, demo2 before demo10."""
@@ -221,8 +226,8 @@ class DemonstrationFolder:
         return demonstration
 
 
-def _scene(data: Mapping[str, Any], source: Path) -> Scene | None:
-    """In which task the demonstrations were recorded, None where that does not stand there."""
+def _recorded(data: Mapping[str, Any], source: Path) -> RecordedTask | None:
+    """Return in which task the demonstrations were recorded, None if the file does not say."""
     task, boxes = data.get("task"), data.get("boxes")
     if task is None and boxes is None:
         return None
@@ -232,8 +237,8 @@ def _scene(data: Mapping[str, Any], source: Path) -> Scene | None:
         or not sizes
         or not all(type(size) in (int, float) and 0 < size < HUGE for _, size in sizes)
     ):
-        raise UserError(f"{source}: task must be a name and boxes the size of each; mend both, or remove them")
-    return Scene(task, {str(name): float(size) for name, size in sizes})
+        raise UserError(f"{source}: task must be a name and boxes the size of each; fix both, or remove them")
+    return RecordedTask(task, {str(name): float(size) for name, size in sizes})
 
 
 def _natural(name: str) -> list[tuple[bool, int, str]]:

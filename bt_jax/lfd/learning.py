@@ -137,9 +137,9 @@ def _check_scene(demonstrations: Demonstrations, task: Task) -> None:
             raise UserError(f"the demonstrations lack the frame {name} of task {task.name}; record them in that task")
     if frames.robot != task.robot_frame:
         raise UserError(f"the robot's frame is {frames.robot} in the demonstrations and {task.robot_frame} in the task")
-    if frames.scene is not None and (difference := frames.scene.difference(task)) is not None:
+    if frames.recorded is not None and (difference := frames.recorded.difference(task)) is not None:
         raise UserError(
-            f"the demonstrations do not fit: {difference}; choose task {frames.scene.task}, or record them anew"
+            f"the demonstrations do not fit: {difference}; choose task {frames.recorded.name}, or record them again"
         )
 
 

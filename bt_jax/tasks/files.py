@@ -6,6 +6,7 @@ Everything is inherited but the description, which is empty unless the task has 
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,7 +19,7 @@ from bt_jax._util.errors import UserError
 from bt_jax.tasks.checks import check
 from bt_jax.tasks.task import Box, Episode, GeneSettings, Kit, Layout, Subgoal, Table, Target, Task, Weights
 
-__all__ = ["load_task", "task_from_dict", "task_names"]
+__all__ = ["load_task", "task_from_dict", "task_names", "task_of_folder"]
 
 FOLDER = Path(__file__).parent
 SUBGOALS: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -38,6 +39,21 @@ def load_task(name_or_path: str | Path) -> Task:
     """
     path = _find(name_or_path)
     return task_from_dict(_read(path), source=str(path))
+
+
+def task_of_folder(folder: Path) -> Task | None:
+    """Return the task that a folder of `train`, `learn` or `demonstrate` belongs to, None if it does not say.
+
+    Raise UserError if what it says cannot be read.
+    """
+    config, own = folder / "config.json", folder / "task.yaml"
+    if not config.is_file():
+        return load_task(own) if own.is_file() else None
+    try:
+        data = json.loads(config.read_text(encoding="utf-8"))["task"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise UserError(f"{config} cannot be read ({error}); restore it, or name the task with --task") from error
+    return task_from_dict(data, source=str(config))
 
 
 def task_from_dict(data: Mapping[str, Any], *, source: str) -> Task:

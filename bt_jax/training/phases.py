@@ -10,7 +10,6 @@ from typing import Any
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Tree
-from bt_jax.encoding.formats.files import read_tree
 from bt_jax.encoding.walk import leaves as tree_leaves
 from bt_jax.gp.config import GPConfig
 from bt_jax.lfd import DemonstrationFolder, Lesson, learn, plan_task
@@ -19,7 +18,7 @@ from bt_jax.training.run_config import RunConfig, package_version
 from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import Settings
 
-__all__ = ["KEPT", "Changes", "baseline_from", "choose_frames", "lesson_from", "resumed", "subgoal_name"]
+__all__ = ["KEPT", "Changes", "choose_frames", "lesson_from", "resumed", "subgoal_name"]
 
 KEPT = (
     "--resume keeps the settings; give only --generations, --target-fitness or --time-limit, or a new --task, --baseline, "
@@ -141,15 +140,3 @@ def subgoal_name(folder: Path) -> str:
     """A name for the subgoal that the demonstrations in a folder reach: that of the folder."""
     name = "".join(letter if letter.isalnum() else "_" for letter in folder.resolve().name)
     return name if name.isidentifier() else f"subgoal_{name}"
-
-
-def baseline_from(path: Path) -> Tree:
-    """A tree from a file, or the one in a folder that `train` or `learn` has written."""
-    if path.is_dir():
-        for name in ("best_tree.txt", "learnt_tree.txt"):
-            if (path / name).is_file():
-                return read_tree(path / name)
-        raise UserError(
-            f"{path} holds no tree; give a tree as .txt or .xml, or a folder that train or learn has written"
-        )
-    return read_tree(path)

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
 from bt_jax.lfd import Action, Demonstration, DemonstrationFolder, Frames, Moment, Pose, learn
-from bt_jax.lfd.demonstration import Scene
+from bt_jax.lfd.demonstration import RecordedTask
 from bt_jax.tasks import load_task
 from tests.helpers.demonstrations import STACK3, STACKING, demonstrations, one_demonstration
 
@@ -354,7 +354,7 @@ def test_chosen_frames_follow_their_demonstration(folder):
 
 
 def test_it_is_known_in_which_task_was_recorded(folder, tmp_path):
-    assert folder.frames().scene == Scene("stack3", {"YellowBox": 0.1, "GreenBox": 0.1, "BlueBox": 0.1})
+    assert folder.frames().recorded == RecordedTask("stack3", {"YellowBox": 0.1, "GreenBox": 0.1, "BlueBox": 0.1})
     yumi = load_task("yumi_stack")
     with pytest.raises(UserError, match="boxes of other sizes; choose another folder"):
         folder.create(Frames.of(yumi))
@@ -364,10 +364,10 @@ def test_it_is_known_in_which_task_was_recorded(folder, tmp_path):
     ):
         learn(folder.read(), yumi)
     published = DemonstrationFolder(tmp_path / "published")
-    published.create(dataclasses.replace(FRAMES, scene=None))
+    published.create(dataclasses.replace(FRAMES, recorded=None))
     assert "task" not in (published.path / "info.yaml").read_text()
     published.append(demonstrations(STACK3, STACKING).demonstrations[0])
-    assert published.frames().scene is None
+    assert published.frames().recorded is None
     learn(published.read(), yumi)
 
 
@@ -375,5 +375,5 @@ def test_it_is_known_in_which_task_was_recorded(folder, tmp_path):
 def test_a_damaged_scene_is_named(folder, bad):
     source = folder.path / "info.yaml"
     source.write_text(yaml.safe_dump({**yaml.safe_load(source.read_text()), **bad}))
-    with pytest.raises(UserError, match=r"info\.yaml: task must be a name and boxes the size of each; mend both"):
+    with pytest.raises(UserError, match=r"info\.yaml: task must be a name and boxes the size of each; fix both"):
         folder.read()

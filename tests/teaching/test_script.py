@@ -1,5 +1,6 @@
 """Scripted demonstrations, and what is learnt from them on the command line."""
 
+import dataclasses
 import json
 
 import pytest
@@ -7,10 +8,14 @@ import pytest
 from bt_jax._util.errors import UserError
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.formats.xml import from_xml
+from bt_jax.gp.config import GPConfig
 from bt_jax.lfd import DemonstrationFolder, Demonstrations, Frames, learn, plan_task
 from bt_jax.mjx_env.physics.kinematic import Kinematic
-from bt_jax.tasks import load_task
+from bt_jax.tasks import load_task, task_of_folder
 from bt_jax.teaching.script import Input, parse_script, record
+from bt_jax.training.run_config import RunConfig
+from bt_jax.training.run_folder import RunFolder
+from bt_jax.training.settings import Settings
 from tests.helpers.samples import command
 
 TASK = load_task("stack3")
@@ -66,6 +71,21 @@ def test_from_the_script_to_the_tree(tmp_path):
     assert (out / "clusters.png").read_bytes().startswith(b"\x89PNG")
     data = json.loads((out / "lesson.json").read_text())
     assert (data["tree"], data["solved"], data["missing"]) == (str(tree), 5, 0)
+
+
+def test_demonstrations_remember_a_task_of_ones_own(tmp_path):
+    """And the command that `demonstrate` names next works as it stands."""
+    mine = dataclasses.replace(TASK, name="mine", description="")
+    run = RunFolder.create(tmp_path / "run", RunConfig(mine, GPConfig(), Settings()))
+    run.save_tree(parse_tree("move(YellowBox, (0, 0, 0.052), KittingBox)"), title="")
+    done = command("bt_jax.demonstrate", tmp_path / "shown", SCRIPT, "--count", 1, "--after", run.path)
+    assert done.returncode == 0, done.stderr
+    assert task_of_folder(tmp_path / "shown") == mine
+    words = done.stdout.split("python -m ")[1].split()
+    assert words == ["bt_jax.learn", str(tmp_path / "shown")]
+    done = command(*words, "--level", "kinematic", "--layouts", 1, "--out", tmp_path / "learnt")
+    assert done.returncode == 0, done.stderr
+    assert task_of_folder(tmp_path / "learnt") == mine
 
 
 def test_demonstrations_are_kept_and_frames_chosen_on_the_command_line(tmp_path):

@@ -1,18 +1,16 @@
-"""What the robot is to execute: a task and a tree, from a run folder or a tree file, read without the training's code."""
+"""What the robot is to execute: a task and a tree, from a folder of train or learn, or a tree file."""
 
 from __future__ import annotations
 
 import dataclasses
 import hashlib
-import json
 from pathlib import Path
 
-from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, Tree, check_names, expand
 from bt_jax.encoding.formats.files import read_tree
 from bt_jax.encoding.formats.text import one_line
 from bt_jax.encoding.walk import prefix
-from bt_jax.tasks import Task, load_task, task_from_dict
+from bt_jax.tasks import Task, load_task, task_of_folder
 
 __all__ = ["Program", "load_program"]
 
@@ -36,23 +34,10 @@ class Program:
 
 
 def load_program(source: Path, task: str | None = None) -> Program:
-    """Reads a run folder, or a tree as .txt or .xml; `task` (a name or a YAML file) comes before the run folder's own.
+    """Return the tree and the task of a folder that `train` or `learn` has written, or the tree in a .txt or .xml file.
 
-    A tree file needs no task where it is meant for `yumi_stack`. Raises UserError where there is no tree, no task, or the
-    tree names what the task does not have.
+    `task` (a name or a YAML file) comes before the folder's own; without either, it is `yumi_stack`. Raise UserError if
+    there is no tree, or if it names what the task does not have.
     """
-    if not source.is_dir():
-        return Program(load_task(task or "yumi_stack"), read_tree(source))
-    tree = source / "best_tree.txt"
-    if not tree.is_file():
-        raise UserError(f"{source} holds no best_tree.txt; give a folder that bt_jax.train has finished")
-    return Program(_task_of(source) if task is None else load_task(task), read_tree(tree))
-
-
-def _task_of(folder: Path) -> Task:
-    config = folder / "config.json"
-    try:
-        data = json.loads(config.read_text(encoding="utf-8"))["task"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise UserError(f"{config} cannot be read ({error}); restore it, or name the task with --task") from error
-    return task_from_dict(data, source=str(config))
+    own = task_of_folder(source) if task is None and source.is_dir() else None
+    return Program(own or load_task(task or "yumi_stack"), read_tree(source))

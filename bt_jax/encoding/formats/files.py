@@ -1,4 +1,4 @@
-"""Reading a tree from a file, whichever format it is in."""
+"""Reading a tree from a file, whichever format it is in, or from a folder that holds one."""
 
 from __future__ import annotations
 
@@ -11,8 +11,21 @@ from bt_jax.encoding.formats.text import parse_tree
 __all__ = ["read_tree"]
 
 
+LEARNT = ("best_tree.txt", "learnt_tree.txt")  # what train and learn write
+
+
 def read_tree(path: Path) -> Tree:
-    """Read a tree from a .txt or .xml file. Raise UserError, naming the file, if it holds none."""
+    """Return the tree in a .txt or .xml file, or in a folder that `train` or `learn` has written.
+
+    Raise UserError, naming the path, if there is none.
+    """
+    if path.is_dir():
+        found = next((path / name for name in LEARNT if (path / name).is_file()), None)
+        if found is None:
+            raise UserError(
+                f"{path} holds no tree; give a tree as .txt or .xml, or a folder that train or learn has finished"
+            )
+        path = found
     if not path.exists():
         raise UserError(f"there is no file or folder {path}; give a run folder, or a tree as .txt or .xml")
     if path.suffix.lower() == ".xml":
