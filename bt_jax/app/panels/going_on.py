@@ -41,7 +41,7 @@ async def ask_goal(studio: Studio) -> Goal | None:
                 "no-caps unelevated data-testid=goal-own"
             )
             if same_things(evolved, edited):
-                ui.button("Go on for step 1", on_click=lambda: asked.submit("edited")).props(
+                ui.button("Go on with the new task", on_click=lambda: asked.submit("edited")).props(
                     "no-caps unelevated data-testid=goal-edited"
                 )
     return await asked

@@ -32,13 +32,14 @@ from bt_jax.tasks import Task
 
 __all__ = ["Dragging", "SceneView"]
 
-THREE = Path(nicegui.__file__).parent / "elements" / "scene" / "dist"
+THREE = Path(nicegui.__file__).parent / "elements" / "scene" / "dist"  # NiceGUI's copy of three.js, a private folder
+PARTS = Path(__file__).parents[1] / "static" / "scene"
 PITCH, TURN = math.radians(42), math.radians(-8)  # of the view at the beginning, below the horizon and about z
 Dragging = Literal["", "boxes", "targets"]
 Pose = Sequence[float] | Float[np.ndarray, "7"]
 
 
-class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": str(THREE)}):
+class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": str(THREE), "bt_jax-scene": str(PARTS)}):
     """Tables, kit, boxes and gripper, and translucent copies of boxes where they should be.
 
     What is shown depends on the step of the window: where things start, what the player does, or what teaching shows. A box
