@@ -61,8 +61,10 @@ class _Run:
                 self.toggle = button("Play", "run-play", "play_arrow", page.guard(self._toggle))
                 self.step = button("One tick", "run-tick", "skip_next", page.guard(self._tick))
                 ui.select(
-                    {speed: f"{speed:g} \N{MULTIPLICATION SIGN}" for speed in SPEEDS}, value=1.0, label="Speed"
-                ).props("dense outlined options-dense data-testid=run-speed").classes("run-speed").bind_value(
+                    {speed: f"{speed:g} \N{MULTIPLICATION SIGN}" for speed in SPEEDS},
+                    label="Speed",
+                    on_change=lambda event: studio.playing.set_speed(event.value),
+                ).props("dense outlined options-dense data-testid=run-speed").classes("run-speed").bind_value_from(
                     studio.playing, "speed"
                 )
                 self.timeline = (

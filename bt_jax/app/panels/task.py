@@ -173,7 +173,7 @@ class _Task:
                 button("Add a target", f"task-add-{name}", "add", self.page.guard(lambda: self._add(name)))
                 return
             hint = f"{name} may be anywhere"
-            remove = self.page.guard(lambda: self._amend(untarget(self.studio.edited.task, name)))
+            remove = self.page.guard(lambda: self._edit(untarget(self.studio.edited.task, name)))
             with ui.button(icon="close", on_click=remove).props(
                 f'flat dense size=sm data-testid=task-remove-{name} aria-label="{hint}"'
             ):
@@ -214,7 +214,7 @@ class _Task:
                 retarget, task, studio.worker.physics(task), start, name, place(task, start), frame
             )
             self._check_same(task, start)
-            self._amend(changed)
+            self._edit(changed)
 
     async def _start(self, name: str, place: Place) -> None:
         studio = self.studio
@@ -231,9 +231,9 @@ class _Task:
     def _begin(self, world: World) -> None:
         """Start the scene like this, and every episode, too, if the task has a fixed start."""
         task = self.studio.edited.task
-        self._amend(fixed_layout(task, world) if task.layout.fixed else task, world)
+        self._edit(fixed_layout(task, world) if task.layout.fixed else task, world)
 
-    def _amend(self, task: Task, start: World | None = None) -> None:
+    def _edit(self, task: Task, start: World | None = None) -> None:
         """Change the task; an earlier refusal no longer matters."""
         self.studio.edit_task(task, start)
         self.studio.bus.say("")

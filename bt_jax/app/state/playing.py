@@ -97,6 +97,10 @@ class Playing:
         if going:
             self.play()
 
+    def set_speed(self, speed: float) -> None:
+        """Set how fast motions are shown; 1 is normal."""
+        self.speed = speed
+
     def play(self) -> None:
         """Go on until the episode ends; if it has ended, from its beginning."""
         player = self._player()

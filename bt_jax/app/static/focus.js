@@ -1,5 +1,5 @@
-// Where a part of the page is built anew, whoever works with the keyboard stays where they were: at the element with the same
-// test id, or at the tab of the step where there is none any more.
+// Keeps the keyboard focus when a part of the page is built again: on the element with the same test id, or on the tab of the
+// step if there is none any more.
 (() => {
   let last = null;
   document.addEventListener("focusin", (event) => (last = event.target));

@@ -1,5 +1,5 @@
-// Keys for the gripper go to the server as event "teach_key", but only while the element with data-teach-keys is to be seen
-// and nobody is typing. They neither scroll the page nor move the focus then.
+// Sends keys for the gripper to the server as event "teach_key", but only while the element with data-teach-keys is visible and
+// nobody is typing. These keys neither scroll the page nor move the focus.
 document.addEventListener(
   "keydown",
   (event) => {

@@ -1,5 +1,5 @@
-// A tree as SVG that is coloured by changing classes only; what can be folded is folded by a click, Enter or space.
-const SMALLEST = 0.75; // scale, below which one scrolls
+// A tree as SVG, coloured by classes of its nodes; a click, Enter or space folds and unfolds a subtree.
+const SMALLEST = 0.75; // scale; larger trees are scrolled
 const STATUSES = ["success", "failure", "running", "idle"];
 
 export default {
@@ -45,7 +45,7 @@ export default {
       this.follow();
     },
 
-    // Where not all of the tree is in sight, what is at work is.
+    // Scrolls to the node that is running, if it is out of sight.
     follow() {
       const node = [...this.$el.querySelectorAll(".node.running")].at(-1);
       if (!node) return;
@@ -68,7 +68,7 @@ export default {
       return event.target.closest?.(".foldable")?.id;
     },
 
-    // Not on "click": there is none where the tree is drawn anew between press and release.
+    // Not on "click": there is none if the tree is drawn again between press and release.
     onDown(event) {
       this.pressed = event.button === 0 ? this.foldable(event) : undefined;
     },
@@ -79,7 +79,7 @@ export default {
       this.pressed = undefined;
     },
 
-    // Assistive technology clicks without a pointer.
+    // Clicks without a pointer, from assistive technology.
     onClick(event) {
       const name = event.detail === 0 && this.foldable(event);
       if (name) this.$emit("toggle", name);

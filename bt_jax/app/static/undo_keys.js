@@ -1,5 +1,5 @@
-// Ctrl+Z presses the visible button with data-undo, Ctrl+Shift+Z and Ctrl+Y the one with data-redo; in a field for text they
-// mean the text.
+// Ctrl+Z presses the visible button with data-undo, Ctrl+Shift+Z and Ctrl+Y the one with data-redo. In a text field they change
+// the text.
 document.addEventListener("keydown", (event) => {
   if (!(event.ctrlKey || event.metaKey) || event.altKey) return;
   if (event.target.closest("input, textarea, [contenteditable=true], .q-dialog")) return;

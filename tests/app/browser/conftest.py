@@ -1,4 +1,4 @@
-"""One server and one headless browser for each module of tests; a picture of the page where a test fails."""
+"""One server and one headless browser for each module of tests; a picture of the page if a test fails."""
 
 import os
 import shutil
@@ -24,7 +24,7 @@ FLAGS = (
     "--use-angle=swiftshader",
     "--ignore-gpu-blocklist",
 )
-PATIENCE = 180_000  # milliseconds; nothing waits for long where the machine is idle
+PATIENCE = 180_000  # milliseconds; on an idle machine nothing waits for long
 expect.set_options(timeout=PATIENCE)
 
 
@@ -39,7 +39,7 @@ class Server:
     def start(self) -> None:
         """Serves, and waits until the page answers."""
         words = [sys.executable, "-m", "bt_jax.app", "--folder", self.folder, "--port", self.port, "--no-show"]
-        # NiceGUI serves otherwise where it finds itself in a test.
+        # NiceGUI serves differently if it detects a test.
         environment = {key: value for key, value in os.environ.items() if not key.startswith("PYTEST_")}
         environment["PYTHONPATH"] = str(ROOT)
         with self.log.open("a") as out:
@@ -132,7 +132,7 @@ def see(page):
 
 @pytest.fixture
 def shoot(page):
-    """Keeps a picture of the window for the README, where $BT_JAX_PICTURES names a folder for it."""
+    """Keeps a picture of the window for the documents, if $BT_JAX_PICTURES names a folder for it."""
 
     def keep(name: str) -> None:
         folder = os.environ.get("BT_JAX_PICTURES")

@@ -153,7 +153,7 @@ def test_the_process_is_killed(page, see, server):
     assert generation(see) > kept
 
 
-def test_the_server_is_started_anew_while_it_evolves(page, see, server):
+def test_the_server_is_restarted_while_it_evolves(page, see, server):
     start(see)
     goes_on(see)
     folder = newest(server)
@@ -163,6 +163,36 @@ def test_the_server_is_started_anew_while_it_evolves(page, see, server):
     page.goto(f"{server.url}/?step=evolve")
     expect(see("evolve-stage")).to_have_text("evolving")
     goes_on(see)
+
+
+def test_going_on_asks_for_which_task_when_step_1_says_something_else(page, see, server):
+    start(see, generations=3)
+    expect(see("evolve-stage")).to_have_text("finished")
+    folder = newest(server)
+    see("tab-task").click()
+    see("task-remove-GreenBox").click()
+    expect(see("task-words-GreenBox")).to_have_text("may be anywhere")
+    see("tab-evolve").click()
+    see("evolve-more-generations").fill("1")
+    see("evolve-more").click()
+    expect(see("goal-differences")).to_contain_text("GreenBox on top of YellowBox")
+    see("goal-cancel").click()
+    expect(page.locator(".q-dialog")).to_have_count(0)
+    for answer, reached, targets in (("own", 4, 2), ("edited", 5, 1)):
+        see("evolve-more").click()
+        see(f"goal-{answer}").click()
+        expect(see("evolve-generation")).to_have_text(f"{reached} of {reached}")
+        expect(see("evolve-stage")).to_have_text("finished")
+        assert len(folder.config().task.targets) == targets
+        see("tab-task").click()
+        expect(see("task-words-GreenBox")).to_have_text("may be anywhere")  # nothing is replaced unasked
+        see("tab-evolve").click()
+    see("evolve-more").click()  # both say the same by now
+    expect(see("evolve-generation")).to_have_text("6 of 6")
+    expect(see("evolve-stage")).to_have_text("finished")
+    see("tab-task").click()
+    see("task-revert").click()
+    expect(see("task-words-GreenBox")).to_have_text("on top of YellowBox")
 
 
 def test_the_run_folder_vanishes(page, see, server):

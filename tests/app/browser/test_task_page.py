@@ -121,6 +121,35 @@ def test_changes_are_not_lost_unasked(page, see, server):
     expect(see("task-description")).to_have_text(load_task("pyramid").description)
 
 
+def test_edits_are_undone_and_redone_by_buttons_and_keys(page, see):
+    expect(see("task-undo")).to_be_disabled()
+    expect(see("unsaved-mark")).not_to_be_visible()
+    see("task-remove-GreenBox").click()
+    expect(see("task-words-GreenBox")).to_have_text("may be anywhere")
+    expect(see("unsaved-mark")).to_be_visible()
+    see("task-undo").click()
+    expect(see("task-words-GreenBox")).to_have_text("on top of YellowBox")
+    expect(see("unsaved-mark")).not_to_be_visible()
+    see("tab-task").focus()
+    page.keyboard.press("Control+Shift+z")
+    expect(see("task-words-GreenBox")).to_have_text("may be anywhere")
+    expect(see("task-redo")).to_be_disabled()
+    page.keyboard.press("Control+z")
+    expect(see("task-words-GreenBox")).to_have_text("on top of YellowBox")
+
+
+def test_unsaved_changes_outlive_the_server(page, see, server):
+    see("task-remove-GreenBox").click()
+    expect(see("task-saved")).to_have_text("Changed, and not saved yet.")
+    server.stop()
+    server.start()
+    page.goto(server.url)
+    expect(see("message")).to_contain_text("Your unsaved changes of stack were restored")
+    expect(see("task-words-GreenBox")).to_have_text("may be anywhere")
+    see("task-revert").click()
+    expect(see("task-words-GreenBox")).to_have_text("on top of YellowBox")
+
+
 def test_a_target_is_written_by_keyboard(page, see):
     at_rest(page)
     press_on(see("task-right-YellowBox"), "Control+A")

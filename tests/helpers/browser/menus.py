@@ -1,4 +1,4 @@
-"""Choosing from a menu, also where the browser is slow: a menu that is opened in the midst of a change may not show."""
+"""Choosing from a menu, also in a slow browser: a menu that is opened during a change may not show."""
 
 from playwright.sync_api import Locator, Page, TimeoutError
 

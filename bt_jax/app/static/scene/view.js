@@ -1,4 +1,4 @@
-// Where the scene is looked at from: a view that shows everything, turned and zoomed by keys.
+// The camera: a view that shows everything, turned and zoomed by keys.
 import { THREE } from "nicegui-scene";
 import { TAG } from "./shapes.js";
 
@@ -25,7 +25,7 @@ export const view = {
     this.draw();
   },
 
-  // The angle of view that takes in all that matters across, and up and down.
+  // Sets the angle of view that shows everything across, and up and down.
   fit() {
     const { across, upright } = this.model.camera;
     const tangent = Math.max(upright, across / this.camera.aspect);
@@ -51,7 +51,7 @@ export const view = {
     }
   },
 
-  // Turns the view about what it looks at, by so many radians to the right and up, and to so many times the distance.
+  // Turns the view about its target, by radians to the right and up, and multiplies its distance.
   lookFrom(right, up, times) {
     const { target } = this.controls;
     const offset = this.camera.position.clone().sub(target);
