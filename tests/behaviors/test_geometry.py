@@ -58,10 +58,11 @@ def test_the_simulation_means_the_same_for_random_states(boxes, kit, held):
 
 
 def test_what_lies_on_top_rests_on_it_and_what_lies_beside_does_not():
-    assert rests_on((0, 0, 0.04), (0, 0, 0), 0.04, 0.04)
-    assert rests_on((0.03, -0.03, 0.04), (0, 0, 0), 0.04, 0.04)
-    assert not rests_on((0.041, 0, 0.04), (0, 0, 0), 0.04, 0.04)
-    assert not rests_on((0, 0, 0), (0, 0, 0.04), 0.04, 0.04), "the lower one does not rest on the upper one"
-    assert not rests_on((0, 0, 0.08), (0, 0, 0), 0.04, 0.04), "one is between them"
+    origin = (0.0, 0.0, 0.0)
+    assert rests_on((0.0, 0.0, 0.04), origin, 0.04, 0.04)
+    assert rests_on((0.03, -0.03, 0.04), origin, 0.04, 0.04)
+    assert not rests_on((0.041, 0.0, 0.04), origin, 0.04, 0.04)
+    assert not rests_on(origin, (0.0, 0.0, 0.04), 0.04, 0.04), "the lower one does not rest on the upper one"
+    assert not rests_on((0.0, 0.0, 0.08), origin, 0.04, 0.04), "there is room for one between them"
     assert not is_reachable(0.02, 0.75, 0.04)
     assert is_reachable(0.77, 0.75, 0.04)

@@ -12,6 +12,9 @@ import sys
 import time
 
 import numpy as np
+from jaxtyping import Float
+
+from bt_jax._util.errors import UserError
 
 __all__ = ["CONTEXT", "FIFO_PRIORITY", "Snapshot", "sleep_until", "take_priority"]
 
@@ -22,8 +25,9 @@ SPIN = 0.0002  # seconds before a deadline in which sleeping is not exact enough
 
 
 def take_priority(*, realtime: bool) -> bool:
-    """Leaves Ctrl-C to the parent, which ends this process in order, and in real time makes it one that is served first.
-    Gives False where the system does not permit that (then niceness is tried)."""
+    """Leave Ctrl-C to the parent, which ends this process in order, and in real time make it one that is served first.
+
+    Return False where the system does not permit that (then niceness is tried)."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if not realtime:
         return False
@@ -41,7 +45,7 @@ def take_priority(*, realtime: bool) -> bool:
 
 
 def sleep_until(deadline: float) -> float:
-    """Sleeps until `time.monotonic()` is `deadline` and gives the seconds by which that was missed (0 or more)."""
+    """Sleep until `time.monotonic()` is `deadline`; return by how many seconds that was missed (0 or more)."""
     while (left := deadline - time.monotonic()) > 0:
         time.sleep(max(left - SPIN, 0) if left > SPIN else 0)
     return -left
@@ -50,28 +54,33 @@ def sleep_until(deadline: float) -> float:
 class Snapshot:
     """An array of float64 in shared memory with one writer and any number of readers.
 
-    The writer makes the version odd while it writes; a reader that sees an odd or a changed version reads again.
+    The writer makes the version odd while it writes; a reader that sees an odd or a changed version reads again, and
+    after `patience` seconds takes the writer for dead.
     """
 
-    def __init__(self, size: int) -> None:
-        self._memory = CONTEXT.RawArray("d", size + 1)
+    def __init__(self, size: int, *, patience: float = 2.0) -> None:
+        self._memory, self._patience = CONTEXT.RawArray("d", size + 1), patience
 
-    def _view(self) -> np.ndarray:
+    def _view(self) -> Float[np.ndarray, " version_and_size"]:
         return np.frombuffer(self._memory)
 
-    def write(self, values: np.ndarray) -> None:
-        """Replaces the values [size]."""
+    def write(self, values: Float[np.ndarray, " size"]) -> None:
+        """Replace the values."""
         view = self._view()
         view[0] += 1
         view[1:] = values
         view[0] += 1
 
-    def read(self) -> np.ndarray:
-        """A consistent copy [size]."""
-        view = self._view()
+    def read(self) -> Float[np.ndarray, " size"]:
+        """Return a consistent copy. Raises UserError where the writer does not end what it began to write."""
+        view, deadline = self._view(), None
         while True:
             version = view[0]
             values = view[1:].copy()
             if version % 2 == 0 and version == view[0]:
                 return values
+            now = time.monotonic()
+            deadline = now + self._patience if deadline is None else deadline
+            if now > deadline:
+                raise UserError("a process of the robot's link ended while it told its state; start the run again")
             time.sleep(0)

@@ -18,7 +18,7 @@ from bt_jax._util.errors import UserError
 from bt_jax.deploy import yumi
 from bt_jax.deploy.link.egm import CYCLE
 from bt_jax.deploy.link.loop_timing import LateRound
-from bt_jax.deploy.link.process import HISTORY, RECORD, LinkStart, SharedState, serve
+from bt_jax.deploy.link.process import COUNTERS, HISTORY, RECORD, LinkStart, SharedState, serve
 from bt_jax.deploy.link.protocol import ArmState, ControllerGone, Counters, SimulatedController
 from bt_jax.deploy.link.rapid_program import RapidProgram
 from bt_jax.deploy.link.realtime import CONTEXT
@@ -54,6 +54,7 @@ class YumiLink:
         self._program = RapidProgram(config)
         self._target = dict.fromkeys(self.arms, 0.0)
         self._rejected = self._motions = self._drained = 0
+        self._counted = [0] * len(COUNTERS)
         self._answering = False  # the robot's program was asked to follow
         self._enabled = False  # and follows
         self._hangs = False  # the link process did not answer: what it says later answers something else
@@ -267,7 +268,10 @@ class YumiLink:
             self.stop(ENDED)
 
     def counters(self) -> Counters:
-        return Counters(*map(int, self._blocks.counters.read()), rejected=self._rejected)
+        """Return what was counted; the last known numbers where the link process has died while it told them."""
+        with contextlib.suppress(UserError):
+            self._counted = [int(count) for count in self._blocks.counters.read()]
+        return Counters(*self._counted, self._rejected)
 
     def late_rounds(self) -> list[LateRound]:
         """When the link process was not there in time, lately; a message may have waited meanwhile."""

@@ -1,0 +1,67 @@
+import os
+import signal
+import threading
+
+import numpy as np
+
+from bt_jax._util.errors import UserError
+from bt_jax.deploy.link.realtime import CONTEXT, Snapshot
+
+
+class Deadly:
+    """Values that kill the process that copies them."""
+
+    def __array__(self, *_, **__):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+def write_and_die(snapshot: Snapshot) -> None:
+    snapshot.write(np.full(3, 1.0))
+    snapshot.write(Deadly())
+
+
+def test_a_reader_gets_what_was_written():
+    snapshot = Snapshot(3)
+    np.testing.assert_array_equal(snapshot.read(), np.zeros(3))
+    snapshot.write(np.arange(3.0))
+    np.testing.assert_array_equal(snapshot.read(), np.arange(3.0))
+
+
+def test_a_writer_that_is_killed_while_it_writes_is_told():
+    snapshot = Snapshot(3, patience=0.1)
+    process = CONTEXT.Process(target=write_and_die, args=(snapshot,))
+    process.start()
+    process.join()
+    assert process.exitcode == -signal.SIGKILL
+    found: list[str] = []
+
+    def read():
+        try:
+            snapshot.read()
+        except UserError as error:
+            found.append(str(error))
+
+    reader = threading.Thread(target=read, daemon=True)  # one that reads for ever must not hold up the other tests
+    reader.start()
+    reader.join(30.0)
+    assert found, "the reader waits for ever"
+    assert "start the run again" in found[0]
+
+
+def test_a_reader_beside_a_writer_never_mixes_two_writes():
+    snapshot, over = Snapshot(64), threading.Event()
+
+    def write():
+        number = 0.0
+        while not over.is_set():
+            number += 1
+            snapshot.write(np.full(64, number))
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    try:
+        for _ in range(2000):
+            assert len(set(snapshot.read())) == 1
+    finally:
+        over.set()
+        writer.join()
