@@ -1,18 +1,36 @@
 """The executor's other side without a robot: simulated time, and the idealized gripper of the simulation as skills."""
 
+import dataclasses
+
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from bt_jax.behaviors import Behavior
+from bt_jax.behaviors import Behavior, gene_pool
+from bt_jax.deploy.execution.executor import Executor
+from bt_jax.deploy.execution.log import Log
 from bt_jax.deploy.execution.observation import Observation
+from bt_jax.deploy.execution.program import Program
 from bt_jax.deploy.link.protocol import ArmState, Counters
 from bt_jax.deploy.planning.trajectory import Trajectory
+from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.status import Status
+from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.mjx_env.physics.settler import Settler
+from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.skills import act, settled_world
 from bt_jax.mjx_env.world import World
-from bt_jax.tasks import Task
+from bt_jax.tasks import Task, load_task
+
+TASK = load_task("stack3")
+SEMANTICS = LeafSemantics(TASK, gene_pool(TASK))
+SETTLER = Settler(TASK, Kinematic(TASK))
+STACK3 = parse_tree("""
+Sequence
+  move(YellowBox, (0, 0, 0.055), KittingBox)
+  move(GreenBox, (0, 0, 0.1), YellowBox)
+  move(BlueBox, (0, 0, 0.1), GreenBox)
+""")
 
 
 def observe(task: Task, world: World, time: float = 0.0, unknown: tuple[str, ...] = ()) -> Observation:
@@ -110,3 +128,38 @@ class IdealSkills:
 
     def reachable(self, name: str, seen: Observation) -> bool:
         return name not in self.out_of_reach
+
+
+class IdealCell:
+    """An executor with ideal skills; `hide` are objects that are not seen, `image` the age of images."""
+
+    def __init__(self, tree=STACK3, *, seed=0, log=None, **options):
+        self.skills = IdealSkills(SEMANTICS, SETTLER, sample_layouts(TASK, seed, 1))
+        self.link, self.hide, self.image = SimulatedTime(), set(), 0.0
+        self.lost = ""
+        self.shown = []
+        self.on_tick = lambda shown: None
+        self.executor = Executor(
+            Program(TASK, tree),
+            skills=self.skills,
+            link=self.link,
+            observe=self.observe,
+            log=log or Log(None),
+            on_tick=self.tick,
+            **options,
+        )
+
+    def observe(self):
+        hide = tuple(self.hide)
+        seen = observe(TASK, self.skills.world, self.link.now(), hide)
+        return dataclasses.replace(seen, image=seen.time - self.image, lost=self.lost)
+
+    def tick(self, shown):
+        self.shown.append(shown)
+        self.on_tick(shown)
+
+    def move(self, name, position):
+        """As a person does."""
+        poses = self.skills.world.poses.copy()
+        poses[0, TASK.box_names.index(name), :3] = position
+        self.skills.world = dataclasses.replace(self.skills.world, poses=poses)

@@ -14,10 +14,11 @@ from rich.text import Text
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import expand, parse_behavior
-from bt_jax.deploy.execution.executor import decide
+from bt_jax.deploy.execution.decision import Sight, Step, decide
 from bt_jax.deploy.execution.log import read_log
-from bt_jax.deploy.execution.observation import Observation
+from bt_jax.deploy.execution.observation import Observation, pose_from_list
 from bt_jax.deploy.execution.program import Program
+from bt_jax.deploy.execution.settings import Limits
 from bt_jax.deploy.execution.statuses import Context
 from bt_jax.encoding.drawing.terminal import draw_text
 from bt_jax.encoding.formats.text import parse_tree
@@ -41,16 +42,19 @@ class ReplayArguments:
 
 @dataclasses.dataclass(frozen=True)
 class Replayed:
-    """One tick of a log, decided again from what was known then."""
+    """One tick of a log, decided again from what was known then. `phase`, what was done in a word, is None for logs that do
+    not say what it depended on."""
 
     seen: Observation
     logged: tuple[Status | None, ...]
     statuses: tuple[Status | None, ...]
+    logged_phase: str
+    phase: str | None
 
     @property
     def same(self) -> bool:
-        """Does the tree decide as it did?"""
-        return self.logged == self.statuses
+        """Are all statuses, and what is done, as they were?"""
+        return self.logged == self.statuses and self.phase in (None, self.logged_phase)
 
 
 def program_of(start: Mapping[str, Any], source: Path) -> Program:
@@ -66,17 +70,21 @@ def program_of(start: Mapping[str, Any], source: Path) -> Program:
 
 
 def replay(path: Path) -> Iterator[Replayed]:
-    """Ticks the tree of a log again, with what was known at each tick that ticked it."""
-    program, tree = None, None
-    for entry in read_log(path):
-        if entry["kind"] == "start":
-            program = program_of(entry, path)
-            tree = expand(program.tree)
-        elif entry["kind"] == "tick" and entry["statuses"] is not None:
-            assert program is not None
-            seen, context = Observation.from_dict(entry["seen"]), _context(entry["context"])
-            ticked, _ = decide(program, tree, seen, context)
-            yield Replayed(seen, _statuses(entry["statuses"]), ticked.statuses)
+    """Tick the tree of a log again, with what was known at each tick that ticked it."""
+    entries = read_log(path)
+    start = next(entries)
+    program = program_of(start, path)
+    tree, patience = expand(program.tree), start.get("limits", {}).get("look", Limits().look)
+    for entry in entries:
+        if entry["kind"] == "tick" and entry["statuses"] is not None:
+            seen = Observation.from_dict(entry["seen"])
+            context, sight = _context(entry["context"], seen), _sight(entry)
+            now = entry.get("time", seen.time)
+            decision = decide(program, tree, seen, context, sight, now=now, patience=patience)
+            phase = str(decision.step) if "sight" in entry else None
+            if phase == Step.STARTING and start["dry"]:
+                phase = f"would start {decision.wanted}"
+            yield Replayed(seen, _statuses(entry["statuses"]), decision.ticked.statuses, entry["phase"], phase)
 
 
 def replay_command(arguments: ReplayArguments, console: Console | None = None) -> int:
@@ -133,13 +141,25 @@ def _statuses(text: str) -> tuple[Status | None, ...]:
     return tuple(None if character == "." else Status(int(character)) for character in text)
 
 
-def _context(data: Mapping[str, Any]) -> Context:
+def _context(data: Mapping[str, Any], seen: Observation) -> Context:
+    """Return the context of a tick. Older logs do not say where things were that were not seen."""
+    last = None
+    if "last" in data:
+        last = {**{name: pose_from_list(values) for name, values in data["last"].items()}, **seen.poses}
     return Context(
         attempt=None if data["attempt"] is None else parse_behavior(data["attempt"]),
         exhausted=frozenset(map(parse_behavior, data["exhausted"])),
         reached=frozenset(data["reached"]),
         unreachable=frozenset(data["unreachable"]),
+        last=last,
     )
+
+
+def _sight(entry: Mapping[str, Any]) -> Sight:
+    data = entry.get("sight")
+    if data is None:
+        return Sight()
+    return Sight(data["looking"], data["looked"], frozenset(map(parse_behavior, data["undecided"])))
 
 
 def _drawing(tree: Any, statuses: tuple[Status | None, ...]) -> Text:

@@ -18,28 +18,22 @@ from typing import Any
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax._util.errors import UserError
-from bt_jax.behaviors import Behavior, Tree, expand
+from bt_jax.behaviors import Behavior, expand
 from bt_jax.deploy.execution.action_runner import ActionRunner, Skills
-from bt_jax.deploy.execution.log import Log, RunLog
+from bt_jax.deploy.execution.decision import Decision, Sight, Step, decide
+from bt_jax.deploy.execution.log import Log, RunLog, TickEntry
 from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.outcome import Halt, RunOutcome, TickReport
 from bt_jax.deploy.execution.program import Program
 from bt_jax.deploy.execution.reach_memory import ReachMemory
 from bt_jax.deploy.execution.settings import Exit, Limits
-from bt_jax.deploy.execution.statuses import Context, Statuses, seen_subgoals
+from bt_jax.deploy.execution.statuses import Context, seen_subgoals
 from bt_jax.deploy.link.protocol import ControllerGone, RobotLink
 from bt_jax.deploy.link.safety import Rejected
-from bt_jax.encoding.interpret import TreeTick, tick_tree
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import prefix
 
-__all__ = ["Executor", "decide"]
-
-
-def decide(program: Program, tree: Tree, seen: Observation, context: Context) -> tuple[TreeTick, list[Behavior]]:
-    """One tick of an expanded tree, and the conditions that were asked in it and cannot be decided."""
-    statuses = Statuses(program.task, seen, context)
-    return tick_tree(tree, statuses), statuses.undecided
+__all__ = ["Executor"]
 
 
 class Executor:
@@ -73,7 +67,7 @@ class Executor:
         self._entries = RunLog(log, link)
         self._last_seen: dict[str, RigidTransform] = {}
         self._reached: frozenset[str] = frozenset()
-        self._unknown: frozenset[Behavior] = frozenset()
+        self._undecided: frozenset[Behavior] = frozenset()  # conditions, at the last tick
         self._since: tuple[Status, float] = (Status.RUNNING, 0.0)  # what the tree returns, and since when
         self._interrupted = False
         self._trace = ""  # of the error that ended the run
@@ -115,17 +109,18 @@ class Executor:
             raise Halt(f"camera: no new image for {seen.time - seen.image:.1f} s{why}", Exit.STOPPED)
         self._reached |= seen_subgoals(self.program.task, seen)
         self.runner.poll(seen, now)
-        ticked = None
+        decision = None
         context = self._context(seen)
+        sight = Sight(self.runner.looking, self.runner.looked, self._undecided)
         if self.runner.action is not None and self.skills.committed:
             phase = "committed"
         elif now < self.runner.rest_at:
             phase = "settling"
         else:
-            ticked, undecided = decide(self.program, self.tree, seen, context)
-            phase = self._act(ticked, frozenset(undecided), seen, now)
+            decision = decide(self.program, self.tree, seen, context, sight, now=now, patience=self.limits.look)
+            phase = self._act(decision, seen, now)
         self.overruns += self.link.now() - now > self.limits.tick  # never where time is simulated: it waits for us
-        self._record(seen, context, ticked, phase, time.monotonic() - began)
+        self._record(TickEntry(now, seen, context, sight, decision, phase, time.monotonic() - began))
         self.link.wait(now + self.limits.tick)
 
     def _check(self, now: float, start: float) -> None:
@@ -147,35 +142,27 @@ class Executor:
             last=self._last_seen,
         )
 
-    def _act(self, ticked: TreeTick, undecided: frozenset[Behavior], seen: Observation, now: float) -> str:
-        """Begins, goes on with or breaks off; gives what is being done in a word."""
+    def _act(self, decision: Decision, seen: Observation, now: float) -> str:
+        """Begin, go on with or break off; return what is being done in a word."""
         self.runner.forgive(self.program.task, seen)
-        if undecided != self._unknown:
-            if not undecided < self._unknown:
-                self.runner.looked = None
-            self._unknown = undecided
-        blind = bool(undecided) and (self.runner.looked is None or now - self.runner.looked < self.limits.look)
-        wanted = None if ticked.running is None else self.nodes[ticked.running]
-        if self.runner.action is not None:
-            if wanted == self.runner.action:
-                return "acting"
-            if blind:
-                return "acting unseen"
-            self.runner.cancel(now, f"the tree wants {wanted or ticked.status.name}")
-            return "halting"
-        if blind:
+        self.runner.looked, self._undecided = decision.sight.looked, decision.sight.undecided
+        ticked, wanted = decision.ticked, decision.wanted
+        if self.runner.action is None and decision.step != Step.WAITING:
             self._since = (Status.RUNNING, now)
-            if not self.runner.looking and self.runner.looked is None and not self.dry:
-                self.runner.look(now)
-            return "looking"
-        if wanted is not None:
-            self._since = (Status.RUNNING, now)
-            if self.runner.looking:
+        match decision.step:
+            case Step.HALTING if self.runner.action is not None:
+                self.runner.cancel(now, f"the tree wants {wanted or ticked.status.name}")
+            case Step.HALTING:
                 self.runner.cancel(now, "seen")
-                return "halting"
-            return self.runner.start(wanted, seen, now)
-        self._judge(ticked.status, undecided, now)
-        return "waiting"
+            case Step.LOOKING:
+                if not self.runner.looking and self.runner.looked is None and not self.dry:
+                    self.runner.look(now)
+            case Step.STARTING:
+                assert wanted is not None
+                return self.runner.start(wanted, seen, now)
+            case Step.WAITING:
+                self._judge(ticked.status, decision.sight.undecided, now)
+        return str(decision.step)
 
     def _judge(self, status: Status, undecided: frozenset[Behavior], now: float) -> None:
         """The tree wants nothing: is the run over? Success must be seen with the arms out of the way."""
@@ -203,12 +190,13 @@ class Executor:
         self.link.wait(max(now, self.runner.rest_at))
         return Halt(reason, Exit.FAILED, status)
 
-    def _record(self, seen: Observation, context: Context, ticked: TreeTick | None, phase: str, took: float) -> None:
+    def _record(self, entry: TickEntry) -> None:
         self.ticks += 1
-        self._entries.tick(seen, context, ticked, phase, took)
-        statuses = None if ticked is None else ticked.statuses
-        action = None if ticked is None or ticked.running is None else self.nodes[ticked.running]
-        self.on_tick(TickReport(seen, statuses, action if ticked is not None else self.runner.action, phase))
+        self._entries.tick(entry)
+        statuses, action = None, self.runner.action
+        if entry.decision is not None:
+            statuses, action = entry.decision.ticked.statuses, entry.decision.wanted
+        self.on_tick(TickReport(entry.seen, statuses, action, entry.phase))
 
     def _hold(self, reason: str) -> None:
         """The one way to halt: slow down on the path, then hold for good."""

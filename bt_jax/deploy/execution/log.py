@@ -19,16 +19,16 @@ from typing import Any
 import numpy as np
 
 from bt_jax._util.errors import UserError
-from bt_jax.deploy.execution.observation import Observation
+from bt_jax.deploy.execution.decision import Decision, Sight
+from bt_jax.deploy.execution.observation import Observation, pose_to_list
 from bt_jax.deploy.execution.outcome import Halt, RunOutcome
 from bt_jax.deploy.execution.program import Program
 from bt_jax.deploy.execution.settings import Limits
 from bt_jax.deploy.execution.statuses import Context
 from bt_jax.deploy.link.protocol import RobotLink
 from bt_jax.encoding.formats.text import one_line
-from bt_jax.encoding.interpret import TreeTick
 
-__all__ = ["FORMAT", "Log", "RunLog", "log_ends", "read_log", "versions"]
+__all__ = ["FORMAT", "Log", "RunLog", "TickEntry", "log_ends", "read_log", "versions"]
 
 FORMAT = 1
 DIGITS = 5  # of joints in `motion`, rad
@@ -92,6 +92,19 @@ class Log:
             self._file.close()
 
 
+@dataclasses.dataclass(frozen=True)
+class TickEntry:
+    """One tick for the log. `sight` is that before the tick; `decision` is None where the tree was not ticked."""
+
+    time: float  # s
+    seen: Observation
+    context: Context
+    sight: Sight
+    decision: Decision | None
+    phase: str
+    took: float  # s
+
+
 class RunLog:
     """Writes the entries of one run."""
 
@@ -112,21 +125,30 @@ class RunLog:
             versions=versions(),
         )
 
-    def tick(self, seen: Observation, context: Context, ticked: TreeTick | None, phase: str, took: float) -> None:
-        """`took` seconds; `ticked` None where the tree was not asked."""
-        statuses = None if ticked is None else ticked.statuses
+    def tick(self, entry: TickEntry) -> None:
+        """Write a tick, and the motion since the one before."""
+        context, sight, decision = entry.context, entry.sight, entry.decision
+        statuses = None if decision is None else decision.ticked.statuses
+        hidden = {name: pose for name, pose in (context.last or {}).items() if name not in entry.seen.poses}
         self.log.write(
             "tick",
-            seen=seen.to_dict(),
+            time=entry.time,
+            seen=entry.seen.to_dict(),
             context={
                 "attempt": None if context.attempt is None else str(context.attempt),
                 "exhausted": sorted(map(str, context.exhausted)),
                 "reached": sorted(context.reached),
                 "unreachable": sorted(context.unreachable),
+                "last": {name: pose_to_list(pose) for name, pose in hidden.items()},
+            },
+            sight={
+                "looking": sight.looking,
+                "looked": sight.looked,
+                "undecided": sorted(map(str, sight.undecided)),
             },
             statuses=None if statuses is None else "".join("." if s is None else str(int(s)) for s in statuses),
-            phase=phase,
-            took=round(took, 4),
+            phase=entry.phase,
+            took=round(entry.took, 4),
         )
         self._motion(RECORD_EVERY)
 

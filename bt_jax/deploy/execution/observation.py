@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from scipy.spatial.transform import RigidTransform, Rotation
 
-__all__ = ["Observation"]
+__all__ = ["Observation", "pose_from_list", "pose_to_list"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,14 +24,11 @@ class Observation:
     lost: str = ""  # why there is no newer one; "" where that is not known
 
     def to_dict(self) -> dict[str, Any]:
-        """For the log; poses as position [m] and quaternion (x, y, z, w)."""
-        poses = {
-            name: [*pose.translation.tolist(), *pose.rotation.as_quat().tolist()] for name, pose in self.poses.items()
-        }
+        """Return it as the log has it, see `pose_to_list`."""
         image = None if math.isinf(self.image) else self.image
         return {
             "time": self.time,
-            "poses": poses,
+            "poses": {name: pose_to_list(pose) for name, pose in self.poses.items()},
             "opening": dict(self.opening),
             "holding": self.holding,
             "image": image,
@@ -39,10 +36,17 @@ class Observation:
 
     @staticmethod
     def from_dict(data: Mapping[str, Any]) -> Observation:
-        """Reads what `to_dict` gives."""
-        poses = {
-            name: RigidTransform.from_components(values[:3], Rotation.from_quat(values[3:]))
-            for name, values in data["poses"].items()
-        }
+        """Read what `to_dict` gives."""
+        poses = {name: pose_from_list(values) for name, values in data["poses"].items()}
         image = math.inf if data["image"] is None else data["image"]
         return Observation(data["time"], poses, data["opening"], data["holding"], image)
+
+
+def pose_to_list(pose: RigidTransform) -> list[float]:
+    """Return a pose as logs have it, since the first format: position [m] and quaternion xyzw."""
+    return [*pose.translation.tolist(), *pose.rotation.as_quat().tolist()]
+
+
+def pose_from_list(values: Sequence[float]) -> RigidTransform:
+    """Read what `pose_to_list` gives."""
+    return RigidTransform.from_components(values[:3], Rotation.from_quat(values[3:]))

@@ -1,4 +1,3 @@
-import dataclasses
 import os
 import random
 import signal
@@ -7,66 +6,14 @@ import threading
 import numpy as np
 import pytest
 
-from bt_jax.behaviors import Behavior, Control, gene_pool
-from bt_jax.deploy.execution.executor import Executor
+from bt_jax.behaviors import Behavior, Control
 from bt_jax.deploy.execution.log import Log, read_log
-from bt_jax.deploy.execution.program import Program
 from bt_jax.deploy.execution.settings import Exit, Limits
-from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.status import Status
 from bt_jax.mjx_env.episodes.playback import play
-from bt_jax.mjx_env.physics.kinematic import Kinematic
-from bt_jax.mjx_env.physics.settler import Settler
-from bt_jax.mjx_env.scene.layouts import sample_layouts
-from bt_jax.mjx_env.semantics import LeafSemantics
-from bt_jax.tasks import load_task
-from tests.helpers.ideal import IdealSkills, SimulatedTime, observe
+from tests.helpers.ideal import SEMANTICS, SETTLER, STACK3, TASK, IdealCell
 
-TASK = load_task("stack3")
-SEMANTICS = LeafSemantics(TASK, gene_pool(TASK))
-SETTLER = Settler(TASK, Kinematic(TASK))
-STACK3 = parse_tree("""
-Sequence
-  move(YellowBox, (0, 0, 0.055), KittingBox)
-  move(GreenBox, (0, 0, 0.1), YellowBox)
-  move(BlueBox, (0, 0, 0.1), GreenBox)
-""")
 PICK = {name: Behavior("pick", (name,)) for name in TASK.box_names}
-
-
-class Cell:
-    """An executor with ideal skills; `hide` are objects that are not seen, `image` the age of images."""
-
-    def __init__(self, tree=STACK3, *, seed=0, log=None, **options):
-        self.skills = IdealSkills(SEMANTICS, SETTLER, sample_layouts(TASK, seed, 1))
-        self.link, self.hide, self.image = SimulatedTime(), set(), 0.0
-        self.lost = ""
-        self.shown = []
-        self.on_tick = lambda shown: None
-        self.executor = Executor(
-            Program(TASK, tree),
-            skills=self.skills,
-            link=self.link,
-            observe=self.observe,
-            log=log or Log(None),
-            on_tick=self.tick,
-            **options,
-        )
-
-    def observe(self):
-        hide = tuple(self.hide)
-        seen = observe(TASK, self.skills.world, self.link.now(), hide)
-        return dataclasses.replace(seen, image=seen.time - self.image, lost=self.lost)
-
-    def tick(self, shown):
-        self.shown.append(shown)
-        self.on_tick(shown)
-
-    def move(self, name, position):
-        """As a person does."""
-        poses = self.skills.world.poses.copy()
-        poses[0, TASK.box_names.index(name), :3] = position
-        self.skills.world = dataclasses.replace(self.skills.world, poses=poses)
 
 
 def random_tree(rng, leaves, depth=2):
@@ -81,7 +28,7 @@ def test_does_what_the_simulation_does():
     solved = 0
     for seed in range(16):
         tree = STACK3 if seed < 3 else random_tree(rng, SEMANTICS.vocabulary.leaves)
-        cell = Cell(tree, seed=seed, limits=Limits(run=12.0, patience=1.0))
+        cell = IdealCell(tree, seed=seed, limits=Limits(run=12.0, patience=1.0))
         expected = play(SEMANTICS, SETTLER, tree, cell.skills.world)
         commands = [tick.command for tick in expected.ticks if tick.command is not None]
         outcome = cell.executor.run()
@@ -97,7 +44,7 @@ def test_does_what_the_simulation_does():
 
 
 def test_redoes_what_a_person_undoes():
-    cell = Cell()
+    cell = IdealCell()
     done = []
 
     def undo(shown):
@@ -114,7 +61,7 @@ def test_redoes_what_a_person_undoes():
 
 
 def test_an_attempt_is_broken_off_when_the_tree_wants_something_else():
-    cell = Cell()
+    cell = IdealCell()
     goal = cell.skills.world.kit[0] + np.array([0, 0, 0.055])
 
     def help_out(shown):
@@ -129,7 +76,7 @@ def test_an_attempt_is_broken_off_when_the_tree_wants_something_else():
 
 def test_a_tree_that_believes_what_is_not_so_has_failed(tmp_path):
     with Log(tmp_path / "log.jsonl") as log:
-        outcome = Cell(log=log, verify=lambda: "YellowBox is a picture").executor.run()
+        outcome = IdealCell(log=log, verify=lambda: "YellowBox is a picture").executor.run()
     assert (outcome.exit_code, outcome.status) == (Exit.FAILED, Status.SUCCESS)
     end = list(read_log(tmp_path / "log.jsonl"))[-1]
     assert end["exit_code"] == Exit.FAILED
@@ -137,7 +84,7 @@ def test_a_tree_that_believes_what_is_not_so_has_failed(tmp_path):
 
 
 def test_a_committed_phase_is_not_broken_off():
-    cell = Cell()
+    cell = IdealCell()
     goal = cell.skills.world.kit[0] + np.array([0, 0, 0.055])
     cell.skills.committed = True
     cell.on_tick = lambda shown: cell.move("YellowBox", goal) if len(cell.skills.started) == 1 else None
@@ -147,7 +94,7 @@ def test_a_committed_phase_is_not_broken_off():
 
 
 def test_what_is_not_seen_is_looked_for_before_anything_is_done():
-    cell = Cell()
+    cell = IdealCell()
     cell.hide.add("YellowBox")
 
     def uncover(shown):
@@ -161,7 +108,7 @@ def test_what_is_not_seen_is_looked_for_before_anything_is_done():
 
 
 def test_a_box_is_not_picked_from_under_one_that_is_out_of_sight_for_a_moment():
-    cell = Cell(PICK["YellowBox"], limits=Limits(patience=1.0))
+    cell = IdealCell(PICK["YellowBox"], limits=Limits(patience=1.0))
     yellow = cell.skills.world.poses[0, TASK.box_names.index("YellowBox"), :3]
     cell.move("GreenBox", yellow + np.array([0, 0, 0.1]))
 
@@ -175,7 +122,7 @@ def test_a_box_is_not_picked_from_under_one_that_is_out_of_sight_for_a_moment():
 
 
 def test_hiding_a_box_does_not_break_off_an_attempt_at_another():
-    cell = Cell()
+    cell = IdealCell()
 
     def hide(shown):
         cell.hide = {"YellowBox"} if shown.phase in ("acting", "acting unseen") else set()
@@ -187,7 +134,7 @@ def test_hiding_a_box_does_not_break_off_an_attempt_at_another():
 
 
 def test_a_box_that_never_comes_fails_and_says_so():
-    cell = Cell()
+    cell = IdealCell()
     cell.hide.add("BlueBox")
     outcome = cell.executor.run()
     assert (outcome.exit_code, outcome.status) == (Exit.FAILED, Status.FAILURE)
@@ -197,7 +144,7 @@ def test_a_box_that_never_comes_fails_and_says_so():
 
 
 def test_a_box_out_of_reach_fails_and_says_so():
-    cell = Cell()
+    cell = IdealCell()
     cell.skills.out_of_reach.add("GreenBox")
     outcome = cell.executor.run()
     assert outcome.exit_code == Exit.FAILED
@@ -206,7 +153,7 @@ def test_a_box_out_of_reach_fails_and_says_so():
 
 
 def test_retries_are_bounded(monkeypatch):
-    cell = Cell(Control.sequence(PICK["YellowBox"], Behavior("open_gripper")))
+    cell = IdealCell(Control.sequence(PICK["YellowBox"], Behavior("open_gripper")))
     monkeypatch.setattr(cell.skills, "poll", lambda seen: Status.FAILURE)
     cell.skills.reason = "the fingers closed on nothing"
     outcome = cell.executor.run()
@@ -217,7 +164,7 @@ def test_retries_are_bounded(monkeypatch):
 
 def test_an_attempt_has_a_time_out(tmp_path):
     log = Log(tmp_path / "log.jsonl")
-    cell = Cell(limits=Limits(action=2.0), log=log)
+    cell = IdealCell(limits=Limits(action=2.0), log=log)
     cell.skills.polls = 10**6
     outcome = cell.executor.run()
     log.close()
@@ -228,7 +175,7 @@ def test_an_attempt_has_a_time_out(tmp_path):
 
 def test_a_run_that_fails_during_a_look_brings_the_arms_to_rest_first():
     """A box is looked for, seen at last and found out of reach, while the arms are still on their way home."""
-    cell = Cell(Control.sequence(PICK["YellowBox"], Behavior("open_gripper")), limits=Limits(patience=1.0))
+    cell = IdealCell(Control.sequence(PICK["YellowBox"], Behavior("open_gripper")), limits=Limits(patience=1.0))
     cell.skills.polls = 10**6
     cell.hide.add("YellowBox")
     cell.skills.out_of_reach.add("YellowBox")
@@ -244,7 +191,7 @@ def test_a_run_that_fails_during_a_look_brings_the_arms_to_rest_first():
 
 
 def test_a_run_has_a_time_limit():
-    cell = Cell(limits=Limits(run=1.0))
+    cell = IdealCell(limits=Limits(run=1.0))
     cell.skills.polls = 10**6
     outcome = cell.executor.run()
     assert outcome.exit_code == Exit.FAILED
@@ -292,7 +239,7 @@ def stop_robot(cell):
 )
 def test_every_fault_ends_in_a_hold_that_the_log_explains(tmp_path, fault, code, word):
     log = Log(tmp_path / "log.jsonl")
-    cell = Cell(log=log)
+    cell = IdealCell(log=log)
     cell.on_tick = lambda shown: fault(cell) if len(cell.shown) == 5 else None
     outcome = cell.executor.run()
     log.close()
@@ -305,7 +252,7 @@ def test_every_fault_ends_in_a_hold_that_the_log_explains(tmp_path, fault, code,
 
 
 def test_ctrl_c_many_times_is_as_once():
-    cell = Cell()
+    cell = IdealCell()
 
     def press(shown):
         for _ in range(3):
@@ -317,7 +264,7 @@ def test_ctrl_c_many_times_is_as_once():
 
 
 def test_ctrl_c_while_the_arms_come_to_rest_is_as_once():
-    cell = Cell()
+    cell = IdealCell()
     cell.on_tick = lambda shown: os.kill(os.getpid(), signal.SIGINT)
     wait = cell.link.wait
 
@@ -337,7 +284,7 @@ def test_the_arms_hold_also_where_the_log_cannot_be_written(tmp_path):
                 raise OSError(28, "No space left on device")
 
     with Full(tmp_path / "log.jsonl") as log:
-        cell = Cell(log=log)
+        cell = IdealCell(log=log)
         outcome = cell.executor.run()
     assert outcome.exit_code == Exit.STOPPED
     assert "No space left" in outcome.reason
@@ -345,7 +292,7 @@ def test_the_arms_hold_also_where_the_log_cannot_be_written(tmp_path):
 
 
 def test_slow_ticks_are_counted():
-    cell = Cell(PICK["YellowBox"])
+    cell = IdealCell(PICK["YellowBox"])
     look = cell.executor.observe
 
     def slow():
@@ -358,7 +305,7 @@ def test_slow_ticks_are_counted():
 
 
 def test_runs_in_a_thread_too():
-    cell = Cell()
+    cell = IdealCell()
     outcomes = []
     thread = threading.Thread(target=lambda: outcomes.append(cell.executor.run()))
     thread.start()
@@ -368,7 +315,7 @@ def test_runs_in_a_thread_too():
 
 def test_a_dry_run_starts_nothing(tmp_path):
     log = Log(tmp_path / "log.jsonl")
-    cell = Cell(limits=Limits(run=5.0), dry=True, log=log)
+    cell = IdealCell(limits=Limits(run=5.0), dry=True, log=log)
     cell.skills.start = lambda action, seen: cell.skills.started.append(action)
     cell.skills.poll = lambda seen: Status.RUNNING
     cell.executor.run()
@@ -379,7 +326,7 @@ def test_a_dry_run_starts_nothing(tmp_path):
 
 
 def test_boxes_are_asked_for_reach_only_where_they_moved():
-    cell = Cell()
+    cell = IdealCell()
     asked = []
     cell.skills.reachable = lambda name, seen: asked.append(name) is None
     cell.executor.run()

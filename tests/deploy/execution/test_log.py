@@ -6,9 +6,11 @@ import pytest
 from rich.console import Console
 
 from bt_jax._util.errors import UserError
+from bt_jax.behaviors import Behavior
 from bt_jax.deploy.commands.replay import ReplayArguments, replay, replay_command
-from bt_jax.deploy.execution.log import Log, read_log
-from tests.deploy.execution.test_executor import Cell
+from bt_jax.deploy.execution.log import Log, log_ends, read_log
+from bt_jax.deploy.execution.settings import Exit
+from tests.helpers.ideal import TASK, IdealCell
 
 
 @pytest.fixture(scope="module")
@@ -16,7 +18,7 @@ def written(tmp_path_factory):
     """The log of a run in which a box was hidden for a while and another was moved."""
     path = tmp_path_factory.mktemp("log") / "log.jsonl"
     with Log(path) as log:
-        cell = Cell(log=log)
+        cell = IdealCell(log=log)
 
         def disturb(shown):
             cell.hide = {"GreenBox"} if 30 < len(cell.shown) < 40 else set()
@@ -33,6 +35,73 @@ def test_a_log_replays_as_it_was(written):
     assert len(ticks) > 30
     assert all(tick.same for tick in ticks)
     assert len({tick.statuses for tick in ticks}) > 5
+
+
+@pytest.fixture(scope="module")
+def looked(tmp_path_factory):
+    """The log of a run that looks for a box, which may stand on the one that is to be picked, and finds it elsewhere."""
+    path = tmp_path_factory.mktemp("log") / "log.jsonl"
+    with Log(path) as log:
+        cell = IdealCell(Behavior("pick", ("YellowBox",)), log=log)
+        away = cell.skills.world.poses[0, TASK.box_names.index("GreenBox"), :3].copy()
+        cell.move("GreenBox", cell.skills.world.poses[0, TASK.box_names.index("YellowBox"), :3] + [0, 0, 0.1])
+
+        def hide(report):
+            cell.hide = {"GreenBox"} if len(cell.shown) in range(1, 60) else set()
+            if len(cell.shown) == 3:
+                cell.move("GreenBox", away)
+
+        cell.on_tick = hide
+        assert cell.executor.run().exit_code == Exit.DONE
+    return path
+
+
+def changed(path, target, change):
+    """The log with `change(entry)` applied to each tick."""
+    entries = [json.loads(line) for line in path.read_text().splitlines()]
+    for entry in entries:
+        if entry["kind"] == "tick":
+            change(entry)
+    target.write_text("\n".join(map(json.dumps, entries)))
+    return target
+
+
+def test_a_look_replays_as_it_was(looked, tmp_path):
+    ticks = list(replay(looked))
+    assert {"looking", "starting"} <= {tick.phase for tick in ticks}
+    assert all(tick.same for tick in ticks)
+
+    def lift(entry):
+        for pose in entry["context"]["last"].values():
+            pose[2] += 1.0
+
+    elsewhere = changed(looked, tmp_path / "elsewhere.jsonl", lift)
+    assert not all(tick.same for tick in replay(elsewhere)), "where things were seen last has a say in it"
+    fresh = changed(looked, tmp_path / "fresh.jsonl", lambda entry: entry["sight"].update(looked=None))
+    assert not all(tick.same for tick in replay(fresh)), "and so has the time since the last look"
+
+
+def test_an_older_log_replays_by_its_statuses(looked, tmp_path):
+    def age(entry):
+        del entry["sight"], entry["time"], entry["context"]["last"]
+
+    ticks = list(replay(changed(looked, tmp_path / "old.jsonl", age)))
+    assert len(ticks) > 30
+    assert all(tick.same and tick.phase is None for tick in ticks)
+
+
+def test_the_ends_of_a_log_are_read_without_its_middle(written, tmp_path):
+    entries = list(read_log(written))
+    assert log_ends(written) == (entries[0], entries[-1])
+    first, *_, last = written.read_text().splitlines()
+    long = tmp_path / "long.jsonl"
+    long.write_text("\n".join([first, "x" * 10**6, last, '{"kind": "unfin']))
+    assert log_ends(long)[1] == entries[-1], "a last line that was not finished is left out"
+    long.write_text(first + "\n")
+    assert log_ends(long) == (entries[0], entries[0])
+    long.write_text("hello\n")
+    with pytest.raises(UserError, match="no log"):
+        log_ends(long)
 
 
 def test_a_log_says_what_was_run(written):

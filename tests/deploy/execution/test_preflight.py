@@ -16,10 +16,8 @@ from bt_jax.deploy.execution.log import Log
 from bt_jax.deploy.execution.preflight import Equipment, passed, preflight, show
 from bt_jax.deploy.execution.program import Program
 from bt_jax.mjx_env.scene.layouts import sample_layouts
-from tests.deploy.execution.test_executor import STACK3, TASK
-from tests.deploy.execution.test_executor import Cell as IdealCell
 from tests.helpers.cells import RULES, XML, running
-from tests.helpers.ideal import observe
+from tests.helpers.ideal import STACK3, TASK, IdealCell, observe
 
 OFF = RigidTransform.from_translation([0, 0, 0.01])
 MODEL = mujoco.MjModel.from_xml_string(XML)
