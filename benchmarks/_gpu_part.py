@@ -211,9 +211,9 @@ def mjx_rollout(job: Job) -> None:
 def timed(job: Job, run: Callable[[], Any]) -> tuple[float, float, Any]:
     """Seconds of a run, seconds that the first one took longer because it compiled, and what the last one returned. If
     there is no time for a second run, JAX's own account of its compiling has to do."""
-    clock = CompileClock()
     began = perf_counter()
-    result = run()
+    with CompileClock() as clock:
+        result = run()
     first = perf_counter() - began
     if job.left < first:
         return first - clock.seconds, clock.seconds, result

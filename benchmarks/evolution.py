@@ -42,10 +42,10 @@ class Arguments:
 
 def main(arguments: Arguments) -> None:
     processes = _processes()
-    clock = CompileClock()
     configure_jax()
-    solving = [_solve(population, arguments, clock) for population in arguments.populations]
-    throughput = _throughput(arguments.large, clock)
+    with CompileClock() as clock:
+        solving = [_solve(population, arguments, clock) for population in arguments.populations]
+        throughput = _throughput(arguments.large, clock)
     report("evolution_processes", "python -m bt_jax.train stack, population 16, 50 generations", processes)
     report("evolution_large", "10 generations, from an empty table", throughput)
     report("evolution", f"time to fitness {arguments.target:g}", solving, out=arguments.out)

@@ -55,16 +55,16 @@ class Arguments:
 
 def main(arguments: Arguments) -> None:
     configure_jax()
-    clock = CompileClock()
-    rows, trees = [], {}
-    searches = [(population, SEARCH) for population in arguments.populations]
-    if arguments.without_niches:
-        searches.append((arguments.without_niches, dataclasses.replace(SEARCH, niches=False)))
-    for population, search in searches:
-        config = dataclasses.replace(search, population=population, generations=arguments.generations)
-        row, found = _solve(config, arguments, clock)
-        rows.append(row)
-        trees[f"{population}, {'niches' if search.niches else 'no niches'}"] = found
+    with CompileClock() as clock:
+        rows, trees = [], {}
+        searches = [(population, SEARCH) for population in arguments.populations]
+        if arguments.without_niches:
+            searches.append((arguments.without_niches, dataclasses.replace(SEARCH, niches=False)))
+        for population, search in searches:
+            config = dataclasses.replace(search, population=population, generations=arguments.generations)
+            row, found = _solve(config, arguments, clock)
+            rows.append(row)
+            trees[f"{population}, {'niches' if search.niches else 'no niches'}"] = found
     report(
         "from_scratch",
         f"restack from scratch, to fitness {arguments.solved:g}",

@@ -44,7 +44,7 @@ def lazy_face(package: str, file: str) -> tuple[list[str], Callable[[str], Any],
         setattr(sys.modules[package], name, value)  # so that the next look-up does not come here
         return value
 
-    def names() -> list[str]:
+    def directory() -> list[str]:
         return sorted({*vars(sys.modules[package]), *public})
 
-    return public, load, names
+    return public, load, directory

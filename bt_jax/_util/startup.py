@@ -10,13 +10,15 @@ from typing import Literal
 
 from bt_jax._util.errors import UserError
 
-__all__ = ["Device", "configure_jax", "exit_code"]
+__all__ = ["CompileClock", "Device", "configure_jax", "exit_code"]
 
 Device = Literal["auto", "cpu", "gpu"]
 
 
 def configure_jax(device: Device = "auto") -> None:
-    """Selects the device and keeps compiled functions (see `compilation`) in `$BT_JAX_CACHE` or `~/.cache/bt_jax`.
+    """Select the device and keep compiled functions in `$BT_JAX_CACHE` or `~/.cache/bt_jax`.
+
+    Only commands call this, since it changes settings of the whole process: in a program of yours they are yours.
 
     Raise UserError if a GPU is asked for and none is found.
     """
@@ -28,7 +30,7 @@ def configure_jax(device: Device = "auto") -> None:
         jax.config.update("jax_platforms", "cpu" if device == "cpu" else None)
     cache = Path(os.environ.get("BT_JAX_CACHE", Path.home() / ".cache" / "bt_jax"))
     keep_compiled(cache)
-    jax.config.update("jax_enable_compilation_cache", False)  # see `compilation`
+    jax.config.update("jax_enable_compilation_cache", False)  # it does not mix with `keep_compiled`
     if device == "gpu" and jax.default_backend() == "cpu":
         raise UserError('no GPU was found; use --device cpu, or on an NVIDIA machine pip install "bt_jax[cuda]"')
 
@@ -50,7 +52,7 @@ def exit_code(command: Callable[[], int | None]) -> int:
 
 
 class CompileClock:
-    """Adds up the time that JAX spends on tracing, lowering and compiling (or loading what was compiled before)."""
+    """As a context, adds up the time that JAX spends on tracing, lowering and compiling (or loading compiled code)."""
 
     EVENTS = (
         "jaxpr_trace_duration",
@@ -59,12 +61,19 @@ class CompileClock:
         "load_executable_duration",
     )
 
-    def __init__(self) -> None:
-        import jax.monitoring
+    seconds = 0.0
 
-        self.seconds = 0.0
-        jax.monitoring.register_event_duration_secs_listener(self._add)
+    def __enter__(self) -> CompileClock:
+        from jax import monitoring  # heavy
 
-    def _add(self, event: str, duration: float, **_: object) -> None:
+        monitoring.register_event_duration_secs_listener(self._add)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        from jax import monitoring  # heavy
+
+        monitoring.unregister_event_duration_listener(self._add)
+
+    def _add(self, event: str, duration_secs: float, **_: str | int) -> None:
         if event.endswith(self.EVENTS):
-            self.seconds += duration
+            self.seconds += duration_secs

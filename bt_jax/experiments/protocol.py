@@ -122,43 +122,44 @@ def perform(
     progress: Callable[[int], None] = lambda generation: None,
 ) -> Outcome:
     """Runs one variant of an experiment `runs` times; `progress` is told each generation."""
-    began, clock = time.monotonic(), CompileClock()
-    settings = Settings(test_layouts=test_layouts)
-    config = dataclasses.replace(experiment.config, runs=runs, seed=seed)
-    lesson = demonstrated(experiment, settings) if variant == "with_demonstration" else None
-    states: list[State] = []
-    history: list[Generation] = []
+    began = time.monotonic()
+    with CompileClock() as clock:
+        settings = Settings(test_layouts=test_layouts)
+        config = dataclasses.replace(experiment.config, runs=runs, seed=seed)
+        lesson = demonstrated(experiment, settings) if variant == "with_demonstration" else None
+        states: list[State] = []
+        history: list[Generation] = []
 
-    def evolve(training: Training, state: State | None) -> None:
-        for new in training.evolution.run(state):
-            if new is not state:
-                states.append(new)
-                history.extend(training.evolution.describe(new))
-                progress(new.generation)
+        def evolve(training: Training, state: State | None) -> None:
+            for new in training.evolution.run(state):
+                if new is not state:
+                    states.append(new)
+                    history.extend(training.evolution.describe(new))
+                    progress(new.generation)
 
-    carried = None
-    if experiment.before is not None:
-        first = Training(
-            load_task(experiment.before), dataclasses.replace(config, generations=experiment.change_at), settings
+        carried = None
+        if experiment.before is not None:
+            first = Training(
+                load_task(experiment.before), dataclasses.replace(config, generations=experiment.change_at), settings
+            )
+            evolve(first, None)
+        training = _with_lesson(experiment, config, settings, lesson)
+        if experiment.before is not None:
+            carried = training.carried(states[-1], first.vocabulary.leaves)
+        evolve(training, carried)
+        trees = training.best_trees(states[-1])
+        return Outcome(
+            experiment,
+            variant,
+            best=np.array([np.asarray(state.population.fitness).max(axis=1) for state in states]).T,
+            trees=trees,
+            episodes=states[-1].trees_measured,
+            solved_unseen=[training.test(tree).success_rate for tree in trees],
+            history=history,
+            seconds=time.monotonic() - began,
+            compile_seconds=clock.seconds,
+            lesson=lesson,
         )
-        evolve(first, None)
-    training = _with_lesson(experiment, config, settings, lesson)
-    if experiment.before is not None:
-        carried = training.carried(states[-1], first.vocabulary.leaves)
-    evolve(training, carried)
-    trees = training.best_trees(states[-1])
-    return Outcome(
-        experiment,
-        variant,
-        best=np.array([np.asarray(state.population.fitness).max(axis=1) for state in states]).T,
-        trees=trees,
-        episodes=states[-1].trees_measured,
-        solved_unseen=[training.test(tree).success_rate for tree in trees],
-        history=history,
-        seconds=time.monotonic() - began,
-        compile_seconds=clock.seconds,
-        lesson=lesson,
-    )
 
 
 def demonstrated(experiment: Experiment, settings: Settings) -> Lesson:

@@ -87,11 +87,12 @@ class TrainingRun:
         Ctrl-C. Even then the tree is tested and everything written, unless a second Ctrl-C ends the test. Raise UserError if
         it was stopped before the first generation.
         """
-        began, clock = time.monotonic(), CompileClock()
-        try:
-            self._evolve(target, time_limit)
-        except KeyboardInterrupt:
-            self._stopped = True
+        began = time.monotonic()
+        with CompileClock() as clock:
+            try:
+                self._evolve(target, time_limit)
+            except KeyboardInterrupt:
+                self._stopped = True
         with self._interruption.ignored():
             if self._checkpoint is None:
                 raise UserError("stopped before the first generation was measured; nothing was learnt")
