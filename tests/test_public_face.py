@@ -28,7 +28,7 @@ FACES = {
     ],
     "bt_jax.tasks": [
         "Box", "Episode", "GeneSettings", "Kit", "Layout", "Subgoal", "Table", "Target", "Task", "Weights", "load_task",
-        "task_from_dict", "task_names", "with_goal_of", "with_subgoal", "with_targets",
+        "task_from_dict", "task_names", "task_of_folder", "with_goal_of", "with_subgoal", "with_targets",
     ],
 }  # fmt: skip
 HEAVY = ("jax", "mujoco", "numpy", "scipy", "sklearn", "matplotlib", "rich", "tyro", "yaml")
