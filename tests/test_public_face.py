@@ -30,6 +30,21 @@ FACES = {
         "Box", "Episode", "GeneSettings", "Kit", "Layout", "Subgoal", "Table", "Target", "Task", "Weights", "load_task",
         "task_from_dict", "task_names", "task_of_folder", "with_goal_of", "with_subgoal", "with_targets",
     ],
+    "bt_jax.experiments": [
+        "EXPERIMENTS", "Experiment", "PublishedCurve", "VariantResult", "perform", "published_curves",
+    ],
+    "bt_jax.lfd": [
+        "Action", "Candidate", "Demonstration", "DemonstrationFolder", "Demonstrations", "Frames", "Inference",
+        "Instance", "Lesson", "Pose", "RecordedTask", "learn", "plan", "plan_task",
+    ],
+    "bt_jax.teaching": [
+        "Input", "Landing", "Teleoperation", "parse_script", "perform", "reached_by", "record",
+    ],
+    "bt_jax.training": [
+        "Changes", "Checkpoint", "Listener", "Progress", "Result", "RunConfig", "RunFolder", "Session",
+        "Settings", "Test", "Training", "TrainingRun", "evolve", "is_alive", "make_level", "published_config",
+        "read_progress", "resumed",
+    ],
 }  # fmt: skip
 HEAVY = ("jax", "mujoco", "numpy", "scipy", "sklearn", "matplotlib", "rich", "tyro", "yaml")
 

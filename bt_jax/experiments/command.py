@@ -20,7 +20,7 @@ from bt_jax._util.files import unused, write_atomic
 from bt_jax._util.startup import configure_jax
 from bt_jax.experiments import report
 from bt_jax.experiments.arguments import ExperimentsArguments
-from bt_jax.experiments.protocol import EXPERIMENTS, Outcome, Variant, perform
+from bt_jax.experiments.protocol import EXPERIMENTS, Variant, VariantResult, perform
 from bt_jax.experiments.published import published_curves
 
 __all__ = ["run"]
@@ -34,7 +34,7 @@ def run(arguments: ExperimentsArguments) -> None:
     configure_jax("cpu")
     chosen = [one for one in EXPERIMENTS if arguments.which in ("all", str(one.number))]
     out = arguments.out or unused(Path("runs") / f"experiments-{datetime.now():%Y%m%d-%H%M%S}")
-    outcomes: list[Outcome] = []
+    results: list[VariantResult] = []
     with Progress(
         TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=console, transient=True,
         disable=not console.is_terminal,
@@ -43,7 +43,7 @@ def run(arguments: ExperimentsArguments) -> None:
             for variant in get_args(Variant):
                 name = f"experiment {experiment.number}, {report.NAMES[variant]}"
                 bar = bars.add_task(name, total=experiment.config.generations)
-                outcome = perform(
+                result = perform(
                     experiment,
                     variant,
                     runs=arguments.runs,
@@ -52,19 +52,19 @@ def run(arguments: ExperimentsArguments) -> None:
                     progress=lambda generation, bar=bar: bars.update(bar, completed=generation),
                 )
                 bars.remove_task(bar)
-                outcomes.append(outcome)
-                last = outcome.best[:, -1]
+                results.append(result)
+                last = result.best[:, -1]
                 solved = (last >= experiment.wanted).sum()
                 console.print(
                     f"{name}: best fitness {last.mean():.1f} ± {last.std():.1f}, {solved} of {len(last)} runs at "
-                    f"{experiment.wanted:g} or better, {outcome.seconds:.0f} s"
+                    f"{experiment.wanted:g} or better, {result.seconds:.0f} s"
                 )
-            these = [one for one in outcomes if one.experiment is experiment]
+            these = [one for one in results if one.experiment is experiment]
             write_atomic(out / f"experiment_{experiment.number}.png", report.figure(these, curves))
-            write_atomic(out / "report.md", report.markdown(outcomes, curves, machine=_machine()))
-            write_atomic(out / "results.json", json.dumps(_data(outcomes), indent=1) + "\n")
+            write_atomic(out / "report.md", report.markdown(results, curves, machine=_machine()))
+            write_atomic(out / "results.json", json.dumps(_data(results), indent=1) + "\n")
     for experiment in chosen:
-        _print(console, report.table([one for one in outcomes if one.experiment is experiment], curves))
+        _print(console, report.table([one for one in results if one.experiment is experiment], curves))
     console.print(f"report     {escape(str(out / 'report.md'))}")
 
 
@@ -77,19 +77,19 @@ def _print(console: Console, rows: list[dict[str, str]]) -> None:
     console.print(drawn)
 
 
-def _data(outcomes: list[Outcome]) -> list[dict]:
+def _data(results: list[VariantResult]) -> list[dict]:
     """What the figures were drawn from."""
     return [
         {
-            "experiment": outcome.experiment.number,
-            "variant": outcome.variant,
-            "seconds": round(outcome.seconds, 2),
-            "episodes": outcome.episodes,
-            "unseen": outcome.solved_unseen,
-            "best": outcome.best.round(2).tolist(),
-            "trees": list(map(str, outcome.trees)),
+            "experiment": result.experiment.number,
+            "variant": result.variant,
+            "seconds": round(result.seconds, 2),
+            "episodes": result.episodes,
+            "unseen": result.solved_unseen,
+            "best": result.best.round(2).tolist(),
+            "trees": list(map(str, result.trees)),
         }
-        for outcome in outcomes
+        for result in results
     ]
 
 

@@ -24,7 +24,7 @@ from bt_jax.training.levels import make_level
 from bt_jax.training.settings import Settings
 from bt_jax.training.training import Training
 
-__all__ = ["EXPERIMENTS", "Experiment", "Outcome", "Variant", "perform"]
+__all__ = ["EXPERIMENTS", "Experiment", "Variant", "VariantResult", "perform"]
 
 Variant = Literal["with_demonstration", "gp_only"]
 NOISE = 0.003  # with which the scripted person misses each place, along each axis, metres
@@ -97,7 +97,7 @@ EXPERIMENTS = (
 
 
 @dataclasses.dataclass(frozen=True)
-class Outcome:
+class VariantResult:
     """What R runs of one variant came to."""
 
     experiment: Experiment
@@ -120,7 +120,7 @@ def perform(
     seed: int = 0,
     test_layouts: int = 100,
     progress: Callable[[int], None] = lambda generation: None,
-) -> Outcome:
+) -> VariantResult:
     """Runs one variant of an experiment `runs` times; `progress` is told each generation."""
     began = time.monotonic()
     with CompileClock() as clock:
@@ -148,7 +148,7 @@ def perform(
             carried = training.carried(states[-1], first.vocabulary.leaves)
         evolve(training, carried)
         trees = training.best_trees(states[-1])
-        return Outcome(
+        return VariantResult(
             experiment,
             variant,
             best=np.array([np.asarray(state.population.fitness).max(axis=1) for state in states]).T,

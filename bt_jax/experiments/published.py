@@ -6,13 +6,13 @@ import csv
 import dataclasses
 from pathlib import Path
 
-__all__ = ["Curve", "published_curves"]
+__all__ = ["PublishedCurve", "published_curves"]
 
 SOURCE = Path(__file__).with_name("published_curves.csv")
 
 
 @dataclasses.dataclass(frozen=True)
-class Curve:
+class PublishedCurve:
     """Best fitness by generation, mean and standard deviation over 10 runs."""
 
     generations: tuple[int, ...]
@@ -25,7 +25,7 @@ class Curve:
         return self.mean[-1]
 
 
-def published_curves() -> dict[tuple[int, str], Curve]:
+def published_curves() -> dict[tuple[int, str], PublishedCurve]:
     """The curves by experiment and variant."""
     points: dict[tuple[int, str], list[tuple[int, float, float]]] = {}
     with SOURCE.open(encoding="utf-8") as file:
@@ -33,4 +33,4 @@ def published_curves() -> dict[tuple[int, str], Curve]:
             key = int(row["experiment"]), row["variant"]
             values = int(row["generation"]), float(row["best_fitness_mean"]), float(row["best_fitness_std"])
             points.setdefault(key, []).append(values)
-    return {key: Curve(*zip(*sorted(rows), strict=True)) for key, rows in points.items()}
+    return {key: PublishedCurve(*zip(*sorted(rows), strict=True)) for key, rows in points.items()}

@@ -9,15 +9,15 @@ import numpy as np
 
 from bt_jax._util.errors import UserError
 from bt_jax.lfd.clustering import SAME_PLACE, Inference
-from bt_jax.lfd.demonstration import Demonstrations, Moment
+from bt_jax.lfd.demonstration import Demonstrations, Instance
 
 __all__ = ["with_chosen"]
 
 
 def with_chosen(
-    inferences: Sequence[Inference], demonstrations: Demonstrations, chosen: Mapping[Moment, str]
+    inferences: Sequence[Inference], demonstrations: Demonstrations, chosen: Mapping[Instance, str]
 ) -> tuple[Inference, ...]:
-    """The inferences with the chosen frames; one of their moments speaks for all of an inference.
+    """The inferences with the chosen frames; one of their instances speaks for all of an inference.
 
     What was told apart is one inference if it turns out to be at one place in the chosen frame, in different demonstrations.
     Raises UserError where a frame cannot be meant.
@@ -29,15 +29,15 @@ def with_chosen(
         if same is None:
             found.append(one)
         else:
-            moments = tuple(sorted((*same.moments, *one.moments), key=lambda m: (m.demonstration, m.index)))
-            known = max(same, one, key=lambda inference: len(inference.moments))
-            found[found.index(same)] = _placed(known, demonstrations, one.frame, moments, one.reason)
-    return tuple(sorted(found, key=lambda inference: min((m.index, m.demonstration) for m in inference.moments)))
+            instances = tuple(sorted((*same.instances, *one.instances), key=lambda m: (m.demonstration, m.index)))
+            known = max(same, one, key=lambda inference: len(inference.instances))
+            found[found.index(same)] = _placed(known, demonstrations, one.frame, instances, one.reason)
+    return tuple(sorted(found, key=lambda inference: min((m.index, m.demonstration) for m in inference.instances)))
 
 
-def _decided(inference: Inference, demonstrations: Demonstrations, chosen: Mapping[Moment, str]) -> Inference:
-    """In the frame that was chosen for one of its moments, the first one's where they differ."""
-    frame = next((chosen[moment] for moment in inference.moments if moment in chosen), None)
+def _decided(inference: Inference, demonstrations: Demonstrations, chosen: Mapping[Instance, str]) -> Inference:
+    """In the frame that was chosen for one of its instances, the first one's where they differ."""
+    frame = next((chosen[instance] for instance in inference.instances if instance in chosen), None)
     if frame is None:
         return inference
     if inference.kind == "pick":
@@ -50,21 +50,21 @@ def _decided(inference: Inference, demonstrations: Demonstrations, chosen: Mappi
     reason = "chosen by hand"
     if frame != inference.frame:
         reason += f"; the demonstrations alone say {inference.frame}: {inference.reason}"
-    return _placed(inference, demonstrations, frame, inference.moments, reason)
+    return _placed(inference, demonstrations, frame, inference.instances, reason)
 
 
 def _placed(
-    inference: Inference, demonstrations: Demonstrations, frame: str, moments: tuple[Moment, ...], reason: str
+    inference: Inference, demonstrations: Demonstrations, frame: str, instances: tuple[Instance, ...], reason: str
 ) -> Inference:
     shown = demonstrations.demonstrations
-    points = np.array([shown[m.demonstration].actions[m.index].handled(frame) for m in moments])
+    points = np.array([shown[m.demonstration].actions[m.index].handled(frame) for m in instances])
     mean = points.mean(axis=0)
     return dataclasses.replace(
         inference,
         frame=frame,
         position=tuple(round(float(x), 3) + 0.0 for x in mean),
         tolerance=float(np.linalg.norm(points - mean, axis=1).max()),
-        moments=moments,
+        instances=instances,
         reason=reason,
         chosen=True,
     )
@@ -74,5 +74,5 @@ def _same(one: Inference, other: Inference) -> bool:
     """Whether two places of an object are one, seen in different demonstrations."""
     if (one.kind, one.object, one.frame) != (other.kind, other.object, other.frame):
         return False
-    both = {m.demonstration for m in one.moments} & {m.demonstration for m in other.moments}
+    both = {m.demonstration for m in one.instances} & {m.demonstration for m in other.instances}
     return not both and float(np.linalg.norm(np.subtract(one.position, other.position))) < SAME_PLACE

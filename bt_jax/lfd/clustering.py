@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 from bt_jax.behaviors import Behavior
 from bt_jax.lfd.dbscan import dbscan
-from bt_jax.lfd.demonstration import Action, Demonstrations, Frames, Kind, Moment
+from bt_jax.lfd.demonstration import Action, Demonstrations, Frames, Instance, Kind
 
 __all__ = ["NEEDED", "SAME_PLACE", "SPREAD_FLOOR", "Candidate", "Inference", "infer"]
 
@@ -44,7 +44,7 @@ class Candidate:
 
     frame: str
     score: float
-    members: tuple[Moment, ...]
+    members: tuple[Instance, ...]
     mean: Vec3
     spread: float
     leaves: bool = False
@@ -62,7 +62,7 @@ class Candidate:
     @property
     def merit(self) -> tuple:
         """What candidates are compared by; the greatest is the best."""
-        demonstrations = len({moment.demonstration for moment in self.members})
+        demonstrations = len({instance.demonstration for instance in self.members})
         if not self.good:
             return (False, 0, True, True, self.score)
         return (True, demonstrations, not self.mixed, not self.leaves, self.score)
@@ -72,8 +72,8 @@ class Candidate:
 class Inference:
     """What several observed actions are instances of, and why.
 
-    `position` is the target of the object's centre in `frame` [m, rounded to mm], the mean over the `moments`;
-    `tolerance` the largest distance from it. `candidates` are the frames as seen by the first moment, the best first;
+    `position` is the target of the object's centre in `frame` [m, rounded to mm], the mean over the `instances`;
+    `tolerance` the largest distance from it. `candidates` are the frames as seen by the first instance, the best first;
     `reason` is a sentence; `chosen`: a person has said that it is this frame.
     """
 
@@ -82,7 +82,7 @@ class Inference:
     frame: str
     position: Vec3
     tolerance: float
-    moments: tuple[Moment, ...]
+    instances: tuple[Instance, ...]
     candidates: tuple[Candidate, ...]
     reason: str
     chosen: bool = False
@@ -98,7 +98,7 @@ class Inference:
 class _Observed:
     """An action with the object that it handles."""
 
-    moment: Moment
+    instance: Instance
     action: Action
     object: str
 
@@ -116,9 +116,9 @@ def infer(demonstrations: Demonstrations, *, movable: Collection[str]) -> tuple[
     for observed in _observed(demonstrations):
         groups.setdefault((observed.action.kind, observed.object), []).append(observed)
     count = len(demonstrations)
-    picked = {one.moment: one.object for group in groups.values() for one in group if one.action.kind == "pick"}
+    picked = {one.instance: one.object for group in groups.values() for one in group if one.action.kind == "pick"}
     found = [inference for group in groups.values() for inference in _infer_group(group, frames, count, picked)]
-    return tuple(sorted(found, key=lambda inference: min((m.index, m.demonstration) for m in inference.moments)))
+    return tuple(sorted(found, key=lambda inference: min((m.index, m.demonstration) for m in inference.instances)))
 
 
 def _observed(demonstrations: Demonstrations) -> list[_Observed]:
@@ -127,20 +127,20 @@ def _observed(demonstrations: Demonstrations) -> list[_Observed]:
         held = ""
         for i, action in enumerate(demonstration.actions):
             held = action.nearest(demonstrations.frames.objects) if action.kind == "pick" else held
-            found.append(_Observed(Moment(d, i), action, held))
+            found.append(_Observed(Instance(d, i), action, held))
     return found
 
 
 def _infer_group(
-    group: Sequence[_Observed], frames: Frames, count: int, picked: Mapping[Moment, str]
+    group: Sequence[_Observed], frames: Frames, count: int, picked: Mapping[Instance, str]
 ) -> list[Inference]:
     """Splits actions of one type on one object into those that mean the same; `picked` is what all demonstrations pick."""
     first = group[0]
     kind, thing = first.action.kind, first.object
     names = [frame for frame in frames.names if kind == "pick" or frame != thing]
     positions = {frame: np.array([one.action.handled(frame) for one in group]) for frame in names}
-    moments = [one.moment for one in group]
-    whose = [moment.demonstration for moment in moments]
+    instances = [one.instance for one in group]
+    whose = [instance.demonstration for instance in instances]
     if count < NEEDED:
         frame = thing if kind == "pick" else frames.default
         why = (
@@ -149,17 +149,17 @@ def _infer_group(
             else f"{count} of {NEEDED} demonstrations needed to tell a frame, so it is {frame}"
         )
         labels = _labels(positions[frame], whose, SAME_PLACE, 1)
-        nth = _occurrences(moments, labels.tolist())
+        nth = _occurrences(instances, labels.tolist())
         members: dict[tuple, list[int]] = {}
         for row, key in enumerate(zip(labels.tolist(), nth, strict=True)):
             members.setdefault(key, []).append(row)
         return [
-            _inference(kind, thing, frame, positions, moments, np.array(rows), (), why) for rows in members.values()
+            _inference(kind, thing, frame, positions, instances, np.array(rows), (), why) for rows in members.values()
         ]
 
     min_samples = NEEDED if count <= NEEDED else count // 2 + 1
     clusters = {frame: _labels(positions[frame], whose, EPS, min_samples) for frame in names}
-    ranked = [_ranked(row, clusters, positions, moments, frames, picked) for row in range(len(group))]
+    ranked = [_ranked(row, clusters, positions, instances, frames, picked) for row in range(len(group))]
     if kind == "pick":
         ranked = [sorted(own, key=lambda candidate: candidate.frame != thing) for own in ranked]
     found = []
@@ -167,19 +167,19 @@ def _infer_group(
     again = kind == "place" and single and min_samples > NEEDED
     if again:  # no majority agrees with these, but fewer may: those of another subtask
         found += _infer_group(single, frames, NEEDED, picked)
-    for rows in _meanings(moments, ranked, clusters, kind):
+    for rows in _meanings(instances, ranked, clusters, kind):
         own = ranked[rows[0]]
         if again and own[0].score == -math.inf:
             continue
         alone = own[0].score == -math.inf
         frame = thing if kind == "pick" else frames.default if alone else own[0].frame
         why = _reason(kind, frame, own, alone, min_samples)
-        found.append(_inference(kind, thing, frame, positions, moments, np.array(rows), own, why))
+        found.append(_inference(kind, thing, frame, positions, instances, np.array(rows), own, why))
     return found
 
 
 def _meanings(
-    moments: Sequence[Moment],
+    instances: Sequence[Instance],
     ranked: Sequence[Sequence[Candidate]],
     clusters: dict[str, np.ndarray],
     kind: Kind,
@@ -195,7 +195,7 @@ def _meanings(
         together.setdefault(("", row) if alone else (own[0].frame, int(clusters[own[0].frame][row])), []).append(row)
     found: dict[tuple, list[int]] = {}
     for meaning, rows in together.items():
-        own = [moments[row] for row in rows]
+        own = [instances[row] for row in rows]
         split = [_second_cluster(row, ranked[row], clusters) for row in rows]
         if not any(_occurrences(own, [0] * len(rows))) or any(_occurrences(own, split)):
             split = [("", 0)] * len(rows)
@@ -210,13 +210,13 @@ def _second_cluster(row: int, own: Sequence[Candidate], clusters: dict[str, np.n
     return (own[1].frame, int(clusters[own[1].frame][row])) if good else ("", 0)
 
 
-def _occurrences(moments: Sequence[Moment], keys: Sequence[Hashable]) -> list[int]:
+def _occurrences(instances: Sequence[Instance], keys: Sequence[Hashable]) -> list[int]:
     """For each action, how many of its demonstration with the same key come before it."""
     counts: Counter[tuple[int, Hashable]] = Counter()
     found = []
-    for moment, key in zip(moments, keys, strict=True):
-        found.append(counts[moment.demonstration, key])
-        counts[moment.demonstration, key] += 1
+    for instance, key in zip(instances, keys, strict=True):
+        found.append(counts[instance.demonstration, key])
+        counts[instance.demonstration, key] += 1
     return found
 
 
@@ -241,12 +241,12 @@ def _ranked(
     row: int,
     clusters: dict[str, np.ndarray],
     positions: dict[str, np.ndarray],
-    moments: Sequence[Moment],
+    instances: Sequence[Instance],
     frames: Frames,
-    picked: Mapping[Moment, str],
+    picked: Mapping[Instance, str],
 ) -> tuple[Candidate, ...]:
     """The candidate frames of one action, the best first; equals in the order of the frames."""
-    nth = _occurrences(moments, [0] * len(moments))
+    nth = _occurrences(instances, [0] * len(instances))
     found = []
     for frame, labels in clusters.items():
         rows = np.flatnonzero(labels == labels[row]) if labels[row] >= 0 else np.array([row])
@@ -254,8 +254,8 @@ def _ranked(
         mean = points.mean(axis=0)
         spread = float(np.linalg.norm(points - mean, axis=1).max())
         score = len(rows) / max(spread, SPREAD_FLOOR) if len(rows) > 1 else -math.inf
-        members = tuple(moments[i] for i in rows)
-        leaves = any(_leaves(frame, moment, picked) for moment in members)
+        members = tuple(instances[i] for i in rows)
+        leaves = any(_leaves(frame, instance, picked) for instance in members)
         mixed = len({nth[i] for i in rows}) > 1
         score = float(f"{score:.6g}")
         found.append(Candidate(frame, score, members, tuple(mean.round(4).tolist()), spread, leaves, mixed))
@@ -263,10 +263,10 @@ def _ranked(
     return tuple(sorted(found, key=lambda one: one.merit, reverse=True))
 
 
-def _leaves(frame: str, moment: Moment, picked: Mapping[Moment, str]) -> bool:
-    """Whether a demonstration moves a frame after a moment."""
+def _leaves(frame: str, instance: Instance, picked: Mapping[Instance, str]) -> bool:
+    """Whether a demonstration moves a frame after a instance."""
     return any(
-        thing == frame and other.demonstration == moment.demonstration and other.index > moment.index
+        thing == frame and other.demonstration == instance.demonstration and other.index > instance.index
         for other, thing in picked.items()
     )
 
@@ -276,7 +276,7 @@ def _inference(
     thing: str,
     frame: str,
     positions: dict[str, np.ndarray],
-    moments: Sequence[Moment],
+    instances: Sequence[Instance],
     rows: np.ndarray,
     candidates: Sequence[Candidate],
     reason: str,
@@ -289,7 +289,7 @@ def _inference(
         frame=frame,
         position=tuple(round(float(x), 3) + 0.0 for x in mean),
         tolerance=float(np.linalg.norm(points - mean, axis=1).max()),
-        moments=tuple(moments[row] for row in rows),
+        instances=tuple(instances[row] for row in rows),
         candidates=tuple(candidates),
         reason=reason,
     )

@@ -20,7 +20,7 @@ __all__ = [
     "Demonstration",
     "Demonstrations",
     "Frames",
-    "Moment",
+    "Instance",
     "Pose",
     "RecordedTask",
 ]
@@ -115,7 +115,7 @@ class Demonstration:
 
 
 @dataclasses.dataclass(frozen=True)
-class Moment:
+class Instance:
     """Which action of which demonstration, both counted from 0."""
 
     demonstration: int
@@ -130,7 +130,7 @@ class Demonstrations:
     frames: Frames
     demonstrations: tuple[Demonstration, ...]
     problems: tuple[str, ...] = ()
-    chosen: Mapping[Moment, str] = dataclasses.field(default_factory=dict)
+    chosen: Mapping[Instance, str] = dataclasses.field(default_factory=dict)
 
     def __iter__(self) -> Iterator[Demonstration]:
         return iter(self.demonstrations)

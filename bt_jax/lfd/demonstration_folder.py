@@ -22,7 +22,7 @@ import yaml
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import is_name, write_atomic
-from bt_jax.lfd.demonstration import Action, Demonstration, Demonstrations, Frames, Moment, Pose, RecordedTask
+from bt_jax.lfd.demonstration import Action, Demonstration, Demonstrations, Frames, Instance, Pose, RecordedTask
 
 __all__ = ["DemonstrationFolder"]
 
@@ -89,13 +89,13 @@ class DemonstrationFolder:
                 continue
             for number, frame in chosen.get(name, {}).items():
                 if number <= len(one.actions) and frame in frames.names:
-                    frame_of[Moment(len(good), number - 1)] = frame
+                    frame_of[Instance(len(good), number - 1)] = frame
             good.append(one)
         if not good:
             raise UserError(" ".join(problems) if problems else f"{self.path} holds no demonstration; record some")
         return Demonstrations(frames, tuple(good), tuple(problems), frame_of)
 
-    def choose(self, demonstrations: Demonstrations, moments: Collection[Moment], frame: str | None) -> None:
+    def choose(self, demonstrations: Demonstrations, instances: Collection[Instance], frame: str | None) -> None:
         """Keeps that a person has chosen a frame for actions of demonstrations read from here; None takes that back.
 
         Raises UserError where one of them has gone, or where there is no such frame.
@@ -103,11 +103,11 @@ class DemonstrationFolder:
         frames, chosen = self.frames(), {name: dict(actions) for name, actions in self._chosen().items()}
         if frame is not None and frame not in frames.names:
             raise UserError(f"there is no frame '{frame}'; use one of {', '.join(frames.names)}")
-        for moment in moments:
-            name = self._existing(demonstrations.demonstrations[moment.demonstration].name).name
-            chosen.setdefault(name, {}).pop(moment.index + 1, None)
+        for instance in instances:
+            name = self._existing(demonstrations.demonstrations[instance.demonstration].name).name
+            chosen.setdefault(name, {}).pop(instance.index + 1, None)
             if frame is not None:
-                chosen[name][moment.index + 1] = frame
+                chosen[name][instance.index + 1] = frame
         self._change(chosen=chosen)
 
     def append(self, demonstration: Demonstration) -> Demonstration:

@@ -18,7 +18,7 @@ def action_rows(lesson: Lesson) -> list[dict[str, str]]:
     return [
         {
             "what": _what(inference),
-            "seen": f"in {len({moment.demonstration for moment in inference.moments})} of {len(lesson.demonstrations)}",
+            "seen": f"in {len({one.demonstration for one in inference.instances})} of {len(lesson.demonstrations)}",
             "why": _why(inference),
         }
         for inference in lesson.inferences

@@ -65,14 +65,14 @@ def _panel(axes: Axes, lesson: Lesson, inference: Inference, frame: str) -> None
 
 
 def cluster_points(lesson: Lesson, inference: Inference, frame: str) -> tuple[np.ndarray, np.ndarray]:
-    """Where the object was at the moments of an action, and at those of other actions of its kind, in a frame:
+    """Return where the object was in the instances of an action, and in those of other actions of its kind, in a frame:
     two arrays [n, 3], metres."""
     demonstrations = lesson.demonstrations.demonstrations
     same = [one for one in lesson.inferences if one.kind == inference.kind and one.object == inference.object]
 
     def positions(inferences: Sequence[Inference]) -> np.ndarray:
-        moments = [moment for one in inferences for moment in one.moments]
-        points = [demonstrations[m.demonstration].actions[m.index].handled(frame) for m in moments]
+        instances = [instance for one in inferences for instance in one.instances]
+        points = [demonstrations[m.demonstration].actions[m.index].handled(frame) for m in instances]
         return np.array(points).reshape(-1, 3)
 
     return positions([inference]), positions([one for one in same if one is not inference])

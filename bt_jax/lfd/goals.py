@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from bt_jax.behaviors import Behavior
 from bt_jax.lfd.clustering import Inference
 from bt_jax.lfd.conflicts import conflict, undoes
-from bt_jax.lfd.demonstration import Demonstrations, Moment
+from bt_jax.lfd.demonstration import Demonstrations, Instance
 
 __all__ = ["Step", "Subtask", "goal_of", "sequences", "subtasks"]
 
@@ -25,9 +25,9 @@ class Subtask:
 
 def sequences(demonstrations: Demonstrations, inferences: Sequence[Inference]) -> list[list[Step]]:
     """Each demonstration as a sequence of steps."""
-    step_at = {moment: step for step, inference in enumerate(inferences) for moment in inference.moments}
+    step_at = {instance: step for step, inference in enumerate(inferences) for instance in inference.instances}
     return [
-        [step_at[Moment(d, i)] for i in range(len(demonstration.actions))]
+        [step_at[Instance(d, i)] for i in range(len(demonstration.actions))]
         for d, demonstration in enumerate(demonstrations)
     ]
 

@@ -11,7 +11,7 @@ from bt_jax.encoding.walk import children, leaves
 from bt_jax.lfd.choice import with_chosen
 from bt_jax.lfd.clustering import NEEDED, Inference, infer
 from bt_jax.lfd.constraints import Order, check_acyclic, orders, preconditions
-from bt_jax.lfd.demonstration import Demonstrations, Moment
+from bt_jax.lfd.demonstration import Demonstrations, Instance
 from bt_jax.lfd.goals import Step, Subtask, sequences, subtasks
 from bt_jax.lfd.planner import plan
 from bt_jax.lfd.subgoals import derive_subgoal
@@ -152,7 +152,7 @@ def _with_frames(
             raise UserError(
                 f"there is no action {index + 1} to choose a frame for; choose one from 1 to {len(inferences)}"
             )
-        chosen |= dict.fromkeys(inferences[index].moments, frame)
+        chosen |= dict.fromkeys(inferences[index].instances, frame)
     return dataclasses.replace(demonstrations, chosen=chosen)
 
 
@@ -163,7 +163,9 @@ def _usable(demonstrations: Demonstrations, task: Task) -> Demonstrations:
         picked = [action.nearest(demonstrations.frames.objects) for action in one.actions if action.kind == "pick"]
         wrong = next((name for name in picked if name not in task.box_names), None)
         if wrong is None:
-            chosen |= {Moment(len(good), m.index): f for m, f in demonstrations.chosen.items() if m.demonstration == d}
+            chosen |= {
+                Instance(len(good), m.index): f for m, f in demonstrations.chosen.items() if m.demonstration == d
+            }
             good.append(one)
         else:
             problems.append(f"{one.name} is left out: it picks {wrong}, which the robot cannot move; record it again.")

@@ -29,7 +29,7 @@ Vector = Sequence[float] | Float[np.ndarray, "3"]
 
 
 @dataclasses.dataclass(frozen=True)
-class _Moment:
+class _Snapshot:
     """The scene between two inputs of the person, and what was recorded so far."""
 
     world: World
@@ -57,8 +57,8 @@ class Teleoperation:
     def __init__(self, task: Task, physics: Physics, start: World) -> None:
         self.task, self._settler = task, Settler(task, physics)
         self._semantics = LeafSemantics(task, Vocabulary.of([Behavior("open_gripper")]))
-        self._past: list[_Moment] = []
-        self._now = _Moment(start, None, ())
+        self._past: list[_Snapshot] = []
+        self._now = _Snapshot(start, None, ())
 
     @property
     def world(self) -> World:
@@ -114,7 +114,7 @@ class Teleoperation:
         grasp = world.poses[0, index, :3].astype(float)
         action = Action("pick", self._end_effector(world, grasp))
         after, _ = self._done(semantics, world, pick)
-        self._push(_Moment(after, after.poses[0, index, :3].astype(float), (*self.actions, action)))
+        self._push(_Snapshot(after, after.poses[0, index, :3].astype(float), (*self.actions, action)))
 
     def move(self, by: Vector) -> None:
         """Carries the held object by a vector in the world's axes; not below the floor. Raises UserError out of reach."""
@@ -179,7 +179,7 @@ class Teleoperation:
         if np.any(known & ~now):
             raise UserError(self._lost(self.task.box_names[int(np.argmax(known & ~now))]))
         let_go = self._end_effector(self._now.world, released[held, :3].astype(float), moved=held)
-        self._push(_Moment(after, None, (*self.actions, Action("place", let_go))))
+        self._push(_Snapshot(after, None, (*self.actions, Action("place", let_go))))
 
     def undo(self, *, moves_together: bool = False) -> bool:
         """Takes the last input back, or all moves since the pick at once; False where there is none."""
@@ -211,7 +211,7 @@ class Teleoperation:
         highest = max(table.top for table in task.tables) + 2 * width
         return np.array([*corners.min(0) - width, task.floor]), np.array([*corners.max(0) + width, highest])
 
-    def _push(self, moment: _Moment) -> None:
+    def _push(self, moment: _Snapshot) -> None:
         self._past.append(self._now)
         self._now = moment
 

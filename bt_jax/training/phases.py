@@ -132,7 +132,7 @@ def choose_frames(folder: Path, lesson: Lesson, frames: Mapping[int, str | None]
         raise UserError(f"there is no action {wrong[0]} to choose a frame for; choose one from 1 to {count}")
     learn(lesson.demonstrations, lesson.task, frames={i: frame for i, frame in frames.items() if frame is not None})
     for index, frame in frames.items():
-        DemonstrationFolder(folder).choose(lesson.demonstrations, lesson.inferences[index].moments, frame)
+        DemonstrationFolder(folder).choose(lesson.demonstrations, lesson.inferences[index].instances, frame)
     return lesson_from(folder, lesson.task)
 
 

@@ -19,7 +19,7 @@ def shortened(experiment):
 
 
 @pytest.fixture(scope="module")
-def outcomes():
+def results():
     return [
         perform(shortened(experiment), variant, runs=2, test_layouts=3)
         for experiment in (EXPERIMENTS[0], EXPERIMENTS[2])
@@ -27,8 +27,8 @@ def outcomes():
     ]
 
 
-def test_both_variants_are_the_same_until_the_demonstration(outcomes):
-    ours, alone = outcomes[:2]
+def test_both_variants_are_the_same_until_the_demonstration(results):
+    ours, alone = results[:2]
     assert ours.best.shape == alone.best.shape == (2, 5)
     np.testing.assert_array_equal(ours.best[:, :3], alone.best[:, :3])
     assert (ours.best[:, 3] < ours.best[:, 2]).all()  # a third box is to be placed
@@ -37,18 +37,18 @@ def test_both_variants_are_the_same_until_the_demonstration(outcomes):
     assert alone.lesson is None
 
 
-def test_the_lesson_of_unstacking_is_one_gene(outcomes):
-    ours = outcomes[2]
+def test_the_lesson_of_unstacking_is_one_gene(results):
+    ours = results[2]
     assert any(row.baseline_leaves for row in ours.history)
 
 
-def test_the_report_shows_everything(outcomes):
+def test_the_report_shows_everything(results):
     curves = published_curves()
-    assert figure(outcomes[:2], curves).startswith(b"\x89PNG")
-    text = markdown(outcomes, curves, machine="here")
+    assert figure(results[:2], curves).startswith(b"\x89PNG")
+    text = markdown(results, curves, machine="here")
     for words in ("## Experiment 1", "## Experiment 3", "experiment_1.png", "place BlueBox at", "GP only, best run"):
         assert words in text
-    rows = table(outcomes, curves)
+    rows = table(results, curves)
     assert [row["published mean"] for row in rows] == ["-61", "-93", "-87", "-541"]
 
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bt_jax._util.errors import UserError
-from bt_jax.lfd import Moment, learn
+from bt_jax.lfd import Instance, learn
 from bt_jax.tasks import Target
 from tests.helpers.demonstrations import STACK3, STACKING, demonstrations, run
 
@@ -28,9 +28,9 @@ def test_a_chosen_frame_is_the_mean_of_what_was_shown_there(seed, count):
             chosen = next(
                 one
                 for one in learn(shown, STACK3, frames={index: frame}).inferences
-                if inference.moments[0] in one.moments and one.kind == "place"
+                if inference.instances[0] in one.instances and one.kind == "place"
             )
-            points = [shown.demonstrations[m.demonstration].actions[m.index].handled(frame) for m in chosen.moments]
+            points = [shown.demonstrations[m.demonstration].actions[m.index].handled(frame) for m in chosen.instances]
             assert chosen.frame == frame
             assert chosen.chosen
             assert "chosen by hand" in chosen.reason
@@ -65,14 +65,14 @@ def test_two_demonstrations_become_one_place_in_the_chosen_frame():
     assert len(apart.subtasks) == 2
     together = learn(shown, STACK3, frames={1: "GreenBox", 2: "GreenBox"})
     assert [one.kind for one in together.inferences] == ["pick", "place"]
-    assert together.inferences[1].moments == (Moment(0, 1), Moment(1, 1))
+    assert together.inferences[1].instances == (Instance(0, 1), Instance(1, 1))
     assert len(together.subtasks) == 1
 
 
 def test_the_choice_kept_in_the_demonstrations_is_the_same():
     shown = demonstrations(STACK3, STACKING)
     lesson = learn(shown, STACK3)
-    kept = dataclasses.replace(shown, chosen={lesson.inferences[1].moments[2]: "base_link"})
+    kept = dataclasses.replace(shown, chosen={lesson.inferences[1].instances[2]: "base_link"})
     assert learn(kept, STACK3).inferences == learn(shown, STACK3, frames={1: "base_link"}).inferences
 
 

@@ -30,13 +30,13 @@ def made(settings):
 def test_every_action_has_one_meaning(settings):
     shown = made(settings)
     inferences = infer(shown, movable=BOXES)
-    moments = [moment for one in inferences for moment in one.moments]
-    assert len(moments) == len(set(moments)) == sum(len(one.actions) for one in shown)
+    instances = [instance for one in inferences for instance in one.instances]
+    assert len(instances) == len(set(instances)) == sum(len(one.actions) for one in shown)
     for one in inferences:
-        own = [moment.demonstration for moment in one.moments]
+        own = [instance.demonstration for instance in one.instances]
         assert len(set(own)) == len(own)
-        for moment in one.moments:
-            assert shown.demonstrations[moment.demonstration].actions[moment.index].kind == one.kind
+        for instance in one.instances:
+            assert shown.demonstrations[instance.demonstration].actions[instance.index].kind == one.kind
 
 
 @given(settings=sets)
@@ -44,7 +44,7 @@ def test_targets_are_means(settings):
     shown = made(settings)
     for one in infer(shown, movable=BOXES):
         points = np.array(
-            [shown.demonstrations[m.demonstration].actions[m.index].handled(one.frame) for m in one.moments]
+            [shown.demonstrations[m.demonstration].actions[m.index].handled(one.frame) for m in one.instances]
         )
         np.testing.assert_allclose(one.position, points.mean(axis=0), atol=0.0005001)
         spread = np.linalg.norm(points - points.mean(axis=0), axis=1).max()
@@ -83,7 +83,7 @@ def test_the_order_of_demonstrations_does_not_matter(seed):
     shown = demonstrations(RESTACK, (*UNSTACKING, *STACKING), count=5, seed=seed)
     turned = Demonstrations(shown.frames, shown.demonstrations[::-1])
     one, other = (
-        sorted((i.kind, i.object, i.frame, len(i.moments)) for i in infer(d, movable=BOXES)) for d in (shown, turned)
+        sorted((i.kind, i.object, i.frame, len(i.instances)) for i in infer(d, movable=BOXES)) for d in (shown, turned)
     )
     assert one == other
 
@@ -104,7 +104,7 @@ def test_part_of_the_demonstrations_does_not_beat_all_of_them(seed):
     )
     (place,) = [one for one in infer(shown, movable=BOXES) if one.kind == "place"]
     assert place.frame == "KittingBox"
-    assert len(place.moments) == 5
+    assert len(place.instances) == 5
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -122,8 +122,8 @@ def test_the_same_place_twice_is_two_actions(seed):
     aside = Target("YellowBox", (-1.0, -0.64, 0.75), "base_link")
     places = [one for one in infer(demonstrations(STACK3, [there, aside, there], seed=seed), movable=BOXES)
               if one.kind == "place"]  # fmt: skip
-    assert [len(one.moments) for one in places] == [3, 3, 3]
-    assert [one.moments[0].index for one in places] == [1, 3, 5]
+    assert [len(one.instances) for one in places] == [3, 3, 3]
+    assert [one.instances[0].index for one in places] == [1, 3, 5]
 
 
 def test_other_actions_nearby_do_not_spoil_a_cluster():
@@ -143,7 +143,7 @@ def test_first_and_second_places_are_not_mixed(seed):
     found = [one for one in infer(demonstrations(STACK3, places, count=5, seed=seed), movable=BOXES)
              if one.kind == "place"]  # fmt: skip
     assert [one.frame for one in found] == ["base_link"] * 2
-    assert [{moment.index for moment in one.moments} for one in found] == [{1}, {3}]
+    assert [{instance.index for instance in one.instances} for one in found] == [{1}, {3}]
 
 
 def test_one_frame_is_enough():
@@ -161,6 +161,6 @@ def test_where_nothing_agrees_every_action_stands_alone():
     ]
     shown = Demonstrations(alone[0].frames, tuple(one.demonstrations[0] for one in alone))
     places = [one for one in infer(shown, movable=BOXES) if one.kind == "place"]
-    assert [len(one.moments) for one in places] == [1, 1, 1]
+    assert [len(one.instances) for one in places] == [1, 1, 1]
     assert {one.frame for one in places} == {"base_link"}
     assert "no frame has 3 demonstrations that agree" in places[0].reason

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
-from bt_jax.lfd import Action, Demonstration, DemonstrationFolder, Frames, Moment, Pose, learn
+from bt_jax.lfd import Action, Demonstration, DemonstrationFolder, Frames, Instance, Pose, learn
 from bt_jax.lfd.demonstration import RecordedTask
 from bt_jax.tasks import load_task
 from tests.helpers.demonstrations import STACK3, STACKING, demonstrations, one_demonstration
@@ -308,7 +308,7 @@ def test_a_new_name_keeps_the_place_in_the_order(folder):
 def test_a_change_that_is_cut_off_loses_nothing(folder, monkeypatch, change, step):
     """Whatever the process had come to when it was killed: every demonstration is whole, there or gone."""
     before = {one.name: one.actions for one in folder.read()}
-    folder.choose(folder.read(), [Moment(1, 1)], "KittingBox")
+    folder.choose(folder.read(), [Instance(1, 1)], "KittingBox")
     left = iter(range(step))
 
     def counted(function):
@@ -332,25 +332,25 @@ def test_a_change_that_is_cut_off_loses_nothing(folder, monkeypatch, change, ste
     assert actions in ([*before.values()], [before["demo1"], before["demo3"]])
     assert {"demo1", "demo3"} <= {one.name for one in after}
     if len(actions) == 3:
-        assert after.chosen == {Moment(1, 1): "KittingBox"}
+        assert after.chosen == {Instance(1, 1): "KittingBox"}
 
 
 def test_chosen_frames_follow_their_demonstration(folder):
     read = folder.read()
-    folder.choose(read, [Moment(0, 1), Moment(2, 3)], "KittingBox")
-    folder.choose(read, [Moment(1, 1)], "base_link")
+    folder.choose(read, [Instance(0, 1), Instance(2, 3)], "KittingBox")
+    folder.choose(read, [Instance(1, 1)], "base_link")
     assert folder.read().chosen == {
-        Moment(0, 1): "KittingBox", Moment(2, 3): "KittingBox", Moment(1, 1): "base_link"
+        Instance(0, 1): "KittingBox", Instance(2, 3): "KittingBox", Instance(1, 1): "base_link"
     }  # fmt: skip
     folder.rename("demo1", "one")
     folder.delete("demo2")
-    assert folder.read().chosen == {Moment(0, 1): "KittingBox", Moment(1, 3): "KittingBox"}
-    folder.choose(folder.read(), [Moment(0, 1), Moment(1, 3)], None)
+    assert folder.read().chosen == {Instance(0, 1): "KittingBox", Instance(1, 3): "KittingBox"}
+    folder.choose(folder.read(), [Instance(0, 1), Instance(1, 3)], None)
     assert folder.read().chosen == {}
     with pytest.raises(UserError, match="no frame 'PinkBox'; use one of"):
-        folder.choose(folder.read(), [Moment(0, 1)], "PinkBox")
+        folder.choose(folder.read(), [Instance(0, 1)], "PinkBox")
     with pytest.raises(UserError, match="no demonstration 'demo2'"):
-        folder.choose(read, [Moment(1, 1)], "base_link")
+        folder.choose(read, [Instance(1, 1)], "base_link")
 
 
 def test_it_is_known_in_which_task_was_recorded(folder, tmp_path):

@@ -90,7 +90,7 @@ class _Understand:
         self._goal(lesson)
 
     def _action(self, lesson: Lesson, index: int, inference: Inference) -> None:
-        words, count = Words(lesson.task), len({moment.demonstration for moment in inference.moments})
+        words, count = Words(lesson.task), len({instance.demonstration for instance in inference.instances})
         with ui.element("div").classes("lesson-action").props(f"data-testid=understand-action-{index + 1}"):
             with ui.element("div").classes("lesson-title"):
                 title = ui.label(f"{index + 1}. {words(inference.behavior)}").classes("text-bold")

@@ -41,10 +41,10 @@ def cluster_svg(lesson: Lesson, inference: Inference, frame: str, *, task: Task)
         if 0 < x < SIDE and 0 < y < SIDE:
             parts.append(f'<path class="cluster-other" d="M{x - 3:.1f} {y - 3:.1f}l6 6m0 -6l-6 6"/>')
     names = [one.name for one in lesson.demonstrations]
-    for moment, point in zip(inference.moments, own, strict=True):
+    for instance, point in zip(inference.instances, own, strict=True):
         x, y = at(point)
         away = 100 * np.linalg.norm(point - centre)
-        title = escape(f"{names[moment.demonstration]}: {away:.1f} cm from the mean")
+        title = escape(f"{names[instance.demonstration]}: {away:.1f} cm from the mean")
         parts.append(f'<circle class="cluster-own" cx="{x:.1f}" cy="{y:.1f}" r="4.5"><title>{title}</title></circle>')
     x, y = at(centre)
     parts.append(f'<path class="cluster-mean" d="M{x - 4:.1f} {y:.1f}h8m-4 -4v8"/>')

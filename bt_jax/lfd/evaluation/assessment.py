@@ -14,7 +14,7 @@ import numpy as np
 
 from bt_jax.behaviors import Behavior
 from bt_jax.lfd.clustering import Inference
-from bt_jax.lfd.demonstration import Demonstrations, Frames, Moment
+from bt_jax.lfd.demonstration import Demonstrations, Frames, Instance
 from bt_jax.lfd.evaluation.synthetic import demonstrate, random_truth, reordered
 from bt_jax.lfd.learning import Lesson
 from bt_jax.tasks import Target, Task
@@ -33,9 +33,9 @@ class Example:
     demonstrations: Demonstrations
     exact: Demonstrations
 
-    def moments(self, placement: Target) -> list[Moment]:
+    def instances(self, placement: Target) -> list[Instance]:
         """When a placement was demonstrated, by the index of the place action."""
-        return [Moment(d, 2 * shown.index(placement) + 1) for d, shown in enumerate(self.shown)]
+        return [Instance(d, 2 * shown.index(placement) + 1) for d, shown in enumerate(self.shown)]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,15 +69,15 @@ def random_example(task: Task, *, seed: Sequence[int], count: int, noise: float,
 
 def assess(lesson: Lesson, example: Example) -> Assessment:
     """Compares what was learnt from the demonstrations of an example with what they mean."""
-    step_at = {moment: step for step, one in enumerate(lesson.inferences) for moment in one.moments}
+    step_at = {instance: step for step, one in enumerate(lesson.inferences) for instance in one.instances}
     truth = example.shown[0]
     strict = lenient = 0
     for placement in truth:
-        for moment in example.moments(placement):
-            inference = lesson.inferences[step_at[moment]]
+        for instance in example.instances(placement):
+            inference = lesson.inferences[step_at[instance]]
             strict += inference.frame == placement.frame
             lenient += _is_right(inference, placement, example)
-    meanings = {step_at[moment]: placement for placement in truth for moment in example.moments(placement)}
+    meanings = {step_at[instance]: placement for placement in truth for instance in example.instances(placement)}
     return Assessment(
         placements=len(truth) * len(example.shown),
         strict=strict,
@@ -89,23 +89,23 @@ def assess(lesson: Lesson, example: Example) -> Assessment:
 
 def _is_right(inference: Inference, placement: Target, example: Example) -> bool:
     """Whether the inferred frame moved with the one that was meant."""
-    moments = example.moments(placement)
-    actions = [example.exact.demonstrations[moment.demonstration].actions[moment.index] for moment in moments]
+    instances = example.instances(placement)
+    actions = [example.exact.demonstrations[instance.demonstration].actions[instance.index] for instance in instances]
     offsets = np.array([one.handled(inference.frame) - one.handled(placement.frame) for one in actions])
     return inference.object == placement.object and float(np.ptp(offsets, axis=0).max()) < TOGETHER
 
 
-def _goal_is_right(lesson: Lesson, example: Example, step_at: dict[Moment, int]) -> bool:
+def _goal_is_right(lesson: Lesson, example: Example, step_at: dict[Instance, int]) -> bool:
     """One subtask, whose goal is the last placement of each object and no more, to the tolerance of the task."""
     final = {placement.object: placement for placement in example.shown[0]}
     if len(lesson.subtasks) != 1 or len(lesson.placements) != len(final):
         return False
     for placement in final.values():
-        moments = example.moments(placement)
-        steps = {step_at[moment] for moment in moments}
+        instances = example.instances(placement)
+        steps = {step_at[instance] for instance in instances}
         inference = lesson.inferences[steps.pop()]
         exact = [
-            example.exact.demonstrations[m.demonstration].actions[m.index].handled(inference.frame) for m in moments
+            example.exact.demonstrations[m.demonstration].actions[m.index].handled(inference.frame) for m in instances
         ]
         error = np.linalg.norm(np.mean(exact, axis=0) - inference.position)
         known = Behavior("at", inference.behavior.args) in lesson.placements

@@ -32,7 +32,7 @@ def test_dots_are_where_the_demonstrations_are_seen(frame):
     place = learnt.inferences[1]
     dots, root = circles(cluster_svg(learnt, place, frame, task=TASK))
     shown = learnt.demonstrations.demonstrations
-    points = np.array([shown[m.demonstration].actions[m.index].handled(frame) for m in place.moments])
+    points = np.array([shown[m.demonstration].actions[m.index].handled(frame) for m in place.instances])
     seen = points @ np.array([TASK.right, TASK.away]).T
     offsets, drawn = seen - seen.mean(axis=0), (dots - dots.mean(axis=0)) * [1, -1]
     scale = np.abs(drawn).max() / np.abs(offsets).max()

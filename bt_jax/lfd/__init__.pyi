@@ -1,0 +1,22 @@
+from bt_jax.lfd.clustering import Candidate, Inference
+from bt_jax.lfd.demonstration import Action, Demonstration, Demonstrations, Frames, Instance, Pose, RecordedTask
+from bt_jax.lfd.demonstration_folder import DemonstrationFolder
+from bt_jax.lfd.learning import Lesson, learn
+from bt_jax.lfd.planner import plan, plan_task
+
+__all__ = [
+    "Action",
+    "Candidate",
+    "Demonstration",
+    "DemonstrationFolder",
+    "Demonstrations",
+    "Frames",
+    "Inference",
+    "Instance",
+    "Lesson",
+    "Pose",
+    "RecordedTask",
+    "learn",
+    "plan",
+    "plan_task",
+]
