@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
 from rich.panel import Panel
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
 from bt_jax.behaviors import Tree
 from bt_jax.encoding.drawing.terminal import draw_text
 from bt_jax.encoding.walk import prefix
 from bt_jax.gp.evolution import Generation
+from bt_jax.training.bar import GenerationBar
 from bt_jax.training.progress import Stage
 from bt_jax.training.result import Result, Session
 from bt_jax.training.training import Training
 
 __all__ = ["TrainingDisplay"]
-
-LINES = 10  # printed instead of a progress bar if this is not a terminal
 
 
 class TrainingDisplay:
@@ -31,21 +28,7 @@ class TrainingDisplay:
     def __init__(self, training: Training, folder: Path) -> None:
         self.training, self.folder = training, folder
         self.console = Console(highlight=False)
-        self._began, self._first_episode = time.monotonic(), -1
-        self._shown = -1  # the last generation
-        self._progress = Progress(
-            TextColumn("generation"),
-            MofNCompleteColumn(),
-            BarColumn(bar_width=None),
-            TextColumn("best [bold]{task.fields[best]:.1f}[/]  mean {task.fields[mean]:.1f}"),
-            TextColumn("{task.fields[rate]:,.0f} episodes/s"),
-            TimeRemainingColumn(compact=True),
-            console=self.console,
-            transient=True,
-            disable=not self.console.is_terminal,
-        )
-        nothing = float("nan")
-        self._bar = self._progress.add_task("", total=training.config.generations, best=nothing, mean=nothing, rate=0.0)
+        self._bar = GenerationBar(self.console, training.config.generations)
 
     def on_stage(self, stage: Stage, message: str = "") -> None:
         """Say what is evolved before it begins, and show the bar until the evolution ends."""
@@ -56,25 +39,13 @@ class TrainingDisplay:
                 f"population {training.config.population}, {training.config.generations} generations, "
                 f"{len(training.vocabulary.leaves)} behaviors; {training.level.name}: {training.level.why}"
             )
-            self._progress.start()
+            self._bar.start()
         elif stage != "evolving":
-            self._progress.stop()
+            self._bar.stop()
 
     def on_generation(self, history: Sequence[Generation], best_tree: Callable[[], Tree]) -> None:
         """Show a generation."""
-        rows = history[-self.training.config.runs :]
-        episodes, generation = sum(row.episodes for row in rows), rows[0].generation
-        if self._first_episode < 0:
-            self._began, self._first_episode = time.monotonic(), episodes
-        rate = (episodes - self._first_episode) / max(time.monotonic() - self._began, 1e-9)
-        best, mean = max(row.best for row in rows), sum(row.mean for row in rows) / len(rows)
-        self._progress.update(self._bar, completed=generation, best=best, mean=mean, rate=rate)
-        every = max(1, self.training.config.generations // LINES)
-        if not self.console.is_terminal and generation % every == 0 and generation != self._shown:
-            self.console.print(
-                f"generation {generation:4d}  best {best:9.1f}  mean {mean:9.1f}  {rate:8,.0f} episodes/s"
-            )
-        self._shown = generation
+        self._bar.update(history[-self.training.config.runs :])
 
     def finish(self, result: Result, session: Session) -> None:
         """Show the learnt tree and what is known of it."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float32
 
 from bt_jax.behaviors import Tree
+from bt_jax.encoding.drawing.svg import to_svg
+from bt_jax.encoding.drawing.terminal import draw_text
 from bt_jax.encoding.formats.text import one_line
 from bt_jax.gp.evolution import Generation, best_of
 from bt_jax.training.checkpoint import Checkpoint
@@ -42,7 +45,7 @@ class Session:
     stopped: bool  # by the user
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, repr=False)
 class Result:
     """What R runs have found, and how they went: `trees` are the best of each, `test` is of the best of all."""
 
@@ -95,6 +98,22 @@ class Result:
     def lines(self) -> list[str]:
         """The best tree of each run, on one line each."""
         return [one_line(tree) for tree in self.trees]
+
+    @property
+    def summary(self) -> str:
+        """Task, fitness and success rate on one line."""
+        solved = f"solves {self.success_rate:.0%} of {len(self.test.solved)} unseen layouts"
+        return f"{self.config.task.name}: fitness {self.fitness:.1f}, {solved}"
+
+    def __repr__(self) -> str:
+        return f"<Result of {self.summary}>"
+
+    def __str__(self) -> str:
+        return f"{self.summary}\n{draw_text(self.tree).rstrip()}"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return f"<p>{escape(self.summary)}</p>{to_svg(self.tree)}"
 
     def save(self, path: str | Path) -> None:
         """Write a new run folder, which `train --resume` and `run` take. Raise UserError if it is not empty."""

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32, Int32
+from rich.console import Console
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import FIRST_LEAF, Behavior, Tree, gene_pool
@@ -26,6 +27,7 @@ from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.world import concatenate, take
 from bt_jax.tasks import Task
+from bt_jax.training.bar import GenerationBar, is_interactive
 from bt_jax.training.checkpoint import Checkpoint
 from bt_jax.training.levels import make_level, make_settle
 from bt_jax.training.result import Result, Test
@@ -175,16 +177,22 @@ def evolve(
     time_limit: float | None = None,
     hook: Callable[[Training, State], None] | None = None,
     extra_leaves: tuple[Behavior, ...] = (),
+    progress: bool | None = None,
 ) -> Result:
     """Evolve a tree for a task and test it in unseen layouts.
 
     `baseline` is a tree to start from, `extra_leaves` join the gene pool. The evolution ends at its last generation, once
     every run has the `target` fitness, or after `time_limit` seconds; `hook` is called after each generation.
+    `progress` shows the generations on the console (default: at a prompt and in a notebook).
     """
     training = Training(task, config, settings, baseline=baseline, extra_leaves=extra_leaves)
     history: list[Generation] = []
-    for state in training.evolution.run(target=target, time_limit=time_limit):
-        history += training.evolution.describe(state)
-        if hook is not None:
-            hook(training, state)
+    bar = GenerationBar(Console(quiet=not (is_interactive() if progress is None else progress)), config.generations)
+    with bar:
+        for state in training.evolution.run(target=target, time_limit=time_limit):
+            rows = training.evolution.describe(state)
+            history += rows
+            bar.update(rows)
+            if hook is not None:
+                hook(training, state)
     return training.result(state, history)
