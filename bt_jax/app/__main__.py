@@ -51,14 +51,14 @@ def run(arguments: Arguments) -> None:
     """Serve the page until it is interrupted."""
     arguments.check()
     _create(arguments.folder)
-    worker = WarmWorker()  # gets ready while the server does; its stdin ends with this process
+    warm_worker = WarmWorker()  # gets ready while the server does; its stdin ends with this process
     try:  # NiceGUI is optional
         from bt_jax.app.server import serve
     except ModuleNotFoundError as error:
         raise UserError(f'{error.name} is not installed; run pip install -e ".[app]"') from error
     configure_jax("cpu")
     print(f"the page is at http://{arguments.host}:{arguments.port} (Ctrl-C ends it; an evolution goes on)", flush=True)
-    serve(arguments.folder, host=arguments.host, port=arguments.port, show=arguments.show, worker=worker)
+    serve(arguments.folder, host=arguments.host, port=arguments.port, show=arguments.show, warm_worker=warm_worker)
 
 
 def _create(folder: Path) -> None:

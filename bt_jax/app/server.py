@@ -17,10 +17,10 @@ WATCH_SECONDS = 0.1  # between two readings of the evolution's progress
 RECONNECT_SECONDS = 30.0  # for which a window that is not heard of is kept, on a busy machine
 
 
-def serve(folder: Path, *, host: str, port: int, show: bool, worker: WarmWorker) -> None:
-    """Serve the page, which works in a folder, until it is interrupted; the first evolution is done by `worker`."""
+def serve(folder: Path, *, host: str, port: int, show: bool, warm_worker: WarmWorker) -> None:
+    """Serve the page, which works in a folder, until it is interrupted; the first evolution is done by `warm_worker`."""
     workspace = Workspace(folder)
-    studio = Studio(workspace, workspace.task("stack"), worker)
+    studio = Studio(workspace, workspace.task("stack"), warm_worker)
     studio.restore()
 
     def prepare() -> None:

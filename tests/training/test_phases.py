@@ -59,6 +59,18 @@ def test_a_target_brings_its_gene_and_its_tree(on_top):
     assert Changes(baseline=given, target_from=on_top).applied(CONFIG).baseline == given
 
 
+def test_another_task_brings_its_targets_and_starts_and_nothing_else(on_top):
+    task = dataclasses.replace(load_task("pyramid"), name="mine", subgoals=())
+    config = dataclasses.replace(CONFIG, task=RESTACK)
+    changed = Changes(task=task).applied(config).task
+    assert (changed.targets, changed.layout) == (task.targets, task.layout)
+    assert (changed.name, changed.subgoals, changed.weights) == (RESTACK.name, RESTACK.subgoals, RESTACK.weights)
+    both = Changes(task=STACK, target_from=on_top).applied(config).task
+    assert {target.object for target in both.targets} == set(STACK.box_names)
+    with pytest.raises(UserError, match="other boxes or frames than restack; evolve a new tree"):
+        Changes(task=load_task("yumi_stack")).applied(config)
+
+
 def test_a_subgoal_brings_a_guarded_gene_and_a_reward(unstack):
     config = Changes(subgoal_from=unstack, baseline_index=0).applied(dataclasses.replace(CONFIG, task=RESTACK))
     assert [subgoal.name for subgoal in config.task.subgoals] == ["unstacked", "unstack"]

@@ -53,8 +53,8 @@ class EvolutionProcess:
     `poll` returns whether something has changed. A request that cannot be met raises UserError.
     """
 
-    def __init__(self, workspace: Workspace, worker: WarmWorker | None = None) -> None:
-        """Work in a workspace; the first evolution is done by `worker`, if one was started already."""
+    def __init__(self, workspace: Workspace, warm_worker: WarmWorker | None = None) -> None:
+        """Work in a workspace; the first evolution is done by `warm_worker`, if one was started already."""
         self.workspace = workspace
         self.run: str | None = None
         self.stage: EvolutionStage = "none"
@@ -65,9 +65,9 @@ class EvolutionProcess:
         self.tree: Tree | None = None  # the best so far
         self.result: dict[str, Any] | None = None  # `result.json`, once the best tree has been tested
         self.phases: tuple[int, ...] = ()  # generations at which something was taught
-        self._worker: WarmWorker | None = None  # None if an earlier page has started the process
+        self._process: WarmWorker | None = None  # None if an earlier page has started the process
         self._command = TrainCommand(workspace.inputs)
-        self._standby = Standby(self._command, worker)
+        self._standby = Standby(self._command, warm_worker)
         self._stopping = False
         self._halt: bool | None = None  # what was asked for last and not yet seen
         self._read_at: int | None = None  # modification time of what was read last
@@ -153,7 +153,7 @@ class EvolutionProcess:
         """Show another run."""
         self._check_idle()
         folder = self.workspace.run(name)
-        self.run, self._worker, self._read_at, self._stopping, self._halt = name, None, None, False, None
+        self.run, self._process, self._read_at, self._stopping, self._halt = name, None, None, False, None
         record = read_record(folder)
         self._take(record.progress)
         self.task, self.tree, self.result, self.phases = record.config.task, record.tree, record.result, record.phases
@@ -176,7 +176,7 @@ class EvolutionProcess:
             return False
         before = self.stage, self.progress, self.gone
         path = self.workspace.runs / self.run
-        alive = self._worker.alive if self._worker is not None else is_alive(path)
+        alive = self._process.alive if self._process is not None else is_alive(path)
         self._read(path)
         if alive:
             self.stage = self._stage_of_living()
@@ -200,7 +200,7 @@ class EvolutionProcess:
             return
         self._read_at = changed
         found = read_progress(path)
-        if found is None or (self._worker is not None and found.pid != self._worker.pid):
+        if found is None or (self._process is not None and found.pid != self._process.pid):
             return
         self._take(found)
 
@@ -227,7 +227,7 @@ class EvolutionProcess:
             return heard.stage
         if self._stopping and self.stage == "starting":
             return "stopped"
-        if self._worker is not None and self._worker.failed:
+        if self._process is not None and self._process.failed:
             return "failed"
         return "stopped" if self.progress is None else "killed"
 
@@ -248,11 +248,11 @@ class EvolutionProcess:
         """Return why it has failed."""
         if self._heard is not None and self._heard.message:
             return self._heard.message
-        return self._worker.last_words() if self._worker else "The evolution has failed."
+        return self._process.last_words() if self._process else "The evolution has failed."
 
     def _pid(self) -> int | None:
-        if self._worker is not None:
-            return self._worker.pid
+        if self._process is not None:
+            return self._process.pid
         return None if self.progress is None else self.progress.pid
 
     def _signal(self, number: signal.Signals) -> None:
@@ -276,9 +276,9 @@ class EvolutionProcess:
         return self.workspace.run(self.run)
 
     def _launch(self, words: Sequence[str]) -> None:
-        worker = self._standby.take()
-        worker.train([*words, "--progress"])
-        self._worker, self._read_at = worker, None
+        process = self._standby.take()
+        process.train([*words, "--progress"])
+        self._process, self._read_at = process, None
         self.stage, self.result, self._stopping, self._halt = "starting", None, False, None
 
 

@@ -34,11 +34,11 @@ class Studio:
     """The parts: `edited` is the task of step 1, `evolution` the process that evolves, for a task of its own, `playing` the
     tree that is looked at, `library` the demonstrations and what they teach, `teaching` the demonstration in the making."""
 
-    def __init__(self, workspace: Workspace, task: Task, worker: WarmWorker | None = None) -> None:
+    def __init__(self, workspace: Workspace, task: Task, warm_worker: WarmWorker | None = None) -> None:
         self.workspace = workspace
         self.bus, self.worker = Bus(), Worker()
         self.edited = EditedTask(workspace, task)
-        self.evolution = EvolutionProcess(workspace, worker)
+        self.evolution = EvolutionProcess(workspace, warm_worker)
         self.playing = Playing(self.bus, self.worker, self.edited)
         self.library = DemonstrationLibrary(self.bus, self.worker, workspace, self.edited)
         self.teaching = Teaching(self.bus, self.worker, self.edited, self.library, self.playing)
