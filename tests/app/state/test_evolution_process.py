@@ -57,9 +57,10 @@ def left_behind(workspace, name="old", *, stage="evolving"):
     """A run folder whose process has ended in a stage."""
     folder = RunFolder.create(workspace.runs / name, RunConfig(STACK, GPConfig(), Settings()))
     folder.save_tree(parse_tree(TREE), title="old")
-    with locked(folder.path), Reporter(folder.path, 50) as reporter:
-        reporter.update([Generation(0, 3, 30, -90.0, -200.0, 1.0, 3, 0.5, 2.0, 0, -1)], lambda: TREE)
-        reporter.stage(stage)
+    with locked(folder.path):
+        reporter = Reporter(folder.path, 50)
+        reporter.on_generation([Generation(0, 3, 30, -90.0, -200.0, 1.0, 3, 0.5, 2.0, 0, -1)], lambda: parse_tree(TREE))
+        reporter.on_stage(stage)
     return folder
 
 
@@ -69,8 +70,8 @@ def test_a_person_starts_pauses_resumes_and_stops(evolution):
     with pytest.raises(UserError, match="stop it first"):
         evolution.start(STACK, LONG)
     until(evolution, "evolving")
-    assert evolution.tree is not None
     advances(evolution)
+    assert evolution.tree is not None
 
     evolution.pause()
     evolution.poll()
