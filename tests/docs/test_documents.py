@@ -1,10 +1,14 @@
 """Every command and every snippet of the documents runs, from an empty folder."""
 
+import importlib.util
 import os
+import re
 import subprocess
 import sys
+import tomllib
 
 import pytest
+import yaml
 
 from tests.helpers.documents import DOCUMENTS, ROOT, blocks, commands
 
@@ -54,3 +58,22 @@ def test_commands_of_a_block(tmp_path, monkeypatch):
     (tmp_path / "run-1").mkdir()
     code = 'echo "a b"  # a comment\npython -m x run-* \\\n    --y && ls\n'
     assert list(commands(code)) == [["echo", "a b"], ["python", "-m", "x", "run-1", "--y"], ["ls"]]
+
+
+def test_commands_within_a_sentence_name_modules():
+    for path in DOCUMENTS:
+        for module in re.findall(r"`python -m ([\w.]+)", path.read_text("utf-8")):
+            assert importlib.util.find_spec(module) is not None, f"{path}: {module}"
+
+
+def test_links_of_the_readme_lead_somewhere():
+    targets = re.findall(r"\]\((?!http)([^)#]+)", (ROOT / "README.md").read_text("utf-8"))
+    assert all((ROOT / target).exists() for target in targets), targets
+
+
+def test_the_citation_names_this_version_and_the_paper():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    assert {"cff-version", "message", "title", "authors"} <= set(citation)
+    assert (citation["version"], citation["license"]) == (project["version"], project["license"])
+    assert citation["references"][0]["authors"][0]["family-names"] == "Iovino"
