@@ -4,7 +4,7 @@ import dataclasses
 
 from bt_jax.gp.config import GPConfig
 from bt_jax.tasks import Target, load_task
-from bt_jax.training.training import Settings, evolve
+from bt_jax.training.training import evolve
 
 base = load_task("stack")
 task = dataclasses.replace(
@@ -18,7 +18,7 @@ task = dataclasses.replace(
     weights=dataclasses.replace(base.weights, node=5.0),
 )
 
-result = evolve(task, GPConfig(generations=40, seed=3), Settings(layouts=2))
+result = evolve(task, GPConfig(generations=40, seed=3))
 for row in result.history[::10]:
     print(f"generation {row.generation:2d}: best {row.best:7.1f}, mean {row.mean:7.1f}")
 print(result.tree)

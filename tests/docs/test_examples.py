@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import nbformat
 import pytest
@@ -12,19 +11,15 @@ from nbclient import NotebookClient
 from tests.helpers.documents import ROOT
 
 EXAMPLES = ROOT / "examples"
-CACHE = Path(os.environ.get("BT_JAX_CACHE", Path.home() / ".cache" / "bt_jax")) / "examples"
-ENVIRONMENT = {
-    "JAX_COMPILATION_CACHE_DIR": str(CACHE),
-    "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
-    "PYTHONPATH": str(ROOT),
-}
+KEEP_COMPILED = "from bt_jax._util.startup import configure_jax; configure_jax('cpu')"
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("script", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)
 def test_script_runs(script, tmp_path):
-    environment = {**os.environ, **ENVIRONMENT}
-    words = [sys.executable, str(script)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    run = f"import runpy; {KEEP_COMPILED}; runpy.run_path({str(script)!r}, run_name='__main__')"
+    words = [sys.executable, "-c", run]
     done = subprocess.run(words, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip()
@@ -33,9 +28,9 @@ def test_script_runs(script, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.ipynb")), ids=lambda path: path.stem)
 def test_notebook_runs(path, tmp_path, monkeypatch):
-    for name, value in ENVIRONMENT.items():
-        monkeypatch.setenv(name, value)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
     notebook = nbformat.read(path, as_version=4)
+    notebook.cells.insert(0, nbformat.v4.new_code_cell(KEEP_COMPILED))
     NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
     shown = {kind for cell in notebook.cells for output in cell.get("outputs", ()) for kind in output.get("data", ())}
     assert {"image/svg+xml", "image/png"} <= shown
