@@ -1,22 +1,18 @@
 """Evolve a tree for a packaged task, then watch one episode of it, tick by tick."""
 
+import bt_jax
 from bt_jax.behaviors import Vocabulary
-from bt_jax.encoding.walk import leaves
-from bt_jax.gp.config import GPConfig
+from bt_jax.encoding import leaves
 from bt_jax.mjx_env.episodes.playback import play
 from bt_jax.mjx_env.physics.factory import make_physics
 from bt_jax.mjx_env.physics.settler import Settler
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
-from bt_jax.tasks import load_task
-from bt_jax.training.training import evolve
 
-task = load_task("stack")
-result = evolve(task, GPConfig(generations=30, seed=0))
+task = bt_jax.load_task("stack")
+result = bt_jax.evolve(task, bt_jax.GPConfig(generations=30, seed=0))
 print(result.tree)
-print(
-    f"fitness {result.fitness:.1f}, solves {result.test.success_rate:.0%} of {len(result.test.solved)} unseen layouts"
-)
+print(f"fitness {result.fitness:.1f}, solves {result.success_rate:.0%} of {len(result.test.solved)} unseen layouts")
 
 semantics = LeafSemantics(task, Vocabulary.of(leaves(result.tree)))
 episode = play(semantics, Settler(task, make_physics(task)), result.tree, sample_layouts(task, seed=7, count=1))
