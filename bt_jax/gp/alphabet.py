@@ -10,6 +10,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Int32, UInt32
 
 from bt_jax._util.errors import UserError
@@ -18,16 +19,22 @@ from bt_jax.behaviors.vocabulary import FIRST_LEAF, Vocabulary
 
 __all__ = ["Alphabet", "LeafSet", "scaled"]
 
+Count = int | Int32[Array | np.ndarray, ""]
 OUTSIDE = 1 << 20  # larger than any token
 
 
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Alphabet:
-    """Numbers of leaves by kind; tokens follow in this order from `FIRST_LEAF`. Hashable: a static argument of jit."""
+    """Numbers of leaves by kind; tokens follow in this order from `FIRST_LEAF`.
 
-    num_conditions: int
-    num_actions: int
-    num_genes: int
+    A pytree of three integers, so that code compiled for one task serves all; hashable, if a static argument of jit is
+    wanted.
+    """
+
+    num_conditions: Count
+    num_actions: Count
+    num_genes: Count
 
     @staticmethod
     def of(vocabulary: Vocabulary) -> Alphabet:
@@ -35,24 +42,24 @@ class Alphabet:
         return Alphabet(kinds.count(Kind.CONDITION), kinds.count(Kind.ACTION), kinds.count(Kind.GENE))
 
     @property
-    def first_action(self) -> int:
+    def first_action(self) -> Count:
         return FIRST_LEAF + self.num_conditions
 
     @property
-    def first_gene(self) -> int:
+    def first_gene(self) -> Count:
         return self.first_action + self.num_actions
 
     @property
-    def end(self) -> int:
+    def end(self) -> Count:
         """One past the last token."""
         return self.first_gene + self.num_genes
 
     @property
-    def num_leaves(self) -> int:
+    def num_leaves(self) -> Count:
         return self.end - FIRST_LEAF
 
     @property
-    def num_acts(self) -> int:
+    def num_acts(self) -> Count:
         """Actions and genes."""
         return self.end - self.first_action
 
@@ -80,7 +87,7 @@ class Alphabet:
 
     def leaves(self, *forbidden: Array, conditions: Array, acts: Array, genes: Array) -> LeafSet:
         """Return the leaves of the wanted kinds (genes count only among acts), without the forbidden tokens."""
-        low = jnp.where(conditions, jnp.int32(FIRST_LEAF), jnp.int32(self.first_action))
+        low = jnp.where(conditions, jnp.int32(FIRST_LEAF), self.first_action)
         high = jnp.where(acts, jnp.where(genes, jnp.int32(self.end), self.first_gene), self.first_action)
         holes: list[Array] = []
         for token in forbidden:

@@ -23,8 +23,9 @@ from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.config import GPConfig
 from bt_jax.gp.diversity import fitness_entropy, mean_edit_distance
+from bt_jax.gp.mutation import EditRates
 from bt_jax.gp.novelty import hash_trees
-from bt_jax.gp.random_trees import random_trees
+from bt_jax.gp.random_trees import growth, random_trees
 from bt_jax.gp.reproduction import reproduce
 from bt_jax.gp.selection import survivors
 
@@ -117,17 +118,28 @@ class Evolution:
         self.episodes_per_tree = episodes_per_tree
         # What compiled code depends on: runs that differ in nothing else share it.
         self._static = dataclasses.replace(config, seed=0, generations=1)
+        # What it is given as arrays, so that evolutions for different tasks share it.
+        self._alphabet = jax.tree.map(lambda count: np.array(count, np.int32), alphabet)
+        self._rates = EditRates.of(alphabet, config.mutation)
         self.keys = _run_keys(np.arange(config.seed, config.seed + config.runs, dtype=np.uint32))
 
     def ask(self, state: State | None) -> Trees:
         """Return the offspring [R, M, N] to measure next: those of a state, or for None the first, random populations
         [R, P, N], in which the baseline, if any, takes the place of individual 0."""
         if state is None:
-            trees = _first(self.keys, self.alphabet, self._static)
+            rates = EditRates.of(self.alphabet, growth(gene_under_fallback=self.config.gene_under_fallback))
+            trees = _first(self.keys, self._alphabet, rates, self._static)
             return self._with_baseline(trees, np.zeros(self.config.runs, int))
         now = np.int32(state.generation + 1)
         return _offspring(
-            self.keys, now, state.population, self.alphabet, self._static, self.baseline, state.baseline_fitness
+            self.keys,
+            now,
+            state.population,
+            self._alphabet,
+            self._rates,
+            self._static,
+            self.baseline,
+            state.baseline_fitness,
         )
 
     def tell(self, state: State | None, offspring: Trees, fitness: Fitness | Niched) -> State:
@@ -284,12 +296,13 @@ def _key(run_key: UInt32[Array, "2"], generation: Int32[Array, ""] | int, use: _
     return jax.random.fold_in(jax.random.fold_in(jax.random.wrap_key_data(run_key), generation), use)
 
 
-@kept_jit(static_argnames=("alphabet", "config"))
-def _first(keys: RunKeys, alphabet: Alphabet, config: GPConfig) -> Trees:
+@kept_jit(static_argnames=("config",))
+def _first(keys: RunKeys, alphabet: Alphabet, rates: EditRates, config: GPConfig) -> Trees:
     def one(key: UInt32[Array, "2"]) -> Trees:
         return random_trees(
             _key(key, 0, _Use.FIRST),
             alphabet,
+            rates=rates,
             count=config.population,
             num_nodes=config.max_nodes,
             nodes=config.init_nodes,
@@ -299,12 +312,13 @@ def _first(keys: RunKeys, alphabet: Alphabet, config: GPConfig) -> Trees:
     return _for_each_run(one, keys)
 
 
-@kept_jit(static_argnames=("alphabet", "config"))
+@kept_jit(static_argnames=("config",))
 def _offspring(
     keys: RunKeys,
     generation: Int32[Array, ""],
     population: Population,
     alphabet: Alphabet,
+    rates: EditRates,
     config: GPConfig,
     baseline: Trees | None,
     baseline_fitness: Float32[Array, " R"],
@@ -316,6 +330,7 @@ def _offspring(
             parents.fitness,
             alphabet,
             config,
+            rates=rates,
             niche=parents.niche,
             baseline=baseline,
             baseline_fitness=fitness,

@@ -7,6 +7,7 @@ would have been accepted, and one edit is chosen in proportion: the same distrib
 
 from __future__ import annotations
 
+import dataclasses
 import enum
 from itertools import accumulate
 
@@ -23,7 +24,7 @@ from bt_jax.gp.rng import random_words
 from bt_jax.gp.sites import OTHER, Site, describe_sites
 from bt_jax.gp.splice import SIZE_BIT, Cut, materialize, pack, splice, unpack
 
-__all__ = ["chain_lengths", "draw_nodes", "mutate", "mutate_chain", "mutate_packed"]
+__all__ = ["EditRates", "chain_lengths", "draw_nodes", "mutate", "mutate_chain", "mutate_packed"]
 
 NODES_DRAWN = 4
 WORDS = 4 + NODES_DRAWN // 2  # random words a tree and step
@@ -40,6 +41,40 @@ class Edit(enum.IntEnum):
     GROW = 4
     APPEND = 5
     APPEND_CONTROL = 6
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class EditRates:
+    """What edits are weighed by that depends on the alphabet, rounded to float32 once. An argument of compiled code, which
+    therefore does not depend on the task.
+
+    `leaf`: probability of one given leaf among all; `insert` and `replace`: that of adding it, or of replacing a node by it.
+    Of all draws under a Sequence and under a Fallback, [2], `leaves` and `acts` (actions and genes) are the share that may
+    stand there, and `pairs` the share of pairs [leaf, act] that may be the children of a new control node of that kind.
+    """
+
+    leaf: Float32[Array | np.ndarray, ""]
+    insert: Float32[Array | np.ndarray, ""]
+    replace: Float32[Array | np.ndarray, ""]
+    leaves: Float32[Array | np.ndarray, "2"]
+    acts: Float32[Array | np.ndarray, "2"]
+    pairs: Float32[Array | np.ndarray, "2"]
+
+    @staticmethod
+    def of(alphabet: Alphabet, config: MutationConfig) -> EditRates:
+        """Return the rates for an alphabet of concrete numbers."""
+        leaf, act = 1 / alphabet.num_leaves, 1 / alphabet.num_acts
+        holes = (0, 0 if config.gene_under_fallback else alphabet.num_genes)
+        pairs = [alphabet.num_pairs(genes=genes) * leaf * act for genes in (True, config.gene_under_fallback)]
+        return EditRates(
+            leaf=np.array(leaf, np.float32),
+            insert=np.array(0.5 * config.add * leaf, np.float32),
+            replace=np.array(0.5 * config.change * leaf, np.float32),
+            leaves=np.array([(alphabet.num_leaves - n) / alphabet.num_leaves for n in holes], np.float32),
+            acts=np.array([(alphabet.num_acts - n) / alphabet.num_acts for n in holes], np.float32),
+            pairs=np.array(pairs, np.float32),
+        )
 
 
 def draw_nodes(words: UInt32[Array, "W P"], length: Int32[Array, " P"]) -> Int32[Array, "P S"]:
@@ -86,14 +121,16 @@ def mutate_packed(
     alphabet: Alphabet,
     config: MutationConfig,
     *,
+    rates: EditRates | None = None,
     max_nodes: int | None = None,
     step: int | Int32[Array, ""] = 0,
 ) -> Int32[Array, "P N"]:
-    """`mutate` for packed trees; steps of one key differ."""
+    """`mutate` for packed trees; steps of one key differ. `rates` must be given where the alphabet is traced."""
+    rates = EditRates.of(alphabet, config) if rates is None else rates
     words = random_words(key, (WORDS, nodes.shape[0]), step)
     at = draw_nodes(words[4:], nodes[:, 0] >> SIZE_BIT)
     slots = materialize(describe_sites(nodes, at, alphabet, gene_under_fallback=config.gene_under_fallback))
-    weights = _weights(nodes, slots, alphabet, config, max_nodes or nodes.shape[1])
+    weights = _weights(nodes, slots, alphabet, config, rates, max_nodes or nodes.shape[1])
     edits, totals = materialize(_choose(weights, words[0][:, None]))
     drawn, total = _choose([totals[:, i] for i in range(NODES_DRAWN)], words[1])
     slot, edit = jax.tree.map(
@@ -113,7 +150,12 @@ def _choose(
 
 
 def _weights(
-    nodes: Int32[Array, "P N"], slot: Site, alphabet: Alphabet, config: MutationConfig, max_nodes: int
+    nodes: Int32[Array, "P N"],
+    slot: Site,
+    alphabet: Alphabet,
+    config: MutationConfig,
+    rates: EditRates,
+    max_nodes: int,
 ) -> list[Float32[Array, "P S"]]:
     """Weight of each `Edit` at each slot: its published probability times the share of its draws that are accepted."""
     any_gene = config.gene_under_fallback
@@ -121,11 +163,9 @@ def _weights(
     leaf, root = slot.is_leaf, slot.is_root
     add, change = 0.5 * config.add, 0.5 * config.change  # a leaf or a control node, evenly
     kind = 0.5  # the wanted kind of control node
-    all_leaves, acts = 1 / alphabet.num_leaves, 1 / alphabet.num_acts
-    pairs = [alphabet.num_pairs(genes=genes) * all_leaves * acts for genes in (True, any_gene)]
 
-    def pair(control: Array) -> Array:
-        return jnp.where(control == Kind.FALLBACK, jnp.float32(pairs[1]), jnp.float32(pairs[0]))
+    def under(control: Array, shares: Float32[Array | np.ndarray, "2"]) -> Array:
+        return jnp.where(control == Kind.FALLBACK, shares[1], shares[0])
 
     def count(leaves: LeafSet) -> Array:
         return leaves.count().astype(jnp.float32)
@@ -133,29 +173,24 @@ def _weights(
     def within(growth: int | Array, weight: Array) -> Array:
         return jnp.where(room >= growth, weight, 0)
 
-    def share(conditions: bool) -> Array:
-        """Of the draws of a leaf (or of an action or gene), how many may be under the control node that may stand here."""
-        holes = 0 if any_gene else alphabet.num_genes
-        number = alphabet.num_leaves if conditions else alphabet.num_acts
-        return jnp.where(slot.control == Kind.FALLBACK, (number - holes) / number, jnp.float32(1))
-
-    beside = jnp.where(alphabet.is_act(slot.token), count(_beside(slot, alphabet, config)) * all_leaves, share(False))
+    leaves, acts = under(slot.control, rates.leaves), under(slot.control, rates.acts)
+    beside = jnp.where(alphabet.is_act(slot.token), count(_beside(slot, alphabet, config)) * rates.leaf, acts)
     insert = jnp.where(
         root,
-        within(2, add * kind * 0.5 * share(True)),
-        within(1, add * all_leaves * count(slot.before(alphabet, gene_under_fallback=any_gene))),
+        within(2, add * kind * 0.5 * leaves),
+        within(1, rates.insert * count(slot.before(alphabet, gene_under_fallback=any_gene))),
     )
     insert_control = jnp.where(
-        root, within(2, add * kind * 0.5 * share(False)), within(3, add * kind * pair(slot.control))
+        root, within(2, add * kind * 0.5 * acts), within(3, add * kind * under(slot.control, rates.pairs))
     )
-    replace = change * all_leaves * count(slot.instead(alphabet, gene_under_fallback=any_gene))
+    replace = rates.replace * count(slot.instead(alphabet, gene_under_fallback=any_gene))
     grow = jnp.where(
         root & ~leaf,
         jnp.where(_flippable(nodes, alphabet, any_gene)[:, None], change * kind, 0),
         jnp.where(leaf, within(2, (change + jnp.where(root, add, 0)) * kind * beside), 0),
     )
-    append = within(1, add * all_leaves * count(slot.behind(alphabet, gene_under_fallback=any_gene)))
-    append_control = within(3, add * kind * pair(OTHER - slot.token))
+    append = within(1, rates.insert * count(slot.behind(alphabet, gene_under_fallback=any_gene)))
+    append_control = within(3, add * kind * under(OTHER - slot.token, rates.pairs))
     return [
         jnp.where(slot.deletable, jnp.float32(config.delete), 0),
         jnp.where(root & leaf, 0, insert),

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Int32, UInt32
 from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.config import MutationConfig
-from bt_jax.gp.mutation import mutate_packed
+from bt_jax.gp.mutation import EditRates, mutate_packed
 from bt_jax.gp.rng import mix
 from bt_jax.gp.splice import pack, unpack
 
@@ -37,6 +37,7 @@ def make_novel(
     alphabet: Alphabet,
     config: MutationConfig,
     *,
+    rates: EditRates | None = None,
     steps: Int32[Array, " M"] | None = None,
     rounds: int = ROUNDS,
 ) -> tuple[Trees, Int32[Array, ""]]:
@@ -67,7 +68,7 @@ def make_novel(
         waiting = jnp.cumsum((steps > 0).astype(jnp.int32))
         index = jnp.searchsorted(waiting, places).astype(jnp.int32)  # `count` where fewer wait
         safe = jnp.minimum(index, count - 1)
-        mutated = mutate_packed(key, nodes[safe], alphabet, config, step=step)
+        mutated = mutate_packed(key, nodes[safe], alphabet, config, rates=rates, step=step)
         left = steps[safe] - 1
         nodes = nodes.at[index].set(mutated, mode="drop")
         hashes = hashes.at[size + index].set(_hash(mutated), mode="drop")

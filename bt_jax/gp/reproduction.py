@@ -12,7 +12,7 @@ from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.config import GPConfig
 from bt_jax.gp.crossover import crossover
-from bt_jax.gp.mutation import chain_lengths
+from bt_jax.gp.mutation import EditRates, chain_lengths
 from bt_jax.gp.novelty import make_novel
 from bt_jax.gp.rng import shuffled
 from bt_jax.gp.selection import niche_strength, select
@@ -22,7 +22,6 @@ __all__ = ["reproduce"]
 BASELINE_NICHE = -1  # of its own
 
 
-@partial(jax.jit, static_argnames=("alphabet", "config"))
 def reproduce(
     key: Array,
     population: Trees,
@@ -30,6 +29,7 @@ def reproduce(
     alphabet: Alphabet,
     config: GPConfig,
     *,
+    rates: EditRates | None = None,
     niche: Int32[Array, " P"] | None = None,
     baseline: Trees | None = None,
     baseline_fitness: Float32[Array, ""] | None = None,
@@ -40,8 +40,24 @@ def reproduce(
     `baseline` (one tree, arrays of length N) is added to the individuals that may become parents where they lack it
     (`baseline_keep`), with `baseline_fitness` (default: the worst); `baseline_boost` makes it the best when the parents of
     crossover are chosen. Where individuals have a niche, parents are selected by `niche_strength` in place of fitness. Apply
-    `jax.vmap` over key, population, fitness and niche for independent runs.
+    `jax.vmap` over key, population, fitness and niche for independent runs. A traced alphabet needs its `rates`.
     """
+    rates = EditRates.of(alphabet, config.mutation) if rates is None else rates
+    return _reproduced(key, population, fitness, alphabet, rates, config, niche, baseline, baseline_fitness)
+
+
+@partial(jax.jit, static_argnames="config")
+def _reproduced(
+    key: Array,
+    population: Trees,
+    fitness: Float32[Array, " P"],
+    alphabet: Alphabet,
+    rates: EditRates,
+    config: GPConfig,
+    niche: Int32[Array, " P"] | None,
+    baseline: Trees | None,
+    baseline_fitness: Float32[Array, ""] | None,
+) -> tuple[Trees, Int32[Array, ""]]:
     mutation_key, chain_key, cross_key, pair_key, crossing_key, novel_key = jax.random.split(key, 6)
     known = population
     if baseline is not None and config.baseline_keep:
@@ -78,7 +94,7 @@ def reproduce(
         )
     together = jax.tree.map(lambda *parts: jnp.concatenate(parts), *offspring)
     steps = jnp.pad(steps, (0, together.tokens.shape[0] - steps.shape[0]))
-    return make_novel(novel_key, together, known, alphabet, config.mutation, steps=steps)
+    return make_novel(novel_key, together, known, alphabet, config.mutation, rates=rates, steps=steps)
 
 
 def _is(baseline: Trees, trees: Trees) -> Array:

@@ -16,7 +16,7 @@ from bt_jax.gp.alphabet import Alphabet
 __all__ = ["is_valid"]
 
 
-@partial(jax.jit, static_argnames=("alphabet", "gene_under_fallback"))
+@partial(jax.jit, static_argnames=("gene_under_fallback",))
 def is_valid(trees: Trees, alphabet: Alphabet, *, gene_under_fallback: bool = False) -> Bool[Array, " P"]:
     """Return whether each of P trees is well formed, as arrays (nested sizes, padding) and by every rule of the design.
 
