@@ -34,8 +34,11 @@ def run(arguments: TrainArguments) -> None:
     reporters = [Reporter(folder.path, config.gp.generations)] if arguments.progress else []
     with run.opened(display, *reporters):
         result, session = run.evolve(target=arguments.target_fitness, time_limit=arguments.time_limit)
-        display.finish(result, session)
-        if problem := run.draw(result):
+        try:
+            display.finish(result, session)
+        finally:  # nobody waits for pictures, and nobody loses them, whatever happens to the console
+            problem = run.draw(result)
+        if problem:
             display.warn(problem)
 
 

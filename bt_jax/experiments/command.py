@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import platform
@@ -13,7 +14,7 @@ import jax
 import mujoco
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from bt_jax._util.files import unused, write_atomic
@@ -27,7 +28,7 @@ __all__ = ["run"]
 
 
 def run(arguments: ExperimentsArguments) -> None:
-    """Runs the experiments, prints the table and writes the report; what is finished stays if a later part is stopped."""
+    """Run the experiments, print the table and write the report; what is finished stays if a later part is stopped."""
     arguments.check()
     console = Console(highlight=False, soft_wrap=True)
     curves = published_curves()
@@ -49,7 +50,7 @@ def run(arguments: ExperimentsArguments) -> None:
                     runs=arguments.runs,
                     seed=arguments.seed,
                     test_layouts=arguments.test_layouts,
-                    progress=lambda generation, bar=bar: bars.update(bar, completed=generation),
+                    progress=functools.partial(_advance, bars, bar),
                 )
                 bars.remove_task(bar)
                 results.append(result)
@@ -75,6 +76,10 @@ def _print(console: Console, rows: list[dict[str, str]]) -> None:
     for column in list(rows[0])[2:]:
         drawn.add_row(column, *(row[column] for row in rows))
     console.print(drawn)
+
+
+def _advance(bars: Progress, bar: TaskID, generation: int) -> None:
+    bars.update(bar, completed=generation)
 
 
 def _data(results: list[VariantResult]) -> list[dict]:

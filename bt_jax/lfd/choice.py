@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from bt_jax._util.errors import UserError
-from bt_jax.lfd.clustering import SAME_PLACE, Inference
+from bt_jax.lfd.clustering import SAME_PLACE, Inference, rounded
 from bt_jax.lfd.demonstration import Demonstrations, Instance
 
 __all__ = ["with_chosen"]
@@ -62,7 +62,7 @@ def _placed(
     return dataclasses.replace(
         inference,
         frame=frame,
-        position=tuple(round(float(x), 3) + 0.0 for x in mean),
+        position=rounded(mean),
         tolerance=float(np.linalg.norm(points - mean, axis=1).max()),
         instances=instances,
         reason=reason,

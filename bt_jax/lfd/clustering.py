@@ -22,7 +22,7 @@ from bt_jax.behaviors import Behavior
 from bt_jax.lfd.dbscan import dbscan
 from bt_jax.lfd.demonstration import Action, Demonstrations, Frames, Instance, Kind
 
-__all__ = ["NEEDED", "SAME_PLACE", "SPREAD_FLOOR", "Candidate", "Inference", "infer"]
+__all__ = ["NEEDED", "SAME_PLACE", "SPREAD_FLOOR", "Candidate", "Inference", "infer", "rounded"]
 
 NEEDED = 3  # demonstrations from which a frame can be told
 EPS = 0.2  # DBSCAN: how far neighbours in a cluster may be apart, metres
@@ -161,7 +161,7 @@ def _infer_group(
     clusters = {frame: _labels(positions[frame], whose, EPS, min_samples) for frame in names}
     ranked = [_ranked(row, clusters, positions, instances, frames, picked) for row in range(len(group))]
     if kind == "pick":
-        ranked = [sorted(own, key=lambda candidate: candidate.frame != thing) for own in ranked]
+        ranked = [tuple(sorted(own, key=lambda candidate: candidate.frame != thing)) for own in ranked]
     found = []
     single = [one for one, own in zip(group, ranked, strict=True) if own[0].score == -math.inf]
     again = kind == "place" and single and min_samples > NEEDED
@@ -195,11 +195,11 @@ def _meanings(
         together.setdefault(("", row) if alone else (own[0].frame, int(clusters[own[0].frame][row])), []).append(row)
     found: dict[tuple, list[int]] = {}
     for meaning, rows in together.items():
-        own = [instances[row] for row in rows]
+        observed = [instances[row] for row in rows]
         split = [_second_cluster(row, ranked[row], clusters) for row in rows]
-        if not any(_occurrences(own, [0] * len(rows))) or any(_occurrences(own, split)):
+        if not any(_occurrences(observed, [0] * len(rows))) or any(_occurrences(observed, split)):
             split = [("", 0)] * len(rows)
-        for row, part, nth in zip(rows, split, _occurrences(own, split), strict=True):
+        for row, part, nth in zip(rows, split, _occurrences(observed, split), strict=True):
             found.setdefault((meaning, part, nth), []).append(row)
     return list(found.values())
 
@@ -287,12 +287,18 @@ def _inference(
         kind=kind,
         object=thing,
         frame=frame,
-        position=tuple(round(float(x), 3) + 0.0 for x in mean),
+        position=rounded(mean),
         tolerance=float(np.linalg.norm(points - mean, axis=1).max()),
         instances=tuple(instances[row] for row in rows),
         candidates=tuple(candidates),
         reason=reason,
     )
+
+
+def rounded(position: Float[np.ndarray, "3"]) -> Vec3:
+    """Return a position [m], rounded to mm."""
+    x, y, z = (round(float(x), 3) + 0.0 for x in position)
+    return x, y, z
 
 
 def _reason(kind: Kind, frame: str, own: Sequence[Candidate], alone: bool, min_samples: int) -> str:

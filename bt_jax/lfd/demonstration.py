@@ -1,6 +1,6 @@
 """What a demonstration is: a sequence of picks and places, with the pose of the end effector in every frame of the scene.
 
-Positions are metres in the named frame, quaternions are (x, y, z, w). `demonstration_folder` keeps them on the disk.
+Positions are metres in the named frame, quaternions are wxyz. `demonstration_folder` keeps them on the disk.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ Kind = Literal["pick", "place"]
 
 @dataclasses.dataclass(frozen=True)
 class Pose:
-    """A position in metres and a unit quaternion (x, y, z, w)."""
+    """A position in metres and a unit quaternion wxyz."""
 
     position: tuple[float, float, float]
-    quaternion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    quaternion: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
 
     def apply(self, point: Sequence[float]) -> Float[np.ndarray, "3"]:
         """A point given in this pose's axes, in the frame that the pose is given in."""
-        axis, w = self.quaternion[:3], self.quaternion[3]
+        w, axis = self.quaternion[0], self.quaternion[1:]
         turn = 2 * _cross(axis, point)
         return np.array(self.position) + point + w * turn + _cross(axis, turn)
 

@@ -50,13 +50,17 @@ class DemonstrationFolder:
             if old is not None and new is not None and old.boxes != new.boxes:
                 raise UserError(f"{self.path} holds demonstrations with boxes of other sizes; choose another folder")
         else:
-            info = {"default_frame": frames.default, "frames": list(frames.names), "robot": frames.robot}
+            info: dict[str, Any] = {
+                "default_frame": frames.default,
+                "frames": list(frames.names),
+                "robot": frames.robot,
+            }
             if frames.recorded is not None:
                 info |= {"task": frames.recorded.name, "boxes": dict(frames.recorded.boxes)}
             write_atomic(self.path / "info.yaml", yaml.safe_dump(info))
-        task, source = frames.recorded and frames.recorded.task, self.path / "task.yaml"
-        if task is not None and not source.exists():
-            write_atomic(source, yaml.safe_dump(task.to_dict(), sort_keys=False))
+        task = None if frames.recorded is None else frames.recorded.task
+        if task is not None and not (self.path / "task.yaml").exists():
+            write_atomic(self.path / "task.yaml", yaml.safe_dump(task.to_dict(), sort_keys=False))
 
     def frames(self) -> Frames:
         """Reads `info.yaml`. Raises UserError where it is missing or incomplete."""
@@ -69,7 +73,7 @@ class DemonstrationFolder:
         for key, name in (("default_frame", default), ("robot", robot)):
             if name not in names:
                 raise UserError(f"{source}: {key} '{name}' is not one of the frames; use one of {', '.join(names)}")
-        return Frames(tuple(names), default, robot, _recorded(data, source))
+        return Frames(tuple(names), str(default), str(robot), _recorded(data, source))
 
     def names(self) -> list[str]:
         """The demonstrations: in the order that `info.yaml` may say, then in natural order, demo2 before demo10."""
@@ -80,7 +84,8 @@ class DemonstrationFolder:
     def read(self) -> Demonstrations:
         """All demonstrations that can be used, and for each of the others a sentence. Raises UserError where none can."""
         frames, chosen = self.frames(), self._chosen()
-        good, problems, frame_of = [], [], {}
+        good: list[Demonstration] = []
+        problems, frame_of = [], {}
         for name in self.names():
             try:
                 one = self._demonstration(name, frames)
@@ -123,7 +128,7 @@ class DemonstrationFolder:
             data = {
                 "type": action.kind,
                 "vec_pos": {frame: _numbers(pose.position) for frame, pose in action.poses.items()},
-                "vec_quat": {frame: _numbers(pose.quaternion) for frame, pose in action.poses.items()},
+                "vec_quat": {frame: _numbers(_xyzw(pose.quaternion)) for frame, pose in action.poses.items()},
             }
             write_atomic(part / f"data_{i}.yaml", yaml.safe_dump(data, default_flow_style=None))
         self._forget(named.name)
@@ -279,7 +284,19 @@ def _action(file: Path, frames: Frames) -> Action:
         if not _is_unit(quaternion):
             length = math.hypot(*quaternion)
             raise _Unusable(f"{file}: the quaternion in {frame} has length {length:.3f}, not 1; record it again.")
-    return Action(kind, {frame: Pose(positions[frame], quaternions[frame]) for frame in frames.names})
+    return Action(kind, {frame: _pose(positions[frame], quaternions[frame]) for frame in frames.names})
+
+
+def _pose(position: Sequence[float], xyzw: Sequence[float]) -> Pose:
+    """Return a pose from the numbers of the format."""
+    (a, b, c), (x, y, z, w) = position, xyzw
+    return Pose((a, b, c), (w, x, y, z))
+
+
+def _xyzw(quaternion: Sequence[float]) -> tuple[float, ...]:
+    """Return a quaternion wxyz in the order of the format."""
+    w, x, y, z = quaternion
+    return x, y, z, w
 
 
 def _is_unit(quaternion: Sequence[float]) -> bool:

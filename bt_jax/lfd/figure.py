@@ -48,9 +48,9 @@ def _panel(axes: Axes, lesson: Lesson, inference: Inference, frame: str) -> None
     own, others = cluster_points(lesson, inference, frame)
     chosen = frame == inference.frame
     centre = own.mean(axis=0) if candidate is None else np.array(candidate.mean)
-    axes.scatter(*others[:, :2].T, color=BESIDES, marker="x", s=28)
-    axes.scatter(*own[:, :2].T, color=CHOSEN if chosen else OTHER, s=34, edgecolors="white", linewidths=0.6)
-    axes.scatter(*centre[:2], color="black", marker="+", s=60, lw=1)
+    axes.scatter(others[:, 0], others[:, 1], color=BESIDES, marker="x", s=28)
+    axes.scatter(own[:, 0], own[:, 1], color=CHOSEN if chosen else OTHER, s=34, edgecolors="white", linewidths=0.6)
+    axes.scatter(centre[0], centre[1], color="black", marker="+", s=60, lw=1)
     reach = max(LEAST, 1.3 * float(np.abs(own[:, :2] - centre[:2]).max()))
     axes.set_xlim(centre[0] - reach, centre[0] + reach)
     axes.set_ylim(centre[1] - reach, centre[1] + reach)

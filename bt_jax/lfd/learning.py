@@ -11,7 +11,7 @@ from bt_jax.encoding.walk import children, leaves
 from bt_jax.lfd.choice import with_chosen
 from bt_jax.lfd.clustering import NEEDED, Inference, infer
 from bt_jax.lfd.constraints import Order, check_acyclic, orders, preconditions
-from bt_jax.lfd.demonstration import Demonstrations, Instance
+from bt_jax.lfd.demonstration import Demonstration, Demonstrations, Instance
 from bt_jax.lfd.goals import Step, Subtask, sequences, subtasks
 from bt_jax.lfd.planner import plan
 from bt_jax.lfd.subgoals import derive_subgoal
@@ -76,7 +76,7 @@ class Lesson:
                     f"the demonstrations leave {name} at {objects.count(name)} different places, so it has no one target; "
                     "learn from those that agree"
                 )
-        return tuple(Target(place.object, place.position, place.frame) for place in self.placements)
+        return tuple(map(_target, self.placements))
 
     def subgoal(self, name: str) -> Subgoal:
         """The configuration that the demonstrations reach, under a name."""
@@ -86,6 +86,14 @@ class Lesson:
     def subtask_gene(self, name: str) -> Behavior:
         """The whole tree as one gene that is done with for good once the subgoal of that name has been reached."""
         return Behavior("subtask", (name, Control.fallback(Behavior("reached", (name,)), self.tree)))
+
+
+def _target(place: Behavior) -> Target:
+    """Return a placement as a target."""
+    match place.args:
+        case (str(thing), (float(x), float(y), float(z)), str(frame)):
+            return Target(thing, (x, y, z), frame)
+    raise ValueError(f"{place} is not a placement")
 
 
 def learn(demonstrations: Demonstrations, task: Task, *, frames: Mapping[int, str] | None = None) -> Lesson:
@@ -158,7 +166,9 @@ def _with_frames(
 
 def _usable(demonstrations: Demonstrations, task: Task) -> Demonstrations:
     """The demonstrations that move boxes only. Raises UserError where none does."""
-    good, problems, chosen = [], [], {}
+    good: list[Demonstration] = []
+    chosen: dict[Instance, str] = {}
+    problems = list(demonstrations.problems)
     for d, one in enumerate(demonstrations):
         picked = [action.nearest(demonstrations.frames.objects) for action in one.actions if action.kind == "pick"]
         wrong = next((name for name in picked if name not in task.box_names), None)
@@ -171,5 +181,4 @@ def _usable(demonstrations: Demonstrations, task: Task) -> Demonstrations:
             problems.append(f"{one.name} is left out: it picks {wrong}, which the robot cannot move; record it again.")
     if not good:
         raise UserError(" ".join(problems) if problems else "there are no demonstrations; record some")
-    problems = (*demonstrations.problems, *problems)
-    return dataclasses.replace(demonstrations, demonstrations=tuple(good), problems=problems, chosen=chosen)
+    return dataclasses.replace(demonstrations, demonstrations=tuple(good), problems=tuple(problems), chosen=chosen)

@@ -151,12 +151,12 @@ def _needed(tree: Tree, known: frozenset[Behavior]) -> Tree | None:
             return None
         kept = [_needed(child, known) for child in tree.children]
         return _control(tree.kind, [child for child in kept if child is not None])
-    kept = []
+    needed: list[Tree] = []
     for child in tree.children:
-        kept.append(_needed(child, known))
+        if (part := _needed(child, known)) is not None:
+            needed.append(part)
         known |= _established(child)
-    kept = [child for child in kept if child is not None]
-    return _control(tree.kind, kept) if kept else None
+    return _control(tree.kind, needed) if needed else None
 
 
 def _established(tree: Tree) -> frozenset[Behavior]:
@@ -187,7 +187,7 @@ def _suggested(condition: Behavior) -> list[Behavior]:
         case "at":
             return [Behavior("place", condition.args)]
         case "holding" if condition.object != "nothing":
-            return [Behavior("pick", (condition.object,))]
+            return [Behavior("pick", condition.args)]
         case "holding":
             return [Behavior("open_gripper")]
         case "gripper":

@@ -49,5 +49,8 @@ def _is_under(box: str, action: Action, task: Task) -> bool:
 def _position(frame: str, action: Action, task: Task) -> Float[np.ndarray, "3"]:
     """The origin of a frame in the robot's [m], from the end effector's pose in both."""
     in_robot, in_frame = action.poses[task.robot_frame], action.poses[frame]
-    turn = Rotation.from_quat(in_robot.quaternion) * Rotation.from_quat(in_frame.quaternion).inv()
+    turn = (
+        Rotation.from_quat(in_robot.quaternion, scalar_first=True)
+        * Rotation.from_quat(in_frame.quaternion, scalar_first=True).inv()
+    )
     return np.array(in_robot.position) - turn.apply(in_frame.position)

@@ -111,10 +111,10 @@ class Teleoperation:
             if condition.name != "gripper" and conditions[semantics.vocabulary.token(condition)] == 0:
                 why = "something stands on it" if condition.name == "clear" else "it lies out of reach"
                 raise UserError(f"{name} cannot be picked, {why}; pick another object first")
-        grasp = world.poses[0, index, :3].astype(float)
+        grasp = np.asarray(world.poses[0, index, :3], float)
         action = Action("pick", self._end_effector(world, grasp))
         after, _ = self._done(semantics, world, pick)
-        self._push(_Snapshot(after, after.poses[0, index, :3].astype(float), (*self.actions, action)))
+        self._push(_Snapshot(after, np.asarray(after.poses[0, index, :3], float), (*self.actions, action)))
 
     def move(self, by: Vector) -> None:
         """Carries the held object by a vector in the world's axes; not below the floor. Raises UserError out of reach."""
@@ -131,9 +131,8 @@ class Teleoperation:
         if not np.all(np.isfinite(position)):
             raise UserError("the position is not finite; give three numbers in metres")
         index = np.array([self.task.frames.index(frame)])
-        goal = to_world(frames(self._now.world, self.task), index, np.asarray([position], np.float32))[0, 0].astype(
-            float
-        )
+        in_world = to_world(frames(self._now.world, self.task), index, np.asarray([position], np.float32))
+        goal = np.asarray(in_world[0, 0], float)
         size = self.task.boxes[self.task.box_names.index(self.held)].size
         goal[2] = max(goal[2], self.task.floor + size / 2)
         low, high = self._reach
@@ -160,19 +159,17 @@ class Teleoperation:
         return Landing(np.array([*centre[:2], float(tops[best] + half)]), names[best], inside)
 
     def release(self, *, lowered: bool = False) -> None:
-        """Lowers the held object to where it is meant to be, or until it touches something, and lets go; it is meant to be
-        where it is now, or `lowered` on what is below. Raises UserError where it is inside another object, or where
-        something would fall to the floor."""
-        position, landing = self._carried(), self.landing()
+        """Lower the held object to its goal, or until it touches something, and let go. The goal is where it is now, or, if
+        `lowered`, on what is below. Raise UserError if it is inside another object, or if something would fall to the
+        floor."""
+        position, landing, name = self._carried(), self.landing(), str(self.held)
         if landing.inside is not None:
-            raise UserError(
-                f"{self.held} would be inside {landing.inside}; raise it or carry it aside, then release it"
-            )
+            raise UserError(f"{name} would be inside {landing.inside}; raise it or carry it aside, then release it")
         if landing.on is None:
-            raise UserError(self._lost(self.held))
+            raise UserError(self._lost(name))
         position = landing.position if lowered else position
-        place = self._in_frame(position, self.task.robot_frame)
-        action = Behavior("place", (self.held, tuple(float(x) for x in place), self.task.robot_frame))
+        x, y, z = self._in_frame(position, self.task.robot_frame).tolist()
+        action = Behavior("place", (name, (x, y, z), self.task.robot_frame))
         held = int(self._now.world.held[0])
         after, released = self._done(LeafSemantics(self.task, Vocabulary.of([action])), self._now.world, action)
         known, now = (reachable(world, self.task)[0] for world in (self._now.world, after))
@@ -211,9 +208,9 @@ class Teleoperation:
         highest = max(table.top for table in task.tables) + 2 * width
         return np.array([*corners.min(0) - width, task.floor]), np.array([*corners.max(0) + width, highest])
 
-    def _push(self, moment: _Snapshot) -> None:
+    def _push(self, snapshot: _Snapshot) -> None:
         self._past.append(self._now)
-        self._now = moment
+        self._now = snapshot
 
     def _carried(self) -> Float[np.ndarray, "3"]:
         if self._now.position is None:
@@ -228,12 +225,12 @@ class Teleoperation:
         released = act(semantics, world, command)
         poses, ok = self._settler.settle(released)
         if not ok[0]:
-            raise UserError("physics gave no number for this; undo and place it elsewhere")
-        return settled_world(self.task, released, poses), released.poses[0]
+            raise UserError("the simulation diverged; undo and place it elsewhere")
+        return settled_world(self.task, released, poses), np.asarray(released.poses[0])
 
     def _in_frame(self, point: Float[np.ndarray, "3"], frame: str) -> Float[np.ndarray, "3"]:
-        pose = frames(self._now.world, self.task)[0, self.task.frames.index(frame)].astype(float)
-        return _into(pose, point)
+        pose = frames(self._now.world, self.task)[0, self.task.frames.index(frame)]
+        return _into(np.asarray(pose, float), point)
 
     def _end_effector(self, world: World, centre: Float[np.ndarray, "3"], moved: int | None = None) -> dict[str, Pose]:
         """Pose of the end effector, upright over an object's centre (world), in every frame; the frame of the box `moved`
@@ -246,7 +243,9 @@ class Teleoperation:
         found = {}
         for name, pose in zip(self.task.frames, frames(world, self.task)[0].astype(float), strict=True):
             turn = Rotation.from_quat(pose[3:], scalar_first=True).inv()  # of the upright end effector, in the frame
-            found[name] = Pose(tuple(_into(pose, tip).tolist()), tuple((turn.as_quat(canonical=True) + 0.0).tolist()))
+            w, a, b, c = (turn.as_quat(canonical=True, scalar_first=True) + 0.0).tolist()
+            x, y, z = _into(pose, tip).tolist()
+            found[name] = Pose((x, y, z), (w, a, b, c))
         return found
 
 

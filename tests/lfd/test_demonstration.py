@@ -27,7 +27,9 @@ turns = st.lists(st.tuples(vectors, vectors), min_size=len(FRAMES.names), max_si
 
 
 def pose(position, rotation):
-    return Pose(position, tuple(round(float(x), 5) + 0.0 for x in Rotation.from_rotvec(rotation).as_quat()))
+    return Pose(
+        position, tuple(round(float(x), 5) + 0.0 for x in Rotation.from_rotvec(rotation).as_quat(scalar_first=True))
+    )
 
 
 def demonstration(of_actions):
@@ -39,6 +41,17 @@ def demonstration(of_actions):
             for kind, given in zip(["pick", "place"] * 3, of_actions, strict=False)
         ),
     )
+
+
+def test_files_have_quaternions_xyzw_and_poses_wxyz(tmp_path):
+    turned = pose((0.1, 0.2, 0.3), (0.0, 0.0, 1.0))
+    actions = tuple(Action(kind, dict.fromkeys(FRAMES.names, turned)) for kind in ("pick", "place"))
+    made = DemonstrationFolder(tmp_path / "made")
+    made.create(FRAMES)
+    made.append(Demonstration("", actions))
+    written = yaml.safe_load((made.path / "demo1" / "data_1.yaml").read_text())["vec_quat"]["BlueBox"]
+    np.testing.assert_allclose(written, Rotation.from_rotvec((0.0, 0.0, 1.0)).as_quat(), atol=1e-5)
+    assert made.read().demonstrations[0].actions[0].poses["BlueBox"] == turned
 
 
 @pytest.fixture

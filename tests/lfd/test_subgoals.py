@@ -41,7 +41,7 @@ def test_the_orientation_of_the_gripper_does_not_matter():
 
     def turned(action):
         turn = Rotation.from_euler("z", rng.uniform(-3, 3))
-        quaternion = tuple(turn.as_quat().tolist())
+        quaternion = tuple(turn.as_quat(scalar_first=True).tolist())
         return Action(action.kind, {name: Pose(pose.position, quaternion) for name, pose in action.poses.items()})
 
     tilted = Demonstrations(

@@ -50,7 +50,7 @@ def test_poses_in_all_frames_are_one_pose_in_the_world(seed):
     for name, pose in zip(TASK.frames, frames(start, TASK)[0].astype(float), strict=True):
         turn = Rotation.from_quat(pose[3:], scalar_first=True)
         tips.append(pose[:3] + turn.apply(action.poses[name].position))
-        upright = turn * Rotation.from_quat(action.poses[name].quaternion)
+        upright = turn * Rotation.from_quat(action.poses[name].quaternion, scalar_first=True)
         assert upright.magnitude() < 1e-5
     np.testing.assert_allclose(tips, np.broadcast_to(tips[0], (5, 3)), atol=1e-5)
     np.testing.assert_allclose(action.handled("GreenBox"), 0, atol=1e-5)

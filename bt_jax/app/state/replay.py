@@ -102,7 +102,10 @@ def described(action: Action, name: str, task: Task) -> str:
 def _pose(action: Action, frame: str, task: Task) -> Float[np.ndarray, "7"]:
     """Return a frame in the world: position [m] and quaternion wxyz."""
     in_robot, in_frame = action.poses[task.robot_frame], action.poses[frame]
-    turn = Rotation.from_quat(in_robot.quaternion) * Rotation.from_quat(in_frame.quaternion).inv()
+    turn = (
+        Rotation.from_quat(in_robot.quaternion, scalar_first=True)
+        * Rotation.from_quat(in_frame.quaternion, scalar_first=True).inv()
+    )
     position = np.array(in_robot.position) - turn.apply(in_frame.position) + task.robot_position
     return np.concatenate([position, turn.as_quat(canonical=True, scalar_first=True)])
 

@@ -163,4 +163,5 @@ def _edge_spots(task: Task, table: int) -> Float[np.ndarray, "n 3"]:
 
 
 def _target(name: str, position: Sequence[float], frame: str) -> Target:
-    return Target(name, tuple(round(float(x), 4) + 0.0 for x in position), frame)
+    x, y, z = (round(float(x), 4) + 0.0 for x in position)
+    return Target(name, (x, y, z), frame)
