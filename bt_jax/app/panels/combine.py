@@ -27,8 +27,8 @@ __all__ = ["build"]
 
 Use = Literal["target", "subgoal", "baseline"]
 USES: dict[Use, str] = {
-    "target": "Its result is a new target, and its tree a model to breed from",
-    "subgoal": "It is a step on the way: one whole, done once, and rewarded",
+    "target": "Its result is a new target, and its tree is a model to breed from",
+    "subgoal": "It is a step on the way: done once as a whole, and rewarded",
     "baseline": "Only its tree, as a model to breed from; the targets stay",
 }
 ANYWHERE = -1

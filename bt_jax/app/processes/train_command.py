@@ -20,7 +20,7 @@ from bt_jax.gp.config import GPConfig
 from bt_jax.tasks import Task
 from bt_jax.training.phases import Changes
 
-__all__ = ["TrainCommand"]
+__all__ = ["NO_CHANGES", "TrainCommand"]
 
 DAY = 24 * 3600.0  # seconds for which the files are kept; a training reads them in its first minutes
 NO_CHANGES = Changes()

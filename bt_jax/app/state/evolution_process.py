@@ -16,7 +16,7 @@ from typing import Any, Literal
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import unused
 from bt_jax.app.processes.standby import Standby
-from bt_jax.app.processes.train_command import TrainCommand
+from bt_jax.app.processes.train_command import NO_CHANGES, TrainCommand
 from bt_jax.app.processes.warm_worker import WarmWorker
 from bt_jax.app.state.run_record import read_record, read_result
 from bt_jax.app.state.workspace import Workspace
@@ -44,7 +44,6 @@ EvolutionStage = Literal[
     "vanished",
 ]
 RUNNING = ("starting", "evolving", "paused", "stopping", "testing")
-NO_CHANGES = Changes()
 
 
 class EvolutionProcess:
@@ -125,7 +124,7 @@ class EvolutionProcess:
     def pause(self) -> None:
         """Halt the process."""
         if self.stage != "evolving":
-            raise UserError("no evolution is running; start an evolution first")
+            raise UserError("nothing can be paused now; start an evolution first, or wait until it evolves")
         self._signal(signal.SIGSTOP)
         self._halt = True
 

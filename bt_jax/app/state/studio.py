@@ -10,11 +10,12 @@ import contextlib
 import dataclasses
 
 from bt_jax._util.errors import UserError
+from bt_jax.app.processes.train_command import NO_CHANGES
 from bt_jax.app.processes.warm_worker import WarmWorker
 from bt_jax.app.state.bus import Bus
 from bt_jax.app.state.demonstration_library import DemonstrationLibrary
 from bt_jax.app.state.edited_task import EditedTask, same_goal, same_things
-from bt_jax.app.state.evolution_process import NO_CHANGES, EvolutionProcess
+from bt_jax.app.state.evolution_process import EvolutionProcess
 from bt_jax.app.state.playing import Playing
 from bt_jax.app.state.run_record import read_record
 from bt_jax.app.state.teaching import Teaching
