@@ -26,6 +26,11 @@ FACES = {
     "bt_jax.gp": [
         "Alphabet", "Evolution", "GPConfig", "Generation", "Population", "Selection", "State", "best_of", "is_valid",
     ],
+    "bt_jax.mjx_env": [
+        "Ending", "EpisodeState", "Evaluation", "Kinematic", "LeafSemantics", "Physics", "Playback", "Renderer",
+        "RolloutEvaluator", "Settled", "Settler", "TableEvaluator", "Tick", "World", "film", "make_physics", "play",
+        "sample_layouts",
+    ],
     "bt_jax.tasks": [
         "Box", "Episode", "GeneSettings", "Kit", "Layout", "Subgoal", "Table", "Target", "Task", "Weights", "load_task",
         "task_from_dict", "task_names", "task_of_folder", "with_goal_of", "with_subgoal", "with_targets",

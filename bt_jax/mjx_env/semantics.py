@@ -125,8 +125,8 @@ class LeafSemantics:
         return np.argsort(np.concatenate([np.arange(FIRST_LEAF), *(tokens for tokens, _, _ in self._groups)]))
 
     def outcomes(self, world: World) -> Int16[Array, "2 S V"]:
-        """Outcome of every token in every state: `command << COMMAND_BITS | status`. The second layer holds the outcomes
-        once the command that is running in the first counts as failed."""
+        """Return the outcome of every token in every state: `command << COMMAND_BITS | status`. The second layer holds
+        the outcomes once the command that is running in the first counts as failed."""
         xp = namespace(world.poses)
         atoms = self._atom_outcomes(world)
         layers = []
@@ -143,7 +143,8 @@ class LeafSemantics:
     def _evaluate(
         self, node: Behavior | Control, atoms: Int16[Array, "S A"], columns: list[np.ndarray], failed: Array | None
     ) -> Int16[Array, "S m"]:
-        """Outcome of a skeleton for m leaves at once, where the outcome `failed` counts as a failure; consumes `columns`."""
+        """Return the outcome of a skeleton for m leaves at once, where the outcome `failed` counts as a failure;
+        consumes `columns`."""
         xp = namespace(atoms)
         if isinstance(node, Behavior):
             outcome = atoms[:, columns.pop(0)]
@@ -157,8 +158,8 @@ class LeafSemantics:
         return outcome
 
     def _atom_outcomes(self, world: World) -> Int16[Array, "S A"]:
-        """Outcomes of all conditions, then of all commands. An action succeeds when its postconditions hold, fails when
-        its preconditions cannot be met, and otherwise runs."""
+        """Return the outcomes of all conditions, then of all commands. An action succeeds if its postconditions hold,
+        fails if its preconditions do not, and otherwise runs."""
         xp = namespace(world.poses)
         conditions = self._condition_values(world)
         holding, can_hold = (conditions[:, self._named[name]] for name in ("holding", "clear"))
@@ -195,7 +196,7 @@ class LeafSemantics:
 
 
 def see_subgoals(task: Task, world: World) -> Bool[Array, "S G"]:
-    """Which of the task's subgoals hold in each state."""
+    """Return which of the task's subgoals hold in each state."""
     xp = namespace(world.poses)
     if not task.subgoals:
         return xp.zeros((world.held.shape[0], 0), bool)
@@ -206,21 +207,21 @@ def see_subgoals(task: Task, world: World) -> Bool[Array, "S G"]:
 
 @functools.lru_cache(maxsize=16)
 def _subgoal_columns(task: Task) -> tuple[LeafSemantics, list[np.ndarray]]:
-    """What computes the conditions of the task's subgoals, and for each subgoal the columns of its own."""
+    """Return what computes the conditions of the task's subgoals, and for each subgoal the columns of its own."""
     meanings = subgoal_conditions(task).values()
     semantics = LeafSemantics(task, Vocabulary.of(condition for meaning in meanings for condition in meaning))
     return semantics, [np.array([semantics._columns[condition] for condition in meaning]) for meaning in meanings]
 
 
 def reachable(world: World, task: Task) -> Bool[Array, "S B"]:
-    """The gripper reaches what is not below the lowest table's top, that is, what has not fallen to the floor."""
+    """Return which boxes the gripper reaches: those not below the lowest table's top, so not on the floor."""
     sizes = np.array([[box.size for box in task.boxes]], np.float32)
     lowest = np.float32(min(table.top for table in task.tables))
     return world.poses[..., 2] > lowest - np.float32(GEOMETRY.seated) * sizes
 
 
 def _rests_on(world: World, task: Task) -> Bool[Array, "S B B"]:
-    """[s, i, j]: box i stands over box j, close enough to rest on it; a held box rests on nothing."""
+    """Return at [s, i, j] whether box i stands over box j, close enough to rest on it; a held box rests on nothing."""
     xp = namespace(world.poses)
     sizes = np.array([box.size for box in task.boxes], np.float32)
     middle = ((sizes[:, None] + sizes[None, :]) / 2)[None]
@@ -233,7 +234,7 @@ def _rests_on(world: World, task: Task) -> Bool[Array, "S B B"]:
 
 
 def _atoms(leaf: Behavior | Control) -> list[Behavior]:
-    """The conditions and actions of a leaf, in prefix order; those of its subtree for a gene."""
+    """Return the conditions and actions of a leaf, in prefix order; those of its subtree for a gene."""
     if isinstance(leaf, Control):
         return [atom for child in leaf.children for atom in _atoms(child)]
     return _atoms(leaf.subtree) if leaf.subtree else [leaf]

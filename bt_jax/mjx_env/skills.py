@@ -34,7 +34,7 @@ class Released:
 
 
 def act(semantics: LeafSemantics, world: World, command: Int32[Array, " S"]) -> Released:
-    """Carries out one command in each state, up to the moment when the gripper lets go or has lifted."""
+    """Carry out one command in each state, up to the moment when the gripper lets go or has lifted."""
     task, count = semantics.task, len(semantics.task.boxes)
     xp = namespace(world.poses)
     boxes = np.arange(count, dtype=np.int8)[None]
@@ -64,7 +64,7 @@ def act(semantics: LeafSemantics, world: World, command: Int32[Array, " S"]) -> 
 
 
 def settled_world(task: Task, released: Released, poses: Float32[Array, "S B 7"]) -> World:
-    """The state once everything is at rest at `poses`: snapped, with the subgoals seen so far."""
+    """Return the state once everything is at rest at `poses`: snapped, with the subgoals that have held so far."""
     xp = namespace(poses)
     held = ~released.present[..., None]
     world = dataclasses.replace(released.world, poses=snap(xp.where(held, released.poses, poses)))
@@ -72,8 +72,8 @@ def settled_world(task: Task, released: Released, poses: Float32[Array, "S B 7"]
 
 
 def _release_pose(semantics: LeafSemantics, world: World, place: Int32[Array, " S"]) -> Float32[Array, "S B 7"]:
-    """Where the gripper lets go of the held box: the goal, or over what is in the way of lowering it there. The box keeps
-    its orientation. Same for all boxes of a state; only the held one's is meant."""
+    """Return where the gripper lets go of the held box: the goal, or over what is in the way of lowering it there. The
+    box keeps its orientation. The poses are the same for all boxes of a state; only that of the held one is used."""
     task = semantics.task
     xp = namespace(world.poses)
     rows = np.arange(world.held.shape[0])

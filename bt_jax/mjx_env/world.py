@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from types import ModuleType
+from typing import Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -31,7 +32,7 @@ __all__ = [
     "world_keys",
 ]
 
-Array = jax.Array | np.ndarray
+Array: TypeAlias = Any  # NumPy's or JAX's, and a function returns the kind it was given, which no union can say
 
 POSITION_GRID = 1e-4  # metres
 ROTATION_GRID = 1e-3  # of a quaternion's components: about 0.1 mm at the corner of a 0.1 m cube
@@ -46,16 +47,16 @@ class World:
     poses: Float32[Array, "*S B 7"]  # of the boxes' centres: position, quaternion
     held: Int8[Array, "*S"]  # index of the box in the gripper, or -1
     gripper_open: Bool[Array, "*S"]  # the gripper
-    reached: Bool[Array, "*S G"]  # subgoals that have been seen
+    reached: Bool[Array, "*S G"]  # subgoals that have held
 
 
 def namespace(array: Array) -> ModuleType:
-    """numpy or jax.numpy, whichever `array` belongs to."""
+    """Return numpy or jax.numpy, whichever `array` belongs to."""
     return jnp if isinstance(array, jax.Array) else np
 
 
-def take(world: World, index) -> World:
-    """The states at `index` along the first dimension."""
+def take(world: World, index: int | slice | Array) -> World:
+    """Return the states at `index` along the first dimension."""
     # Written out: walking a pytree takes longer than the rest for the few states of one tick.
     return World(
         world.kit[index], world.poses[index], world.held[index], world.gripper_open[index], world.reached[index]
@@ -63,18 +64,18 @@ def take(world: World, index) -> World:
 
 
 def concatenate(worlds: list[World]) -> World:
-    """NumPy states, one batch after the other."""
+    """Join batches of states (NumPy)."""
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *worlds)
 
 
 def distances(a: Float32[Array, "*S 3"], b: Float32[Array, "*S 3"]) -> Float32[Array, "*S"]:
-    """Between points, in their unit."""
+    """Return distances between points, in their unit."""
     x, y, z = (a[..., i] - b[..., i] for i in range(3))  # NumPy takes long for sums of three
     return namespace(a).sqrt(x * x + y * y + z * z)
 
 
 def rotate(quaternion: Float32[Array, "*S 4"], vector: Float32[Array, "*#S 3"]) -> Float32[Array, "*S 3"]:
-    """Rotates vectors by unit quaternions (w, x, y, z)."""
+    """Rotate vectors by unit quaternions (w, x, y, z)."""
     xp = namespace(quaternion)
     w, a, b, c = (quaternion[..., i] for i in range(4))
     x, y, z = (vector[..., i] for i in range(3))
@@ -85,7 +86,7 @@ def rotate(quaternion: Float32[Array, "*S 4"], vector: Float32[Array, "*#S 3"]) 
 
 
 def frames(world: World, task: Task) -> Float32[Array, "*S F 7"]:
-    """Poses of all frames of the task in the world, in the order of `task.frames`: boxes, kit, robot."""
+    """Return the poses of all frames of the task in the world, in the order of `task.frames`: boxes, kit, robot."""
     xp = namespace(world.poses)
     upright = xp.asarray([1, 0, 0, 0], np.float32)
     batch = world.kit.shape[:-1]
@@ -99,14 +100,14 @@ def frames(world: World, task: Task) -> Float32[Array, "*S F 7"]:
 def to_world(
     frame_poses: Float32[Array, "*S F 7"], frame: np.ndarray, position: np.ndarray
 ) -> Float32[Array, "*S n 3"]:
-    """World positions of n points, each given as index of its frame [n] and position in it [n, 3]."""
+    """Return world positions of n points, each given as index of its frame [n] and position in it [n, 3]."""
     poses = frame_poses[..., frame, :]
     points = namespace(frame_poses).asarray(position.reshape((1,) * (poses.ndim - 2) + position.shape), np.float32)
     return poses[..., :3] + rotate(poses[..., 3:], points)
 
 
 def snap(poses: Float32[Array, "*S 7"]) -> Float32[Array, "*S 7"]:
-    """Rounds poses to the grid on which two states count as the same: 0.1 mm, and w >= 0."""
+    """Round poses to the grid on which two states count as the same: 0.1 mm, and w >= 0."""
     # Products, since XLA turns divisions by constants into them, and NumPy must round alike.
     xp = namespace(poses)
     quaternion = poses[..., 3:]
@@ -117,7 +118,7 @@ def snap(poses: Float32[Array, "*S 7"]) -> Float32[Array, "*S 7"]:
 
 
 def world_keys(world: World) -> Int32[np.ndarray, "S n"]:
-    """One row of integers for each state (NumPy, snapped): equal rows are equal states."""
+    """Return one row of integers for each state (NumPy, snapped): equal rows are equal states."""
     count = world.held.shape[0]
     grid = np.array([POSITION_GRID] * 3 + [ROTATION_GRID] * 4)
     return np.concatenate(
@@ -133,5 +134,5 @@ def world_keys(world: World) -> Int32[np.ndarray, "S n"]:
 
 
 def row_names(rows: Shaped[np.ndarray, "S n"]) -> list[bytes]:
-    """Each row of numbers as something to look up in a dict."""
+    """Return each row of numbers as a key of a dict."""
     return np.ascontiguousarray(rows).view(f"V{rows.shape[1] * rows.itemsize}").ravel().tolist()

@@ -35,8 +35,8 @@ __all__ = [
     "in_batches",
 ]
 
-MANY = 512  # from so many episodes on,
-FEW = 8  # those that wait go on by themselves once they are at most one in so many
+MANY = 512  # from this number of episodes on,
+FEW = 8  # those that wait go on by themselves once they are at most one in eight
 
 
 @jax.tree_util.register_dataclass
@@ -68,7 +68,7 @@ def _advance(
     following: Int32[Array, " SC"],
     rules: Episode,
 ) -> tuple[Int32[Array, " E"], Tally, Int32[Array, " E"]]:
-    """Ticks until every episode has ended or waits. Returns states, tally, and for each episode the index into
+    """Tick until every episode has ended or waits. Return states, tally, and for each episode the index into
     `following` that it waits for, or -1."""
     _, capacity, tokens = outcomes.shape
     commands = following.shape[0] // capacity
@@ -110,7 +110,7 @@ _jump_table = kept_jit(jump_table)
 
 
 class TableEvaluator:
-    """Evaluates populations with a transition table that grows as it is used.
+    """Evaluate populations with a transition table that grows as it is used.
 
     Trees are evaluated in batches of `batch`, the last one padded, so that one shape is compiled.
     """
@@ -124,7 +124,7 @@ class TableEvaluator:
         return self.table.num_broken
 
     def __call__(self, trees: Trees, layouts: World, which: Int32[np.ndarray, "P K"] | None = None) -> Evaluation:
-        """Runs P trees [P, N] in K layouts each: rows `which` of the layouts (NumPy), or all of them."""
+        """Run P trees [P, N] in K layouts each: rows `which` of the layouts (NumPy), or all of them."""
         starts = self.table.ids(layouts)[all_layouts(trees, layouts) if which is None else which]
         return in_batches(self._run, self.batch, trees, starts)
 
@@ -144,7 +144,7 @@ class TableEvaluator:
     def _finish(
         self, jumps: JumpTable, tree: Int32[np.ndarray, " E"], state: Int32[Array, " E"], tally: Tally
     ) -> tuple[Int32[Array, " E"], Tally]:
-        """States and tally of all episodes at their ends. Where many have ended, the others go on by themselves."""
+        """Return states and tally of all episodes at their ends. Where many have ended, the others go on by themselves."""
         few = tree.size // FEW if tree.size >= MANY else 0
         table = self.table
         while True:
@@ -167,7 +167,7 @@ class TableEvaluator:
 
 
 def all_layouts(trees: Trees, layouts: World) -> Int32[np.ndarray, "P K"]:
-    """Every tree in every layout."""
+    """Return the rows that run every tree in every layout."""
     count = layouts.held.shape[0]
     return np.tile(np.arange(count, dtype=np.int32), (trees.tokens.shape[0], 1))
 
@@ -178,7 +178,7 @@ def in_batches(
     trees: Trees,
     starts: Int32[np.ndarray, "P K"],
 ) -> Evaluation:
-    """Calls `run` with `batch` trees at a time, repeating the last one to fill up, and joins what it returns."""
+    """Call `run` with `batch` trees at a time, repeating the last one to fill up, and join what it returns."""
     population = trees.tokens.shape[0]
     if population == batch:
         return run(trees, starts)
@@ -200,7 +200,7 @@ def evaluation(
     subgoals_missed: Int32[np.ndarray, " E"],
     shape: tuple[int, int],
 ) -> Evaluation:
-    """Evaluation of E = P * K episodes from their final distances [m] and missed subgoals; `shape` is (P, K)."""
+    """Return the evaluation of E = P * K episodes from their final distances [m] and missed subgoals; `shape` is (P, K)."""
     ending, ticks = np.asarray(tally.ending).reshape(shape), np.asarray(tally.ticks).reshape(shape)
     distance, subgoals_missed = distance.reshape(*shape, -1), subgoals_missed.reshape(shape)
     nodes = np.asarray(trees.sizes)[:, :1].astype(np.int32)

@@ -15,7 +15,7 @@ WORST_FITNESS = -1e6  # of an individual whose simulation diverged
 
 
 def target_distances(task: Task, world: World) -> Float32[Array, "S targets"]:
-    """Distance of each target's object from where it should be, metres."""
+    """Return the distance of each target's object from where it should be, metres."""
     objects = np.array([task.box_names.index(target.object) for target in task.targets])
     frame = np.array([task.frames.index(target.frame) for target in task.targets])
     position = np.array([target.position for target in task.targets], np.float32)
@@ -24,7 +24,7 @@ def target_distances(task: Task, world: World) -> Float32[Array, "S targets"]:
 
 
 def subgoals_missed(world: World) -> Int32[Array, " S"]:
-    """Number of the task's subgoals that were never seen."""
+    """Return the number of the task's subgoals that never held."""
     xp = namespace(world.reached)
     return xp.sum(~world.reached, axis=-1, dtype=np.int32)
 
@@ -37,7 +37,7 @@ def fitness(
     nodes: Int32[Array, "*E"],
     ending: Int8[Array, "*E"],
 ) -> Float32[Array, "*E"]:
-    """Fitness of episodes: `distance` is the sum over the targets [m]."""
+    """Return the fitness of episodes: `distance` is the sum over the targets [m]."""
     xp = namespace(distance)
     w = task.weights
     cost = np.float32(w.distance) * distance

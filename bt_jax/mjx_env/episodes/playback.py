@@ -1,4 +1,4 @@
-"""One episode, tick by tick, with everything that there is to show of it."""
+"""One episode, tick by tick, with everything needed to show it."""
 
 from __future__ import annotations
 
@@ -42,7 +42,9 @@ class Tick:
     @property
     def status(self) -> Status:
         """What the tree returned."""
-        return self.statuses[0]
+        root = self.statuses[0]
+        assert root is not None  # every tick ticks the root
+        return root
 
 
 @dataclasses.dataclass(frozen=True)
@@ -97,9 +99,9 @@ class EpisodeState:
 
 
 def play(semantics: LeafSemantics, settler: Settler, tree: Tree, layout: World) -> Playback:
-    """Runs a tree in a layout, a batch of one state (NumPy), to the end of the episode.
+    """Run a tree in a layout, a batch of one state (NumPy), to the end of the episode.
 
-    Raises UserError where a leaf is not in the vocabulary of `semantics`.
+    Raises UserError if a leaf is not in the vocabulary of `semantics`.
     """
     episode, ticks = EpisodeState(semantics, settler, tree, layout), []
     while episode.ending == Ending.OPEN:
@@ -127,7 +129,7 @@ def _tick(
 
 
 def _execute(semantics: LeafSemantics, settler: Settler, world: World, command: int) -> tuple[World, bool]:
-    """The state once everything rests again; the same state and False where the simulation diverged."""
+    """Return the state once everything rests again; the same state and False where the simulation diverged."""
     released = act(semantics, world, np.array([command], np.int32))
     poses, ok = settler.settle(released)
     if not ok[0]:

@@ -34,7 +34,7 @@ __all__ = ["RolloutEvaluator"]
 
 
 class RolloutEvaluator:
-    """Evaluates populations by simulating every transition of every episode.
+    """Evaluate populations by simulating every transition of every episode.
 
     `settle` is a level as a pure JAX function: `Kinematic(task).settle` or `mjx.settle_fn(task)`.
     """
@@ -45,7 +45,7 @@ class RolloutEvaluator:
         self._rollout = functools.partial(_rollout, semantics, settle)
 
     def __call__(self, trees: Trees, layouts: World, which: Int32[np.ndarray, "P K"] | None = None) -> Evaluation:
-        """Runs P trees [P, N] in K layouts each: rows `which` of the layouts (NumPy), or all of them."""
+        """Run P trees [P, N] in K layouts each: rows `which` of the layouts (NumPy), or all of them."""
         starts = all_layouts(trees, layouts) if which is None else which
         result = in_batches(functools.partial(self._run, layouts), self.batch, trees, starts)
         self.num_broken += int(np.sum(result.ending == Ending.BROKEN))

@@ -2,7 +2,7 @@
 
 With deterministic skills an episode is a walk over (state, command) -> state. States get integer ids in the order in which
 they are met; what every leaf returns in a state is computed when it gets its id. Both tables live on the device, where
-`evaluate.advance` walks over them; the states themselves stay on the host.
+`evaluator.TableEvaluator` walks over them; the states themselves stay on the host.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class TransitionTable:
     """States, outcomes and transitions met so far.
 
     `outcomes[layer, state, token]` is as in `LeafSemantics.outcomes`; `following[state * C + command]` is the next state, or
-    UNKNOWN, or BROKEN where physics gave no number.
+    UNKNOWN, or BROKEN where the simulation diverged.
     """
 
     outcomes: Int16[Array, "2 S V"]
@@ -55,20 +55,26 @@ class TransitionTable:
         self.outcomes = jnp.asarray(np.zeros((2, FIRST_CAPACITY, len(semantics.vocabulary)), np.int16))
         self.following = jnp.asarray(np.full(FIRST_CAPACITY * self.num_commands, UNKNOWN, np.int32))
 
+    @property
+    def _known(self) -> _Rows:
+        if self._rows is None:
+            raise LookupError("the table has no states yet")
+        return self._rows
+
     def worlds(self, ids: Int32[np.ndarray, " S"]) -> World:
-        """The states with these ids (NumPy)."""
-        return take(self._rows.world, ids)
+        """Return the states with these ids (NumPy)."""
+        return take(self._known.world, ids)
 
     def distance(self, ids: Int32[np.ndarray, " S"]) -> Float32[np.ndarray, "S targets"]:
-        """Distances of the targets' objects in these states, metres."""
-        return self._rows.distance[ids]
+        """Return the distances of the targets' objects in these states, metres."""
+        return self._known.distance[ids]
 
     def subgoals_missed(self, ids: Int32[np.ndarray, " S"]) -> Int32[np.ndarray, " S"]:
-        """Number of the task's subgoals not seen on the way to these states."""
-        return self._rows.subgoals_missed[ids]
+        """Return how many of the task's subgoals never held on the way to these states."""
+        return self._known.subgoals_missed[ids]
 
     def ids(self, world: World) -> Int32[np.ndarray, " S"]:
-        """Ids of snapped states (NumPy); new ones are added in the order in which they appear."""
+        """Return the ids of snapped states (NumPy); new ones are added in the order in which they appear."""
         known = self._ids
         ids = np.array([known.setdefault(name, len(known)) for name in row_names(world_keys(world))], np.int32)
         if len(known) > self.num_states:
@@ -77,7 +83,7 @@ class TransitionTable:
         return ids
 
     def learn(self, states: Int32[np.ndarray, " n"], commands: Int32[np.ndarray, " n"]) -> None:
-        """Simulates the commands in the states, as one batch, and enters where they lead. The pairs must be distinct."""
+        """Simulate the commands in the states, as one batch, and enter where they lead. The pairs must be distinct."""
         released = act(self.semantics, self.worlds(states), commands)
         poses, ok = self.settler.settle(released)
         following = np.full(len(states), BROKEN, np.int32)
@@ -127,7 +133,7 @@ class _Rows:
     subgoals_missed: Int32[np.ndarray, " S"]
 
     def followed_by(self, other: _Rows, count: int) -> _Rows:
-        """With the other rows behind the first `count`: entered in place where there is room."""
+        """Return the first `count` rows with the other ones behind them, in place if there is room."""
         leaves, structure = jax.tree.flatten(self)
         end = count + len(other.subgoals_missed)
         if end > len(self.subgoals_missed):
@@ -143,7 +149,7 @@ class _Part(NamedTuple):
 
 
 def _parts(count: int) -> Iterator[_Part]:
-    """Cuts `count` rows into parts whose padded sizes are among a few, so that few shapes are compiled."""
+    """Cut `count` rows into parts whose padded sizes are among a few, so that few shapes are compiled."""
     done = 0
     while done < count:
         size = next((bucket for bucket in BUCKETS if bucket >= count - done), BUCKETS[-1])

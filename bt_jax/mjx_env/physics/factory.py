@@ -15,11 +15,11 @@ __all__ = ["make_physics"]
 def make_physics(
     task: Task, backend: str = "auto", *, threads: int | None = None, implementation: str = "jax"
 ) -> Physics:
-    """The physics of a task.
+    """Return the physics of a task.
 
     `backend`: "mujoco" (C engine on `threads` threads, default one per core), "mjx" (batched on JAX's default device;
     `implementation` "jax" or, on NVIDIA, "warp") or "auto": mjx on an accelerator, mujoco on a CPU.
-    Raises UserError where the choice does not exist here.
+    Raises UserError if the choice does not exist here.
     """
     why = f"{backend} was asked for"
     if backend == "auto":

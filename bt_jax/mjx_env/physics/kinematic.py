@@ -36,7 +36,7 @@ class Kinematic:
 def settle(
     task: Task, kit: Float32[Array, "S 3"], poses: Float32[Array, "S B 7"], present: Bool[Array, "S B"]
 ) -> Settled:
-    """Lets boxes fall, the lowest first; NumPy or JAX. See `physics.Physics.settle` for the arguments."""
+    """Let boxes fall, the lowest first; NumPy or JAX. See `Physics.settle`."""
     xp = namespace(poses)
     count = len(task.boxes)
     sizes = xp.asarray(np.array([[box.size for box in task.boxes]], np.float32))
@@ -77,7 +77,7 @@ def _drop(surfaces: Surfaces, usable: Array, pose: Float32[Array, "S 7"], half: 
 
 
 def _topple(surfaces: Surfaces, usable: Array, pose: Float32[Array, "S 7"], half: Float32[Array, " S"]) -> Array:
-    """Moves a box whose centre is beside its support off that support, turned by a quarter; others stay."""
+    """Move a box whose centre is beside its support off that support, turned by a quarter; others stay."""
     xp = namespace(pose)
     xy, bottom = pose[:, :2], pose[:, 2] - half
     level = xp.abs(surfaces.top - bottom[:, None]) < (half * np.float32(2 * LEVEL))[:, None]
@@ -103,7 +103,7 @@ def _topple(surfaces: Surfaces, usable: Array, pose: Float32[Array, "S 7"], half
 def _quarter_turn(
     quaternion: Float32[Array, "S 4"], about_y: Float32[Array, " S"], about_x: Float32[Array, " S"]
 ) -> Array:
-    """(sqrt(1/2), about_x, about_y, 0) * quaternion, so that a box tips over its edge in the world's frame."""
+    """Return (sqrt(1/2), about_x, about_y, 0) * quaternion (wxyz), so that a box tips over its edge in the world's frame."""
     xp = namespace(quaternion)
     a = np.float32(np.sqrt(0.5))
     w, x, y, z = (quaternion[:, i] for i in range(4))

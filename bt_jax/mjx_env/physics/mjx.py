@@ -9,8 +9,10 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
+import importlib
 import io
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +29,7 @@ from bt_jax.mjx_env.scene.mjcf import resolve_ids, timing
 from bt_jax.tasks import Task
 
 with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-    from mujoco import mjx  # says on import that the optional warp is missing
+    from mujoco import mjx  # on import, it prints that the optional warp is missing
 
 __all__ = ["MjxPhysics", "settle_fn"]
 
@@ -66,7 +68,7 @@ class MjxPhysics:
 
 
 def _bucket(count: int) -> int:
-    """The power of four that a batch is padded to; an accelerator solves a thousand problems as fast as a few."""
+    """Return the power of four that a batch is padded to; an accelerator solves a thousand problems as fast as a few."""
     smallest = 2 if jax.default_backend() == "cpu" else 5
     return 4 ** max(smallest, math.ceil(math.log(max(count, 1), 4)))
 
@@ -104,7 +106,8 @@ def _warp_settle(task: Task, lanes: int) -> SettleFn:
 
 
 def _only_bodies(task: Task) -> Task:
-    """The task without what the simulation does not depend on, so that tasks with the same bodies share compiled code."""
+    """Return the task without what the simulation does not depend on, so that tasks with the same bodies share compiled
+    code."""
     blank = Task("", "", task.tables, task.kit, task.boxes, targets=())
     return dataclasses.replace(blank, robot_position=task.robot_position)
 
@@ -117,7 +120,7 @@ def _settle_kept(settle: SettleFn, kit: Array, poses: Array, present: Array) -> 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class _Lane:
-    """One problem on its way."""
+    """A problem that is being simulated."""
 
     problem: Int32[Array, "*W"]
     poses: Float32[Array, "*W B 7"]
@@ -130,14 +133,16 @@ class _Lane:
     ok: Bool[Array, "*W"]
 
 
-def _settle(model: _Model, lanes: int, kit, poses, present) -> Settled:
+def _settle(
+    model: _Model, lanes: int, kit: Float32[Array, "S 3"], poses: Float32[Array, "S B 7"], present: Bool[Array, "S B"]
+) -> Settled:
     problems, boxes = present.shape
     width = min(lanes, problems)
     empty = Settled(
         poses, jnp.ones(problems, bool), jnp.zeros(problems, jnp.int32), jnp.zeros((problems, boxes), jnp.float32)
     )
 
-    def fresh(problem) -> _Lane:
+    def fresh(problem: Int32[Array, ""]) -> _Lane:
         return _Lane(
             problem=problem,
             poses=poses[problem],
@@ -208,8 +213,10 @@ class _Model:
         self.mass = np.array(inertia, np.float32).ravel()
         self.free = np.tile(np.array([*model.opt.gravity, 0, 0, 0], np.float32), len(self.ids.boxes))
 
-    def step(self, lane: _Lane, kit, start, present) -> _Lane:
-        """One physics step of one problem; boxes that are not present hang far above, each in its place."""
+    def step(
+        self, lane: _Lane, kit: Float32[Array, "3"], start: Float32[Array, "B 7"], present: Bool[Array, " B"]
+    ) -> _Lane:
+        """Do one physics step of one problem; boxes that are not present hang far above, each in its place."""
         here = present[:, None]
         poses = jnp.where(here, lane.poses, self.parked)
         data = self.data.replace(
@@ -239,8 +246,8 @@ class _Model:
             ok=lane.ok & sane,
         )
 
-    def _advance(self, data: mjx.Data):
-        """`mjx.step` for boxes without joints among them: same collisions and constraints, another solver.
+    def _advance(self, data: mjx.Data) -> tuple[Float32[Array, "B 7"], Float32[Array, "B 6"], Float32[Array, " dofs"]]:
+        """Do as `mjx.step` for boxes without joints among them: same collisions and constraints, another solver.
 
         The boxes are cubes, so nothing but gravity accelerates a free one: their inertia has no gyroscopic part."""
         boxes = len(self.ids.boxes)
@@ -271,9 +278,9 @@ class _Model:
         turned = jax.vmap(_turn)(poses[:, 3:], velocities[:, 3:] * step)
         return jnp.concatenate([poses[:, :3] + step * velocities[:, :3], turned], axis=1), velocities, acceleration
 
-    def _as_in_c(self, data: mjx.Data):
-        """Contacts by the C engine's conventions: halfway between the surfaces, where MJX leaves those of two boxes on
-        one of them, and each place once, where MJX fills up to four by repetition, which would stiffen it."""
+    def _as_in_c(self, data: mjx.Data) -> Any:  # the class of MJX's contacts is private
+        """Return the contacts by the C engine's conventions: halfway between the surfaces (MJX leaves those of two boxes on
+        one of them), and each place once (MJX fills up to four by repetition, which would stiffen the contact)."""
         contact = data._impl.contact
         geoms = contact.geom
         normal = contact.frame[:, 0]
@@ -291,8 +298,8 @@ class _Model:
             pos=jnp.where(plane[:, None], contact.pos, between), dist=jnp.where(again, 1.0, contact.dist)
         )
 
-    def _stand_in_positions(self, kit, poses) -> Float32[Array, "mocap 3"]:
-        """Where the kit and each stand-in is, in the order of the mocap bodies."""
+    def _stand_in_positions(self, kit: Float32[Array, "3"], poses: Float32[Array, "B 7"]) -> Float32[Array, "mocap 3"]:
+        """Return where the kit and each stand-in is, in the order of the mocap bodies."""
         rows = [kit]
         for box, choices, in_kit in self.stand_ins:
             places = jnp.asarray(choices, jnp.float32) + (kit if in_kit else jnp.zeros_like(kit))[None]
@@ -302,7 +309,7 @@ class _Model:
 
 
 def _turn(quat: Float32[Array, "4"], turn: Float32[Array, "3"]) -> Float32[Array, "4"]:
-    """A quaternion (wxyz) turned by a rotation vector [rad] in its own frame."""
+    """Return a quaternion (wxyz) turned by a rotation vector [rad] in its own frame."""
     angle = jnp.sqrt(jnp.sum(turn**2) + jnp.float32(1e-20))
     half = 0.5 * angle
     w, xyz = jnp.cos(half), turn * (jnp.sin(half) / angle)
@@ -313,7 +320,7 @@ def _turn(quat: Float32[Array, "4"], turn: Float32[Array, "3"]) -> Float32[Array
 
 def _check_warp() -> None:
     try:
-        import warp  # noqa: F401
+        importlib.import_module("warp")
     except ImportError:
         raise UserError('implementation "warp" needs the package warp-lang; install bt_jax[cuda], or use jax') from None
     if jax.default_backend() != "gpu":

@@ -20,10 +20,10 @@ StandIn = tuple[int, tuple[tuple[float, float, float], ...], bool]
 
 
 def stand_in_mjcf(task: Task) -> tuple[str, list[StandIn]]:
-    """The scene with explicit contact pairs, and its stand-ins: box index, places to choose from, whether in the kit's
-    frame. Their bodies follow the kit's in the file and thus in the mocap arrays."""
+    """Return the scene with explicit contact pairs, and its stand-ins: box index, places to choose from, whether in the
+    kit's frame. Their bodies follow the kit's in the file and thus in the mocap arrays."""
     root = ElementTree.fromstring(build_mjcf(task))
-    world = root.find("worldbody")
+    world, defaults = _only(root, "worldbody"), _only(root, "default/geom")
     contact = ElementTree.SubElement(root, "contact")
     kit = next(body for body in world.iter("body") if body.get("name") == task.kit.name)
     geoms = {geom.get("name"): geom for geom in world.iter("geom")}
@@ -37,10 +37,10 @@ def stand_in_mjcf(task: Task) -> tuple[str, list[StandIn]]:
         nonlocal insert
         name = f"near_{names[0]}_{box}"
         body = ElementTree.Element("body", name=name, mocap="true")
-        ElementTree.SubElement(body, "geom", {"name": name, "type": "box", "size": geoms[names[0]].get("size")})
+        ElementTree.SubElement(body, "geom", {"name": name, "type": "box", "size": geoms[names[0]].attrib["size"]})
         world.insert(insert, body)
         insert += 1
-        places = tuple(tuple(float(x) for x in geoms[n].get("pos").split()) for n in names)
+        places = tuple(_vector(geoms[name].attrib["pos"]) for name in names)
         stand_ins.append((box, places, in_kit))
         replaced.update(names)
         return name
@@ -60,18 +60,31 @@ def stand_in_mjcf(task: Task) -> tuple[str, list[StandIn]]:
     for geom in world.iter("geom"):  # only the explicit pairs meet
         geom.set("contype", "0")
         geom.set("conaffinity", "0")
-    defaults = root.find("default/geom")
     for first, second in pairs:
         attributes = {"geom1": first, "geom2": second, "friction": "1 1 .005 .0001 .0001", "condim": "3"}
-        ElementTree.SubElement(contact, "pair", attributes | {k: defaults.get(k) for k in ("solref", "solimp")})
+        ElementTree.SubElement(
+            contact, "pair", attributes | {key: defaults.attrib[key] for key in ("solref", "solimp")}
+        )
     custom = ElementTree.SubElement(root, "custom")
     contacts = str(CONTACTS_PER_BOX * len(task.boxes))
     ElementTree.SubElement(custom, "numeric", name="max_contact_points", data=contacts)
     return ElementTree.tostring(root, encoding="unicode"), stand_ins
 
 
+def _only(root: ElementTree.Element, path: str) -> ElementTree.Element:
+    found = root.find(path)
+    if found is None:
+        raise ValueError(f"the scene has no {path}")
+    return found
+
+
+def _vector(text: str) -> tuple[float, float, float]:
+    x, y, z = map(float, text.split())
+    return x, y, z
+
+
 def _only_nearest_table(task: Task, size: float) -> bool:
-    """Whether a box can touch only the table whose centre is nearest: all are alike and lie further apart than the
+    """Return whether a box can touch only the table whose centre is nearest: all are alike and lie further apart than the
     box's diagonal."""
     diagonal = size * math.sqrt(3)
     if len({(table.size, table.position[2]) for table in task.tables}) > 1:

@@ -7,13 +7,13 @@ from collections.abc import Iterator
 
 import mujoco
 import numpy as np
-from jaxtyping import Bool, Float32, Float64
+from jaxtyping import Bool, Float32, Float64, Int
 from mujoco.rollout import Rollout
 
 from bt_jax.mjx_env.physics.protocol import MAX_STEPS, QUIET_STEPS, Settled
 from bt_jax.mjx_env.scene.mjcf import compile_scene, timing
 from bt_jax.mjx_env.world import row_names
-from bt_jax.tasks import Task
+from bt_jax.tasks import Box, Task
 
 __all__ = ["MujocoPhysics"]
 
@@ -51,8 +51,16 @@ class MujocoPhysics:
                 self._settle_equal(rows, count, kit[rows], poses[rows], present[rows], result)
         return result
 
-    def _settle_equal(self, rows, count, kit, poses, present, result: Settled) -> None:
-        """Solves problems with equally many boxes and writes them into `result`."""
+    def _settle_equal(
+        self,
+        rows: Int[np.ndarray, " n"],
+        count: int,
+        kit: Float32[np.ndarray, "n 3"],
+        poses: Float32[np.ndarray, "n B 7"],
+        present: Bool[np.ndarray, "n B"],
+        result: Settled,
+    ) -> None:
+        """Solve problems with equally many boxes and write them into `result`."""
         index = np.nonzero(present)[1].reshape(-1, count)
         start = np.take_along_axis(poses, index[..., None], axis=1).astype(np.float64)
         models = [self._model(names) for names in row_names(present)]
@@ -87,7 +95,7 @@ class MujocoPhysics:
         result.ok[rows], result.steps[rows] = quiet.ok, quiet.steps
 
     def _model(self, present: bytes) -> mujoco.MjModel:
-        """The model with the boxes of a row of flags. Boxes that only differ in name and colour share one."""
+        """Return the model with the boxes of a row of flags. Boxes that only differ in name and colour share one."""
         if present not in self._models:
             boxes = self.task.boxes
             names = tuple(box.name for box, here in zip(boxes, present, strict=True) if here)
@@ -110,8 +118,10 @@ class _Quiet:
         self.slow = np.zeros((len(start), QUIET_STEPS - 1), bool)  # whether the last steps were slow
         self.before = np.zeros(len(start))  # how fast the last step was
 
-    def update(self, active, trajectory: Float64[np.ndarray, "S T state"]) -> Bool[np.ndarray, " S"]:
-        """Takes in a piece of the motion of the active problems; returns which of them need no more."""
+    def update(
+        self, active: Int[np.ndarray, " n"], trajectory: Float64[np.ndarray, "n T state"]
+    ) -> Bool[np.ndarray, " n"]:
+        """Take in a piece of the motion of the active problems; return which of them are done."""
         boxes = self.start.shape[1]
         batch, nstep, _ = trajectory.shape
         qpos = trajectory[:, :, 1 : 1 + 7 * boxes].reshape(batch, nstep, boxes, 7)
@@ -142,7 +152,7 @@ class _Quiet:
 
 
 def _chunks() -> Iterator[int]:
-    """Numbers of steps between two looks at the motion: often where most problems end."""
+    """Yield numbers of steps between two checks for rest: often while most problems end."""
     done = 0
     while done < MAX_STEPS:
         nstep = min(8 if 16 <= done < 32 else 16, MAX_STEPS - done)
@@ -150,5 +160,5 @@ def _chunks() -> Iterator[int]:
         done += nstep
 
 
-def _alike(a, b) -> bool:
+def _alike(a: Box, b: Box) -> bool:
     return (a.size, a.density) == (b.size, b.density)

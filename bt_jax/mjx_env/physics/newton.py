@@ -27,8 +27,8 @@ def solve(
     *,
     iterations: int,
 ) -> Float32[Array, " dofs"]:
-    """Accelerations. `mass` is M's diagonal, `free` is a0, `jacobian` J, `stiffness` D and `reference` r; `start` is a
-    first guess."""
+    """Return accelerations. `mass` is M's diagonal, `free` is a0, `jacobian` J, `stiffness` D and `reference` r;
+    `start` is a first guess."""
     # In units where M is the identity, float32 is enough for heavy and light bodies alike.
     root = jnp.sqrt(mass)
     rows = jacobian / root[None]
@@ -52,9 +52,15 @@ def solve(
     return jax.lax.fori_loop(0, iterations, step, first) / root
 
 
-def _search(offset, gap, direction, slope, stiffness) -> Float32[Array, ""]:
-    """Exact line search: the root of the piecewise linear, increasing derivative of the cost along `direction`, by
-    Newton steps kept inside a shrinking bracket."""
+def _search(
+    offset: Float32[Array, " dofs"],
+    gap: Float32[Array, " rows"],
+    direction: Float32[Array, " dofs"],
+    slope: Float32[Array, " rows"],
+    stiffness: Float32[Array, " rows"],
+) -> Float32[Array, ""]:
+    """Search the line exactly: return the root of the piecewise linear, increasing derivative of the cost along
+    `direction`, by Newton steps kept inside a shrinking bracket."""
     constant, linear = jnp.dot(offset, direction), jnp.dot(direction, direction)
 
     def derivative(alpha):

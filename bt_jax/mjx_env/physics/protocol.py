@@ -10,14 +10,14 @@ from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
 import jax
-import numpy as np
 from jaxtyping import Bool, Float32, Int32
+
+from bt_jax.mjx_env.world import Array
 
 __all__ = ["MAX_STEPS", "QUIET_STEPS", "Physics", "SettleFn", "Settled"]
 
 MAX_STEPS = 400
 QUIET_STEPS = 4
-Array = jax.Array | np.ndarray
 
 
 @jax.tree_util.register_dataclass
@@ -25,7 +25,7 @@ Array = jax.Array | np.ndarray
 class Settled:
     """Where boxes came to rest.
 
-    `ok` is False where a value is not finite or a box flew away; the poses are then the last that could be computed.
+    `ok` is False where a value is not finite or a box flew away; the poses are then the last valid ones.
     `steps` is the number of physics steps until rest, MAX_STEPS where the boxes still move. `reach` is the largest
     horizontal distance [m] of each box from its start during the motion.
     """
@@ -42,7 +42,7 @@ SettleFn = Callable[[Float32[jax.Array, "S 3"], Float32[jax.Array, "S B 7"], Boo
 
 @runtime_checkable
 class Physics(Protocol):
-    """A backend. `why` says in one sentence which it is and why it was taken."""
+    """A backend. `why` says in one sentence which one it is and why it was chosen."""
 
     name: str
     why: str
@@ -50,7 +50,7 @@ class Physics(Protocol):
     def settle(
         self, kit: Float32[Array, "S 3"], poses: Float32[Array, "S B 7"], present: Bool[Array, "S B"]
     ) -> Settled:
-        """Releases the present boxes at rest and steps until all rest; the others take no part and keep their pose.
+        """Release the present boxes at rest and step until all rest; the others take no part and keep their pose.
 
         At rest means QUIET_STEPS steps in a row in which no box is faster than the task's `timing` allows, nor gaining
         speed. A problem's result depends on nothing but the problem.

@@ -52,7 +52,8 @@ class Settler:
         self._offsets[:, :3] = positions - positions[[first[i] for i in range(len(tables))]]
 
     def settle(self, released: Released) -> tuple[Float32[np.ndarray, "S B 7"], Bool[np.ndarray, " S"]]:
-        """Poses of all boxes at rest (metres, world; quaternion wxyz), and whether physics gave a sane answer."""
+        """Return the poses of all boxes at rest (metres, world; quaternion wxyz), and False where the simulation
+        diverged."""
         poses, ok = released.poses.copy(), np.ones(len(released.box), bool)
         near = self._neighbours(released)
         rows = np.flatnonzero(near.any(axis=1))
@@ -73,7 +74,7 @@ class Settler:
         return poses, ok
 
     def _neighbours(self, released: Released) -> Bool[np.ndarray, "S B"]:
-        """Boxes that may move: those near the one that was let go, or, where one was taken, those that touched it."""
+        """Return the boxes that may move: near the one that was let go, or, if one was taken, in touch with it."""
         count = len(self.task.boxes)
         rows = np.arange(len(released.box))
         box = np.maximum(released.box, 0)
@@ -91,12 +92,20 @@ class Settler:
         return near & (~taken | loose)[:, None]
 
     def _nearest_table(self, released: Released, rows: np.ndarray) -> Int[np.ndarray, " S"]:
-        """Index of the table nearest to the handled box, for the given rows."""
+        """Return the index of the table nearest to the handled box, for the given rows."""
         here = released.poses[rows, released.box[rows], :2]
         return np.argmin(np.linalg.norm(self._centres - here[:, None], axis=-1), axis=1)
 
-    def _is_local(self, start, near, present, reach, centre, half) -> Bool[np.ndarray, " S"]:
-        """Whether every box stays over its table and nothing that moved could have met a box that was left out."""
+    def _is_local(
+        self,
+        start: Float32[np.ndarray, "S B 7"],
+        near: Bool[np.ndarray, "S B"],
+        present: Bool[np.ndarray, "S B"],
+        reach: Float32[np.ndarray, "S B"],
+        centre: Float32[np.ndarray, "S 2"],
+        half: Float32[np.ndarray, "S 2"],
+    ) -> Bool[np.ndarray, " S"]:
+        """Return whether every box stays over its table and nothing that moved could have met a box that was left out."""
         moved = near & (reach > STILL * self._sizes)
         body = self._sizes * np.float32(0.87)  # half the diagonal of a cube
         extent = np.abs(start[..., :2] - centre[:, None]) + (reach + body)[..., None]
@@ -108,7 +117,7 @@ class Settler:
     def _solve(
         self, kit: Float32[np.ndarray, "S 3"], poses: Float32[np.ndarray, "S B 7"], present: Bool[np.ndarray, "S B"]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Poses, ok and reach; only problems that are new are simulated."""
+        """Return poses, ok and reach; only problems that are new are simulated."""
         records = _records(kit, poses, present)
         order = self._canonical_order(records)
         records = np.take_along_axis(records, order[..., None], axis=1)
@@ -133,7 +142,7 @@ class Settler:
         self._solutions.update(zip(names, solutions, strict=True))
 
     def _canonical_order(self, records: Int32[np.ndarray, "S B 7"]) -> Int[np.ndarray, "S B"]:
-        """For each slot the box in it: equal boxes are sorted by their records."""
+        """Return the box in each slot: equal boxes are sorted by their records."""
         order = np.tile(np.arange(records.shape[1]), (len(records), 1))
         for group in self._twins:
             columns = np.moveaxis(records[:, group], 2, 0)
@@ -142,17 +151,17 @@ class Settler:
 
 
 def _records(kit: np.ndarray, poses: np.ndarray, present: np.ndarray) -> Int32[np.ndarray, "S B 7"]:
-    """Boxes as integers; all that are absent look alike."""
+    """Return boxes as integers; all that are absent look alike."""
     grid = np.array([POSITION_GRID] * 3 + [ROTATION_GRID] * 4)
     absent = np.iinfo(np.int32).max
     return np.where(present[..., None], np.rint(snap(poses) / grid).astype(np.int32), np.int32(absent))
 
 
 def _snapped(kit: Float32[np.ndarray, "S 3"]) -> Float32[np.ndarray, "S 3"]:
-    """On the grid of the key, so that the key says all that the solution depends on."""
+    """Round to the grid of the key, so that the key contains all that the solution depends on."""
     return (np.rint(kit / POSITION_GRID) * POSITION_GRID).astype(np.float32)
 
 
 def _groups(features: list) -> list[list[int]]:
-    """Indices of equal features, in order of first appearance."""
+    """Return the indices of equal features, in order of first appearance."""
     return [[j for j, g in enumerate(features) if g == f] for i, f in enumerate(features) if f not in features[:i]]

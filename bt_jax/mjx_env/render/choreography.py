@@ -41,7 +41,7 @@ class Shot:
 
 
 def shots(semantics: LeafSemantics, playback: Playback, *, fps: float) -> list[Shot]:
-    """The frames of a playback; motions of boxes run at their real pace."""
+    """Return the frames of a playback; motions of boxes run at their real pace."""
     stage = Stage(semantics, playback.start, fps=fps)
     stage.hold(PAUSE_SECONDS)
     for i, tick in enumerate(playback.ticks):
@@ -87,20 +87,21 @@ class Stage:
         self.shots += [self.shots[-1]] * round(seconds * self.fps)
 
     def run(self, tick: Tick, later: Sequence[Tick]) -> None:
-        """The command of a tick, if there is one; `later` ticks tell where a box that is taken will be put."""
+        """Show the command of a tick, if it has one; `later` ticks tell where a box that is taken will be put."""
         command = tick.command
         if command is None:
             return
         released = self._released(tick)
         motion = _fall(self.task, released, tick.after.poses[0].astype(float), self.fps)
-        box = None if command.object is None else self.task.box_names.index(command.object)
         match command.name:
             case "pick":
+                box = self.task.box_names.index(command.object)
                 self.travel(tick.before.poses[0, box, :3], self._grasp_yaw(box, tick, later), WIDE * self.sizes[box])
                 self.grip(self.sizes[box])
                 self.held = box
                 self.move(self._line(released.poses[0, box, :3]), RISE_SECONDS * self.scale, motion=motion)
             case "place":
+                box = self.task.box_names.index(command.object)
                 self.travel(released.poses[0, box, :3], self.yaw, self.opening)
                 self.let_go(WIDE * self.sizes[box], motion)
             case "open_gripper":
@@ -110,7 +111,7 @@ class Stage:
         self.poses = tick.after.poses[0].astype(float)
 
     def leave(self) -> None:
-        """An empty gripper goes back to where it hides nothing."""
+        """Send an empty gripper back to where it hides nothing."""
         if self.held is None:
             self.travel(self.home, self.yaw, self.opening)
 
@@ -123,7 +124,7 @@ class Stage:
         opening: float | None = None,
         motion: Sequence[Poses] = (),
     ) -> None:
-        """The tip follows `path` from 0 to 1; a held box comes along, the others follow `motion`."""
+        """Move the tip along `path` from 0 to 1; a held box comes along, the others follow `motion`."""
         count = max(1, round(seconds * self.fps))
         yaw_before, opening_before, tip_before = self.yaw, self.opening, self.tip
         grasp = None if self.held is None else self.poses[self.held, :3] - tip_before
@@ -142,7 +143,7 @@ class Stage:
             self.shoot()
 
     def travel(self, goal: np.ndarray, yaw: float, opening: float) -> None:
-        """An arch that leaves and arrives vertically and clears everything that stands on the tables."""
+        """Travel along an arch that leaves and arrives vertically and clears everything that stands on the tables."""
         start, goal = self.tip, np.asarray(goal, float)
         others = np.arange(len(self.sizes)) != self.held
         high = np.max(self.poses[others, 2] + self.sizes[others] / 2, initial=self.top + self.task.kit.wall_height)
@@ -159,11 +160,11 @@ class Stage:
         self.move(arch, seconds, yaw=self.yaw + turn, opening=opening)
 
     def grip(self, opening: float) -> None:
-        """The fingers move."""
+        """Move the fingers."""
         self.move(self._line(self.tip), GRASP_SECONDS, opening=opening)
 
     def let_go(self, opening: float, motion: Sequence[Poses]) -> None:
-        """The fingers open, then the gripper rises; the boxes fall meanwhile."""
+        """Open the fingers, then rise; the boxes fall meanwhile."""
         self.held = None
         first = round(GRASP_SECONDS * self.fps)
         self.move(self._line(self.tip), GRASP_SECONDS, opening=opening, motion=motion[:first])
@@ -171,7 +172,7 @@ class Stage:
         self.move(self._line(above), RISE_SECONDS * self.scale, motion=motion[first:])
 
     def _home(self) -> np.ndarray:
-        """Over the edge of the middle of the tables on the robot's side, where it hides nothing."""
+        """Return a point over the edge of the middle of the tables on the robot's side, where it hides nothing."""
         middle = np.mean([table.position[:2] for table in self.task.tables], axis=0)
         toward = np.array(self.task.robot_position[:2]) - middle
         half = min(min(table.size[:2]) for table in self.task.tables) / 2
@@ -186,7 +187,8 @@ class Stage:
         return act(self.semantics, tick.before, np.array([self.semantics.commands.index(tick.command)], np.int32))
 
     def _grasp_yaw(self, box: int, tick: Tick, later: Sequence[Tick]) -> float:
-        """So that the fingers close on two faces, with most room where the box is taken and where it is put."""
+        """Return the yaw at which the fingers close on two faces, with most room where the box is taken and where it is
+        put."""
         scenes = [tick.before.poses[0]]
         put = next((t for t in later if t.command is not None and t.command.name != "close_gripper"), None)
         if put is not None:
@@ -194,7 +196,7 @@ class Stage:
         return max(_face_yaws(scenes[0][box]), key=lambda yaw: min(self._room(box, scene, yaw) for scene in scenes))
 
     def _room(self, box: int, poses: Poses, yaw: float) -> float:
-        """Distance of the fingers from the boxes beside, metres."""
+        """Return the distance of the fingers from the boxes beside, metres."""
         reach = WIDE * self.sizes[box] / 2 + FINGER * self.sizes.max()
         along = reach * np.array([math.cos(yaw), math.sin(yaw)])
         beside = np.abs(poses[:, 2] - poses[box, 2]) < (self.sizes + self.sizes[box]) / 2
@@ -204,12 +206,12 @@ class Stage:
 
 
 def _ease(part: float) -> float:
-    """Minimum-jerk progress from 0 to 1 (Flash and Hogan 1985)."""
+    """Return minimum-jerk progress from 0 to 1 (Flash and Hogan 1985)."""
     return part**3 * (10 - 15 * part + 6 * part**2)
 
 
 def _face_yaws(pose: Pose) -> Iterator[float]:
-    """Directions, about z, of the two axes of a box that are the most level."""
+    """Yield the directions, about z, of the two axes of a box that are the most level."""
     matrix = np.zeros(9)
     mujoco.mju_quat2Mat(matrix, np.asarray(pose[3:], float))
     axes = matrix.reshape(3, 3).T
@@ -218,8 +220,8 @@ def _face_yaws(pose: Pose) -> Iterator[float]:
 
 
 def _fall(task: Task, released: Released, after: Poses, fps: float) -> list[Poses]:
-    """Poses of all boxes, frame by frame, from their release until they rest at `after`: what physics does, or, where
-    that leads elsewhere because the level has no dynamics, a glide."""
+    """Return the poses of all boxes, frame by frame, from their release until they rest at `after`: as simulated, or,
+    if that leads elsewhere because the level has no dynamics, a glide."""
     start, present = released.poses[0].astype(float), released.present[0]
     if not present.any():
         return []
@@ -241,12 +243,12 @@ def _alike(a: Poses, b: Poses, size: float) -> bool:
 
 
 def _simulate(task: Task, kit: np.ndarray, start: Poses, present: np.ndarray, fps: float) -> list[Poses]:
-    """What C MuJoCo does with the present boxes, sampled at `fps`; the others stay."""
+    """Return how C MuJoCo moves the present boxes, sampled at `fps`; the others stay."""
     model, ids = compile_scene(task, tuple(np.array(task.box_names)[present].tolist()))
     data = mujoco.MjData(model)
     data.qpos[:] = start[present].ravel()
     data.mocap_pos[ids.kit_mocap] = kit
-    frames = []
+    frames: list[Poses] = []
     for step in range(1, MAX_STEPS + 1):
         mujoco.mj_step(model, data)
         if step * model.opt.timestep * fps >= len(frames) + 1:
@@ -256,7 +258,7 @@ def _simulate(task: Task, kit: np.ndarray, start: Poses, present: np.ndarray, fp
 
 
 def _between(a: Poses, b: Poses, part: float) -> Poses:
-    """Poses on the way from a to b."""
+    """Return poses on the way from a to b."""
     sign = np.where((a[:, 3:] * b[:, 3:]).sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
     aligned = np.concatenate([b[:, :3], sign * b[:, 3:]], axis=-1)
     mixed = a + part * (aligned - a)

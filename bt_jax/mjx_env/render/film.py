@@ -23,7 +23,7 @@ SHEET = 6  # pictures on a contact sheet
 
 
 def check_film(path: Path) -> None:
-    """Raises UserError, before any work is done, where no film can be written to `path` or nothing drawn here."""
+    """Raise UserError, before any work is done, if no film can be written to `path` or nothing can be drawn here."""
     if path.suffix.lower() not in STYLES:
         raise UserError(f"{path} is not a film; let its name end in {', '.join(STYLES)}")
     if path.is_dir() or not path.parent.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK):
@@ -35,9 +35,9 @@ def check_film(path: Path) -> None:
 def film(
     path: Path, semantics: LeafSemantics, playback: Playback, *, progress: Callable[[float], None] = lambda part: None
 ) -> None:
-    """Writes a film (.mp4, .gif) or a sheet of stills (.png); `progress` is told the part that is done.
+    """Write a film (.mp4, .gif) or a sheet of stills (.png); `progress` is called with the share that is done.
 
-    Raises UserError as `check_film` does, and where the file cannot be written.
+    Raises UserError as `check_film` does, and if the file cannot be written.
     """
     check_film(path)
     width, height, fps = STYLES[path.suffix.lower()]
@@ -54,7 +54,7 @@ def film(
 
 
 def solved_picture(task: Task, playback: Playback, *, width: int = 960, height: int = 540) -> bytes | None:
-    """PNG of the scene at the end of an episode, or None where nothing can be drawn."""
+    """Return a PNG of the scene at the end of an episode, or None if nothing can be drawn."""
     import imageio.v3 as imageio
 
     if available() is not True:

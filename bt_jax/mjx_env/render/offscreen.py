@@ -25,7 +25,7 @@ from bt_jax.tasks import Task
 
 __all__ = ["GripperPose", "Renderer", "View", "available", "contact_sheet", "write_film"]
 
-Frame = UInt8[np.ndarray, "height width 3"]
+Picture = UInt8[np.ndarray, "height width 3"]
 INSTALL = "on Debian or Ubuntu install libegl1, libegl-mesa0 and libgl1-mesa-dri, or libosmesa6"
 
 
@@ -43,7 +43,7 @@ class GripperPose:
 class View:
     """What a camera of a model sees, drawn without a screen; use it from one thread, and call `close()`.
 
-    Raises UserError where nothing can draw here.
+    Raises UserError if nothing can draw here.
     """
 
     def __init__(self, model: mujoco.MjModel, camera: str, *, width: int, height: int, shadows: bool = True) -> None:
@@ -65,8 +65,8 @@ class View:
         self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
         self._camera.fixedcamid = model.camera(camera).id
 
-    def __call__(self, data: mujoco.MjData) -> Frame:
-        """An RGB picture of a state whose kinematics, cameras and lights are up to date."""
+    def __call__(self, data: mujoco.MjData) -> Picture:
+        """Return an RGB picture of a state whose kinematics, cameras and lights are up to date."""
         width, height = self._size
         self._gl.make_current()
         mujoco.mjv_updateScene(
@@ -79,7 +79,7 @@ class View:
         return np.ascontiguousarray(picture[::-1])
 
     def close(self) -> None:
-        """Gives back the graphics memory."""
+        """Release the graphics memory."""
         if self._gl is not None:
             self._gl.make_current()
             self._context.free()
@@ -88,9 +88,9 @@ class View:
 
 
 class Renderer:
-    """Draws scenes of one task; use it in a `with` statement, or call `close()`.
+    """Draw scenes of one task; use it in a `with` statement, or call `close()`.
 
-    `samples` is the number of samples a pixel for smooth edges; 0 is fastest. Raises UserError where nothing
+    `samples` is the number of samples a pixel for smooth edges; 0 is fastest. Raises UserError if nothing
     can draw here.
     """
 
@@ -109,8 +109,8 @@ class Renderer:
 
     def __call__(
         self, kit: Float[np.ndarray, "3"], poses: Float[np.ndarray, "B 7"], gripper: GripperPose | None = None
-    ) -> Frame:
-        """An RGB picture. `kit` [m, world] is the kit's frame, `poses` are xyz and wxyz of all boxes of the task."""
+    ) -> Picture:
+        """Return an RGB picture. `kit` [m, world] is the kit's frame, `poses` are xyz and wxyz of all boxes of the task."""
         data = self._data
         data.qpos[:] = np.asarray(poses, float).ravel()
         data.mocap_pos[self._ids.kit_mocap] = kit
@@ -132,7 +132,7 @@ class Renderer:
         self._data.mocap_quat[parts] = (math.cos(gripper.yaw / 2), 0, 0, math.sin(gripper.yaw / 2))
 
     def close(self) -> None:
-        """Gives back the graphics memory."""
+        """Release the graphics memory."""
         self._view.close()
 
     def __enter__(self) -> Renderer:
@@ -145,12 +145,12 @@ class Renderer:
 
 
 def available() -> bool | str:
-    """True where pictures can be drawn, else the reason why not, as a non-empty string: compare with `is True`."""
+    """Return True if pictures can be drawn, else the reason why not, as a non-empty string: compare with `is True`."""
     return _missing() or True
 
 
 def _gl_name() -> str:
-    """The graphics library to use. MuJoCo itself decides by MUJOCO_GL when it is imported, and takes a screen for
+    """Return the graphics library to use. MuJoCo itself decides by MUJOCO_GL when it is imported, and takes a screen for
     granted; here a screen is never needed."""
     asked = os.environ.get("MUJOCO_GL", "").lower()
     if asked in ("egl", "osmesa", "glfw"):
@@ -200,9 +200,9 @@ def _missing() -> str:
 
 
 def contact_sheet(
-    frames: Sequence[Frame], *, columns: int = 3, rows: int = 2, gap: int = 6
+    frames: Sequence[Picture], *, columns: int = 3, rows: int = 2, gap: int = 6
 ) -> UInt8[np.ndarray, "sheet_height sheet_width 3"]:
-    """One picture of `columns * rows` frames evenly spread over a film, from the first to the last, on white."""
+    """Return one picture of `columns * rows` frames evenly spread over a film, from the first to the last, on white."""
     wanted = min(columns * rows, len(frames))
     chosen = [frames[round(i)] for i in np.linspace(0, len(frames) - 1, wanted)]
     columns = min(columns, wanted)
@@ -215,10 +215,10 @@ def contact_sheet(
     return sheet
 
 
-def write_film(path: str | Path, frames: Sequence[Frame], fps: float | int = 25) -> None:
-    """Writes frames as .mp4, .gif, or .png (a contact sheet of the film; a single frame as it is).
+def write_film(path: str | Path, frames: Sequence[Picture], fps: float | int = 25) -> None:
+    """Write frames as .mp4, .gif, or .png (a contact sheet of the film; a single frame as it is).
 
-    Raises UserError where there are no frames, the ending is another or the file cannot be written.
+    Raises UserError if there are no frames, the ending is another or the file cannot be written.
     """
     import imageio.v3 as imageio
 

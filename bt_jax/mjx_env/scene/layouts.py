@@ -15,7 +15,7 @@ __all__ = ["sample_layouts"]
 
 
 def sample_layouts(task: Task, seed: int | list[int], count: int) -> World:
-    """`count` initial states (NumPy), the same for the same seed. The gripper is open and empty."""
+    """Return `count` initial states (NumPy), the same for the same seed. The gripper is open and empty."""
     rng = np.random.default_rng(seed)
     kit = np.zeros((count, 3), np.float32)
     poses = np.zeros((count, len(task.boxes), 7), np.float32)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import mujoco
 import numpy as np
@@ -17,6 +17,9 @@ import numpy as np
 from bt_jax.tasks import Box, Kit, Task
 
 __all__ = ["SceneIds", "Timing", "build_mjcf", "compile_scene", "kit_height", "resolve_ids", "timing"]
+
+Vec3 = tuple[float, float, float]
+Geom = tuple[str, tuple[float | int, ...], tuple[float | int, ...], str]  # type, centre, half sizes, material
 
 GRAVITY = 9.81
 STEP = 0.01  # seconds, for boxes of REFERENCE_SIZE
@@ -38,7 +41,7 @@ class Timing:
 
 
 def timing(task: Task) -> Timing:
-    """The scales of a task."""
+    """Return the scales of a task."""
     size = min(box.size for box in task.boxes)
     ratio = size / REFERENCE_SIZE
     extent = max(max(map(abs, table.position)) + max(table.size) for table in task.tables)
@@ -52,12 +55,12 @@ def timing(task: Task) -> Timing:
 
 
 def kit_height(task: Task, table: int) -> float:
-    """World z of the kit's frame (the plate's centre) when it stands on a table."""
+    """Return the world z of the kit's frame (the plate's centre) when it stands on a table."""
     return task.tables[table].top + task.kit.thickness / 2
 
 
 def build_mjcf(task: Task, boxes: Sequence[str] | None = None, *, gripper: bool = False) -> str:
-    """MJCF of the scene with the boxes named (default: all, in the task's order), and for pictures with a gripper.
+    """Return MJCF of the scene with the boxes named (default: all, in the task's order), and for pictures with a gripper.
 
     qpos is the boxes' poses one after another (xyz, wxyz) and `mocap_pos[0]` the kit's frame. Lengths in metres.
     """
@@ -126,7 +129,7 @@ class SceneIds:
 
 
 def resolve_ids(model: mujoco.MjModel, task: Task) -> SceneIds:
-    """Indices of those boxes of the task that the model has, in the task's order, and of the kit."""
+    """Return the indices of those boxes of the task that the model has, in the task's order, and of the kit."""
     bodies = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name) for name in task.box_names]
     bodies = [body for body in bodies if body >= 0]
     joints = [model.body_jntadr[body] for body in bodies]
@@ -144,12 +147,12 @@ def resolve_ids(model: mujoco.MjModel, task: Task) -> SceneIds:
 def compile_scene(
     task: Task, boxes: tuple[str, ...] | None = None, gripper: bool = False
 ) -> tuple[mujoco.MjModel, SceneIds]:
-    """The compiled scene and its indices; kept per task and set of boxes, so do not change the model."""
+    """Return the compiled scene and its indices; kept per task and set of boxes, so do not change the model."""
     model = mujoco.MjModel.from_xml_string(build_mjcf(task, boxes, gripper=gripper))
     return model, resolve_ids(model, task)
 
 
-def _lines(indent: str, parts) -> str:
+def _lines(indent: str, parts: Iterable[str]) -> str:
     return "\n".join(indent + line for part in parts for line in part.splitlines())
 
 
@@ -161,12 +164,12 @@ def _floor(task: Task) -> str:
     return f'<geom name="floor" class="fixed" type="plane" size="0 0 .05" pos="0 0 {task.floor:g}" material="floor"/>'
 
 
-def _table(name: str, position, size) -> str:
+def _table(name: str, position: Vec3, size: Vec3) -> str:
     half = _numbers(*(edge / 2 for edge in size))
     return f'<geom name="{name}" class="fixed" pos="{_numbers(*position)}" size="{half}" material="table"/>'
 
 
-def _kit(kit: Kit, position) -> str:
+def _kit(kit: Kit, position: Vec3) -> str:
     half, thick, wall = kit.size / 2, kit.thickness / 2, kit.wall_thickness / 2
     z, high, edge = thick + kit.wall_height / 2, kit.wall_height / 2, half - wall
     parts = [
@@ -198,24 +201,24 @@ def _box(box: Box, index: int, task: Task) -> str:
 
 
 def _gripper(task: Task) -> str:
-    """Three mocap bodies without contacts: palm and two fingers; `render` places them."""
+    """Return three mocap bodies without contacts: palm and two fingers; `render` places them."""
     unit = max(box.size for box in task.boxes)
     thick, wide, long = 0.07 * unit, 0.22 * unit, 0.55 * unit
-    palm = [
+    palm: list[Geom] = [
         ("box", (0, 0, 1.02 * unit), (0.62 * unit, 0.26 * unit, 0.1 * unit), "metal"),
         ("cylinder", (0, 0, 1.3 * unit), (0.2 * unit, 0.2 * unit), "metal"),
         ("cylinder", (0, 0, 1.52 * unit), (0.28 * unit, 0.06 * unit), "rubber"),
     ]
-    finger = [
+    finger: list[Geom] = [
         ("box", (thick, 0, long - 0.15 * unit), (thick, wide, long), "metal"),
         ("box", (0.12 * thick, 0, 0), (0.2 * thick, 0.9 * wide, 0.3 * unit), "rubber"),
     ]
-    mirrored = [(kind, (-pos[0], *pos[1:]), size, material) for kind, pos, size, material in finger]
-    parts = {"gripper": palm, "finger_right": finger, "finger_left": mirrored}
+    mirrored: list[Geom] = [(kind, (-pos[0], *pos[1:]), size, material) for kind, pos, size, material in finger]
+    parts: dict[str, list[Geom]] = {"gripper": palm, "finger_right": finger, "finger_left": mirrored}
     return "\n".join(_visual_body(name, geoms) for name, geoms in parts.items())
 
 
-def _visual_body(name: str, geoms) -> str:
+def _visual_body(name: str, geoms: Iterable[Geom]) -> str:
     lines = [
         f'<geom class="visual" type="{kind}" pos="{_numbers(*pos)}" size="{_numbers(*size)}" material="{material}"/>'
         for kind, pos, size, material in geoms
@@ -224,7 +227,7 @@ def _visual_body(name: str, geoms) -> str:
 
 
 def _cameras_and_lights(task: Task) -> str:
-    """A camera that sees all tables from the side away from the robot, a key light at its left and a soft fill."""
+    """Return a camera that sees all tables from the side away from the robot, a key light at its left and a soft fill."""
     positions = np.array([table.position for table in task.tables])
     sizes = np.array([table.size for table in task.tables])
     low, high = (positions - sizes / 2).min(axis=0), (positions + sizes / 2).max(axis=0)

@@ -13,13 +13,13 @@ TRIES = 1000
 
 
 def draw_kit_table(task: Task, rng: np.random.Generator) -> int:
-    """Index of the table on which the kit stands."""
+    """Return the index of the table on which the kit stands."""
     names = [table.name for table in task.tables]
     return int(rng.integers(len(names))) if task.layout.kit == "random" else names.index(task.layout.kit)
 
 
 def draw_places(task: Task, rng: np.random.Generator, kit_table: int) -> np.ndarray:
-    """Centres [B, 3] in the world: a stack counts as one box at a random place."""
+    """Return centres [B, 3] in the world, metres: a stack counts as one box at a random place."""
     tables = [table for i, table in enumerate(task.tables) if i != kit_table]
     names, centres = task.box_names, np.zeros((len(task.boxes), 3))
     stack = [names.index(name) for name in task.layout.stack]

@@ -25,7 +25,7 @@ class Surfaces:
 
 
 def fixed_surfaces(task: Task, kit: Float32[Array, "S 3"]) -> Surfaces:
-    """The floor, the tables, the kit's plate and its walls; `kit` is the origin of the kit's frame."""
+    """Return the floor, the tables, the kit's plate and its walls; `kit` is the origin of the kit's frame."""
     xp = namespace(kit)
     tables = [(*t.position[:2], t.size[0] / 2, t.size[1] / 2, t.top) for t in task.tables]
     still = np.array([(0, 0, np.inf, np.inf, task.floor), *tables], np.float32)
@@ -53,7 +53,7 @@ def fixed_surfaces(task: Task, kit: Float32[Array, "S 3"]) -> Surfaces:
 
 
 def box_surfaces(task: Task, poses: Float32[Array, "S B 7"]) -> Surfaces:
-    """The boxes, each as the box around it that is parallel to the axes."""
+    """Return the boxes, each as the box around it that is parallel to the axes."""
     xp = namespace(poses)
     w, x, y, z = (poses[..., 3 + i] for i in range(4))
     # Row sums of the absolute rotation matrix: half the extent of a turned cube along each axis, in halves of its size.
@@ -68,7 +68,7 @@ def box_surfaces(task: Task, poses: Float32[Array, "S B 7"]) -> Surfaces:
 
 
 def overlaps(surfaces: Surfaces, xy: Float32[Array, "S 2"], half: Float32[Array, " S"]) -> Bool[Array, "S M"]:
-    """Which surfaces lie under a box of half size `half` at `xy`, by more than a touch."""
+    """Return which surfaces lie under a box of half size `half` at `xy`, by more than a touch."""
     xp = namespace(xy)
     reach = surfaces.half + (half * np.float32(1 - 2 * TOUCH))[:, None, None]
     return xp.all(xp.abs(surfaces.centre - xy[:, None]) < reach, axis=-1)
@@ -77,7 +77,7 @@ def overlaps(surfaces: Surfaces, xy: Float32[Array, "S 2"], half: Float32[Array,
 def support_height(
     surfaces: Surfaces, xy: Float32[Array, "S 2"], half: Float32[Array, " S"], usable: Bool[Array, "S M"]
 ) -> Float32[Array, " S"]:
-    """Height of the highest usable surface under a box of half size `half` at `xy`; the floor, the first
+    """Return the height of the highest usable surface under a box of half size `half` at `xy`; the floor, the first
     surface, is always there."""
     xp = namespace(xy)
     under = overlaps(surfaces, xy, half) & usable

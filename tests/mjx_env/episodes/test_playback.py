@@ -120,7 +120,7 @@ def test_genes_written_out_do_the_same():
 
 
 class _Broken:
-    """Physics that gives no number."""
+    """Physics that diverges."""
 
     name, why = "broken", ""
 

@@ -150,7 +150,7 @@ def test_the_table_grows():
 
 @dataclasses.dataclass(frozen=True)
 class SometimesBroken(Kinematic):
-    """Physics that gives no number where a box is let go in the kit."""
+    """Physics that diverges if a box is let go in the kit."""
 
     def settle(self, kit, poses, present):
         settled = super().settle(kit, poses, present)
@@ -160,7 +160,7 @@ class SometimesBroken(Kinematic):
         )
 
 
-def test_physics_without_a_number_costs_one_individual_and_no_more():
+def test_a_simulation_that_diverges_costs_one_individual_and_no_more():
     semantics = semantics_of("stack")
     into_kit = Behavior("move", ("YellowBox", (0.0, 0.0, 0.055), "KittingBox"))
     onto_box = Behavior("move", ("YellowBox", (0.0, 0.0, 0.1), "GreenBox"))

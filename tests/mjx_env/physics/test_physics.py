@@ -161,7 +161,7 @@ def test_a_result_depends_on_nothing_but_the_problem():
         np.testing.assert_array_equal(getattr(part, name), getattr(whole, name)[order])
 
 
-def test_nonsense_is_reported_not_raised():
+def test_a_problem_that_is_not_finite_is_reported_not_raised():
     scene = Scene()
     poses = np.full((2, 3, 7), np.nan, np.float32)
     poses[1] = [*scene.origin + up(scene.size / 2), 1, 0, 0, 0]
