@@ -100,8 +100,16 @@ def twin_command(arguments: TwinArguments, console: Console | None = None) -> in
             folder=name,
             console=console,
         )
-        return Exit.DONE if all(run.exit_code == Exit.DONE for run in runs) else Exit.FAILED
+        return overall_exit_code(run.exit_code for run in runs)
     return _single(program, arguments, name, console)
+
+
+def overall_exit_code(codes: Iterable[int]) -> int:
+    """Return DONE if all runs were, STOPPED if one ended in a protective stop, else FAILED."""
+    codes = set(codes)
+    if codes <= {Exit.DONE}:
+        return Exit.DONE
+    return Exit.STOPPED if Exit.STOPPED in codes else Exit.FAILED
 
 
 def survey(

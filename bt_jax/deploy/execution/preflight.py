@@ -1,11 +1,11 @@
-"""What is looked at before a robot may move. Each item passes with what was found, or fails with the remedy."""
+"""What is checked before a robot may move. Each item passes with what was found, or fails with the remedy."""
 
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from rich.console import Console
@@ -14,17 +14,21 @@ from scipy.spatial.transform import RigidTransform
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, Kind, expand
-from bt_jax.deploy.execution.log import read_log
+from bt_jax.deploy.execution.log import log_ends
 from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.observer import Perceiving
 from bt_jax.deploy.execution.program import Program
 from bt_jax.deploy.execution.statuses import Context, Statuses
 from bt_jax.deploy.link.egm import CYCLE
-from bt_jax.deploy.link.yumi_link import YumiLink
+from bt_jax.deploy.link.protocol import RobotLink
+from bt_jax.deploy.link.realtime import may_take_priority
+from bt_jax.deploy.link.rws import ControllerState
+from bt_jax.deploy.link.safety import Rules
+from bt_jax.deploy.link.settings import LinkConfig
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import prefix
 
-__all__ = ["CheckResult", "Equipment", "passed", "preflight", "show"]
+__all__ = ["CheckResult", "CheckedLink", "Equipment", "passed", "preflight", "show"]
 
 LISTEN = 2.0  # seconds for which feedback and camera are watched
 LOST = 0.02  # share of messages that may be lost meanwhile
@@ -39,29 +43,44 @@ IMAGE = 0.5  # seconds that the newest image may be old
 
 @dataclasses.dataclass(frozen=True)
 class CheckResult:
-    """One look. `passed` is None where another item must pass first."""
+    """One item. `passed` is None where another item must pass first."""
 
     name: str
     passed: bool | None
     detail: str
 
 
+@runtime_checkable
+class CheckedLink(RobotLink, Protocol):
+    """What is asked of a link before anything moves; see `YumiLink`."""
+
+    config: LinkConfig
+    rules: Rules
+
+    def heard(self, arm: str) -> bool:
+        """Has the controller said anything of this arm yet?"""
+
+    def state(self) -> ControllerState:
+        """Return the controller's state, asked for now."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Equipment:
-    """What is to be looked at; absent parts make their items fail."""
+    """What is to be checked; absent parts make their items fail."""
 
     program: Program
-    link: YumiLink
+    link: CheckedLink
     flange: Callable[[str, np.ndarray], RigidTransform]  # our forward kinematics: arm, joints [7] -> tool0 in the base
     perception: Perceiving | None
     intrinsics_error: float | None  # pixels
     camera_residual: float | None  # metres
     reachable: Callable[[str, Observation], bool]
     twin_log: Path | None
+    may_take_priority: Callable[[], bool] = may_take_priority  # on this computer
 
 
 def preflight(equipment: Equipment) -> Iterator[CheckResult]:
-    """Looks at everything, one after the other. Nothing moves."""
+    """Check everything, one after the other. Nothing moves."""
     looks: list[tuple[str, str | None, Callable[[Equipment], str]]] = [
         ("tree: every leaf is known", None, _leaves),
         ("twin: this tree ran there", None, _twin),
@@ -92,12 +111,12 @@ def preflight(equipment: Equipment) -> Iterator[CheckResult]:
 
 
 def passed(items: list[CheckResult]) -> bool:
-    """Did every item pass?"""
+    """Has every item passed?"""
     return all(item.passed for item in items)
 
 
 def show(console: Console, item: CheckResult) -> None:
-    """Prints one item."""
+    """Print one item."""
     mark = {True: "[green]✓[/]", False: "[bold red]✗[/]", None: "[dim]-[/]"}[item.passed]
     console.print(f"{mark} {item.name:36s} {escape(item.detail)}")
 
@@ -121,8 +140,7 @@ def _twin(equipment: Equipment) -> str:
         raise UserError(
             "no log of the twin was given; run python -m bt_jax.deploy twin and give its log with --twin-log"
         )
-    entries = list(read_log(equipment.twin_log))
-    start, end = entries[0], entries[-1]
+    start, end = log_ends(equipment.twin_log)
     if start.get("settings", {}).get("robot") != "twin":
         raise UserError(f"{equipment.twin_log} is not of the twin; run this tree there and give the log of that")
     if start["digest"] != equipment.program.digest:
@@ -134,15 +152,11 @@ def _twin(equipment: Equipment) -> str:
     return f"succeeded in {end['seconds']:.0f} s, {end['ticks']} ticks"
 
 
-def _priority(_: Equipment) -> str:
-    try:
-        policy = os.sched_getscheduler(0)
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
-        os.sched_setscheduler(0, policy, os.sched_param(0))
-    except (OSError, AttributeError) as problem:
+def _priority(equipment: Equipment) -> str:
+    if not equipment.may_take_priority():
         raise UserError(
             "this user may not ask for real-time priority; add 'rtprio 50' for them in /etc/security/limits.conf"
-        ) from problem
+        )
     return "may be asked for"
 
 

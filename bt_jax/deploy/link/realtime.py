@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from bt_jax._util.errors import UserError
 
-__all__ = ["CONTEXT", "FIFO_PRIORITY", "Snapshot", "sleep_until", "take_priority"]
+__all__ = ["CONTEXT", "FIFO_PRIORITY", "Snapshot", "may_take_priority", "sleep_until", "take_priority"]
 
 CONTEXT = multiprocessing.get_context("spawn")  # a forked process would inherit locks that threads of ours hold
 FIFO_PRIORITY = 20
@@ -40,6 +40,17 @@ def take_priority(*, realtime: bool) -> bool:
     except (OSError, AttributeError):
         with contextlib.suppress(OSError):
             os.nice(-10)
+        return False
+    return True
+
+
+def may_take_priority() -> bool:
+    """May this user's processes ask for real-time priority? Nothing is changed."""
+    try:
+        policy = os.sched_getscheduler(0)
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+        os.sched_setscheduler(0, policy, os.sched_param(0))
+    except (OSError, AttributeError):
         return False
     return True
 

@@ -1,0 +1,1 @@
+"""The simulated cell: a controller with physics and a network, a rendered camera, a person who interferes."""

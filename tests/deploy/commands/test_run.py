@@ -121,6 +121,7 @@ def arm_joints(controller):
     return controller.state()[1][-18:].copy()
 
 
+@pytest.mark.realtime
 def test_check_passes_on_a_good_cell(robot):
     _, arguments = robot
     console = Person("")
@@ -130,6 +131,7 @@ def test_check_passes_on_a_good_cell(robot):
     assert console.said.count("✓") == 13
 
 
+@pytest.mark.realtime
 def test_check_fails_where_something_is_missing(robot):
     _, arguments = robot
     console = Person("")
@@ -138,6 +140,7 @@ def test_check_fails_where_something_is_missing(robot):
     assert "--camera" in console.said
 
 
+@pytest.mark.realtime
 def test_a_dry_run_plans_and_moves_nothing(robot, tmp_path):
     controller, arguments = robot
     before = arm_joints(controller)
@@ -153,6 +156,7 @@ def test_a_dry_run_plans_and_moves_nothing(robot, tmp_path):
     assert controller.stats().unanswered == 0
 
 
+@pytest.mark.realtime
 def test_a_dry_run_that_ends_early_has_stopped_no_robot(robot, tmp_path):
     controller, arguments = robot
     thread = threading.Timer(9.0, lambda: lose_camera(controller))
@@ -165,6 +169,7 @@ def test_a_dry_run_that_ends_early_has_stopped_no_robot(robot, tmp_path):
     assert "protective stop" not in person.said
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("typed", ["", "yes", SENTENCE.upper()])
 def test_motion_needs_the_sentence(robot, at_a_terminal, typed):
     controller, arguments = robot
@@ -177,6 +182,7 @@ def test_motion_needs_the_sentence(robot, at_a_terminal, typed):
     np.testing.assert_allclose(arm_joints(controller), before, atol=1e-4)
 
 
+@pytest.mark.realtime
 @pytest.mark.slow
 def test_motion_needs_a_terminal_and_a_passed_preflight(robot, at_a_terminal, monkeypatch):
     _, arguments = robot
@@ -187,6 +193,7 @@ def test_motion_needs_a_terminal_and_a_passed_preflight(robot, at_a_terminal, mo
         run_command(RunArguments(**arguments, motion=True), Person(SENTENCE))
 
 
+@pytest.mark.realtime
 @pytest.mark.slow
 def test_motion_is_slow(robot, at_a_terminal, tmp_path):
     _, arguments = robot
@@ -217,6 +224,7 @@ def press_ctrl_c(controller):
     os.kill(os.getpid(), signal.SIGINT)
 
 
+@pytest.mark.realtime
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "code", "word", "seconds"),
@@ -313,6 +321,7 @@ def test_the_last_stop_is_told(tmp_path):
     assert "without saying why" in last_stop(tmp_path)
 
 
+@pytest.mark.realtime
 def test_a_person_hears_of_the_last_stop_before_the_sentence(robot, at_a_terminal, tmp_path):
     _, arguments = robot
     a_log(tmp_path / "robot-1.jsonl", code=Exit.STOPPED)

@@ -1,6 +1,5 @@
-"""Preflight against the small cell: every item is made to fail once, everything else real."""
+"""Preflight: every item is made to fail once, on a link whose time is simulated; once everything is real."""
 
-import contextlib
 import dataclasses
 import io
 import json
@@ -15,9 +14,13 @@ from bt_jax.deploy.execution import preflight as module
 from bt_jax.deploy.execution.log import Log
 from bt_jax.deploy.execution.preflight import Equipment, passed, preflight, show
 from bt_jax.deploy.execution.program import Program
+from bt_jax.deploy.link.egm import CYCLE
+from bt_jax.deploy.link.protocol import ArmState, Counters
+from bt_jax.deploy.link.rws import ControllerState
+from bt_jax.deploy.link.settings import LinkConfig
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from tests.helpers.cells import RULES, XML, running
-from tests.helpers.ideal import STACK3, TASK, IdealCell, observe
+from tests.helpers.ideal import STACK3, TASK, IdealCell, SimulatedTime, observe
 
 OFF = RigidTransform.from_translation([0, 0, 0.01])
 MODEL = mujoco.MjModel.from_xml_string(XML)
@@ -57,16 +60,35 @@ def twin_log(tmp_path_factory):
     return path
 
 
-@pytest.fixture(scope="module")
-def rig():
-    with running(realtime=True, start=False) as (controller, link):
-        yield controller, link
+class CheckedCell(SimulatedTime):
+    """A link to a controller that tells where the arms of the small cell are, every cycle of simulated time."""
+
+    def __init__(self):
+        super().__init__()
+        self.rules, self.config = RULES, LinkConfig()
+        self.control, self.lost, self.silent = "motoron", 0.0, ()
+
+    def arm(self, arm):
+        joints = np.full(7, 0.1)
+        return ArmState(
+            self.time, joints, np.zeros(7), joints, False, 0, 0.0, False, flange(arm, joints), 0.05, 0.05
+        )  # fmt: skip
+
+    def heard(self, arm):
+        return arm not in self.silent
+
+    def state(self):
+        return ControllerState(self.control, "AUTO", "stopped")
+
+    def counters(self):
+        sent = round(2 * self.time / CYCLE)
+        lost = round(self.lost * sent)
+        return Counters(sent - lost, 0, 0, lost, 0, 0, 0)
 
 
 @pytest.fixture
-def good(rig, twin_log, monkeypatch):
-    monkeypatch.setattr(module, "LISTEN", 0.6)
-    _, link = rig
+def good(twin_log):
+    link = CheckedCell()
     return Equipment(
         program=Program(TASK, STACK3),
         link=link,
@@ -76,6 +98,7 @@ def good(rig, twin_log, monkeypatch):
         camera_residual=0.001,
         reachable=lambda name, seen: name in seen.poses,
         twin_log=twin_log,
+        may_take_priority=lambda: True,
     )
 
 
@@ -109,6 +132,7 @@ def failing(cell):
         ({"camera_residual": 0.02}, "camera:pose", "20.0 mm"),
         ({"perception": None}, "camera:images", "--camera"),
         ({"reachable": lambda name, seen: name != "BlueBox"}, "arms:every", "BlueBox"),
+        ({"may_take_priority": lambda: False}, "computer:real-time", "rtprio"),
     ],
 )  # fmt: skip
 def test_each_item_fails_with_its_remedy(good, change, name, word):
@@ -162,21 +186,23 @@ def test_a_run_on_a_robot_is_none_in_the_twin(good, twin_log, tmp_path):
     assert "not of the twin" in found["twin:this"].detail
 
 
-def test_a_silent_controller_fails(good, rig):
-    controller, _ = rig
-    controller.fault("drop", share=0.3)
-    try:
-        assert "lost" in failing(good)["link:feedback"].detail
-    finally:
-        controller.fault("heal")
+def test_lost_messages_and_a_silent_arm_fail(good):
+    good.link.lost = 0.3
+    assert "lost" in failing(good)["link:feedback"].detail
+    good.link.lost, good.link.silent = 0.0, ("right",)
+    assert "right arm" in failing(good)["link:feedback"].detail
 
 
-def test_a_controller_that_is_not_ready_fails(twin_log, monkeypatch):
-    monkeypatch.setattr(module, "LISTEN", 0.3)
-    with contextlib.ExitStack() as stack:
-        controller, link = stack.enter_context(running(realtime=True, start=False))
-        controller.fault("emergency_stop")
-        cell = Equipment(Program(TASK, STACK3), link, flange, Seeing(link), 0.1, 0.001, lambda n, s: True, twin_log)
-        found = failing(cell)
-        assert "emergencystop" in found["controller:state"].detail
-        assert found["link:feedback"].passed is None
+def test_a_controller_that_is_not_ready_fails(good):
+    good.link.control = "emergencystop"
+    found = failing(good)
+    assert "emergencystop" in found["controller:state"].detail
+    assert found["link:feedback"].passed is None
+
+
+@pytest.mark.realtime
+def test_a_real_link_passes(good, monkeypatch):
+    monkeypatch.setattr(module, "LISTEN", 0.6)
+    with running(realtime=True, start=False) as (_, link):
+        items = list(preflight(dataclasses.replace(good, link=link, perception=Seeing(link))))
+        assert passed(items), [item for item in items if not item.passed]

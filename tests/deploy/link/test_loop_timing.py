@@ -4,6 +4,7 @@ import signal
 import time
 
 import numpy as np
+import pytest
 
 from bt_jax.deploy.link.loop_timing import KEPT, NEAR, LoopTimer
 from tests.helpers.cells import running
@@ -20,7 +21,7 @@ def test_only_late_rounds_are_kept_with_what_was_done_before():
     watch.begin(2 * NEAR)
     (late,) = watch.read()
     assert late.late == 2 * NEAR
-    assert -0.1 < late.slack <= -0.01
+    assert late.slack <= -0.01
     assert late.parts["think"] > 0.019
     assert late.parts["think"] + late.parts["write"] <= late.time
     watch.begin(0.5 * NEAR)
@@ -55,6 +56,7 @@ def test_page_faults_are_counted():
     assert watch.read()[0].faults >= 4, "more where pages are small"
 
 
+@pytest.mark.realtime
 def test_a_process_that_was_kept_from_running_says_so():
     with running(realtime=True) as (controller, link):
         time.sleep(0.3)

@@ -1,0 +1,47 @@
+from bt_jax.deploy.commands.replay import replay
+from bt_jax.deploy.execution.action_runner import Skills
+from bt_jax.deploy.execution.executor import Executor
+from bt_jax.deploy.execution.log import Log, read_log
+from bt_jax.deploy.execution.observation import Observation
+from bt_jax.deploy.execution.observer import Observer
+from bt_jax.deploy.execution.outcome import RunOutcome, TickReport
+from bt_jax.deploy.execution.program import Program, load_program
+from bt_jax.deploy.execution.settings import Exit, GraspSettings, Limits, MotionSettings
+from bt_jax.deploy.execution.skills import YumiSkills
+from bt_jax.deploy.link.protocol import ArmState, RobotLink
+from bt_jax.deploy.link.safety import Rejected, Rules, Supervisor
+from bt_jax.deploy.link.settings import LinkConfig, LinkTiming
+from bt_jax.deploy.link.yumi_link import YumiLink, yumi_rules
+from bt_jax.deploy.perception.pipeline import Perception
+from bt_jax.deploy.twin.run import TwinRun, run_twin
+
+__all__ = [
+    "ArmState",
+    "Executor",
+    "Exit",
+    "GraspSettings",
+    "Limits",
+    "LinkConfig",
+    "LinkTiming",
+    "Log",
+    "MotionSettings",
+    "Observation",
+    "Observer",
+    "Perception",
+    "Program",
+    "Rejected",
+    "RobotLink",
+    "Rules",
+    "RunOutcome",
+    "Skills",
+    "Supervisor",
+    "TickReport",
+    "TwinRun",
+    "YumiLink",
+    "YumiSkills",
+    "load_program",
+    "read_log",
+    "replay",
+    "run_twin",
+    "yumi_rules",
+]

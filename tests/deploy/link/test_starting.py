@@ -1,0 +1,106 @@
+"""What must be so before the arms follow, and what is said where it is not."""
+
+import contextlib
+import dataclasses
+
+import numpy as np
+import pytest
+
+from bt_jax._util.errors import UserError
+from bt_jax.deploy.link.rws import EGM_MOTION, Motion, Rws, symbol
+from bt_jax.deploy.link.settings import LinkConfig
+from bt_jax.deploy.link.yumi_link import YumiLink
+from bt_jax.deploy.twin.controller import Controller
+from tests.helpers.cells import ARMS, RULES, cell, free_ports, move, run_for, running
+
+
+@pytest.mark.realtime
+def test_a_link_that_only_listens_never_answers():
+    ports = free_ports()
+    listening = LinkConfig("127.0.0.1", ports, motion=False)
+    with contextlib.ExitStack() as stack:
+        controller = stack.enter_context(Controller(cell(), ports=ports, realtime=True))
+        listening = dataclasses.replace(listening, rws_port=controller.rws_port)
+        link = stack.enter_context(YumiLink(listening, RULES, controller))
+        run_for(link, 0.3)
+        assert link.arm("left").joints == pytest.approx(np.full(7, 0.1), abs=1e-3)
+        move(link)
+        link.grip("left", 0.0)
+        with pytest.raises(UserError, match="listens"):
+            link.start()
+        run_for(link, 0.3)
+        assert link.arm("left").joints == pytest.approx(np.full(7, 0.1), abs=1e-3)
+        assert not link.arm("left").running
+
+
+@pytest.mark.parametrize("realtime", [pytest.param(True, marks=pytest.mark.realtime), False])
+def test_nothing_is_answered_before_the_start_and_then_the_first_joints_are_held(realtime):
+    with running(realtime=realtime, start=False) as (controller, link):
+        rws = Rws("127.0.0.1", controller.rws_port, "Default User", "robotics")
+        rws.start()
+        for arm in ARMS:  # somebody else asks the robot to follow: nobody answers, and it gives up
+            rws.set_number(symbol(arm, EGM_MOTION), float(Motion.ASKED))
+        run_for(link, 1.0)
+        assert controller.stats().unanswered > 50
+        assert rws.state().rapid == "stopped"
+        link.drain()
+        link.start()
+        first = link.arm("left").commanded
+        records = link.drain()
+        held = records[(records[:, 0] == 0)][-1, 2:9]
+        np.testing.assert_array_equal(held, first)
+        controller.push("left_link", np.array([0, 0, -20.0]), 0.4)  # the arm gives way, its setpoint does not
+        link._ask("disable")
+        run_for(link, 0.3)
+        assert np.max(np.abs(link.arm("left").joints - first)) > 1e-3
+        np.testing.assert_array_equal(link.arm("left").commanded, first)
+        rws.close()
+
+
+def test_an_arm_that_was_moved_since_the_start_is_not_guided():
+    with running(realtime=False, start=False) as (controller, link):
+        run_for(link, 0.1)
+        link._ask("answer")
+        run_for(link, 0.1)
+        controller.push("left_link", np.array([0, 0, -400.0]), 60.0)
+        run_for(link, 0.5)
+        with pytest.raises(UserError, match="not where it was"):
+            link.start()
+        assert not link.arm("right").moving
+    assert link.stopped() is None
+
+
+@pytest.mark.realtime
+def test_taken_ports_and_wrong_users_are_said_in_a_sentence():
+    ports = free_ports()
+    with Controller(cell(), ports=ports, realtime=True) as controller:
+        config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
+        wrong = dataclasses.replace(config, password="guess")
+        with pytest.raises(UserError, match="refuses the user"), YumiLink(wrong, RULES, controller):
+            pass
+        nowhere = dataclasses.replace(config, rws_port=1)
+        with pytest.raises(UserError, match="cannot be reached"), YumiLink(nowhere, RULES):
+            pass
+        with YumiLink(config, RULES, controller):
+            with pytest.raises(UserError, match="cannot be used"), YumiLink(config, RULES, controller):
+                pass
+            controller.fault("motors_off")
+            rws = Rws("127.0.0.1", controller.rws_port, "Default User", "robotics")
+            assert rws.state().control == "motoroff"
+            with pytest.raises(UserError, match="automatic mode"):
+                rws.start()
+            with pytest.raises(UserError, match="404"):
+                rws.number("RAPID/T_ROB_L/BtJax/nothing")
+
+
+def test_an_unknown_controller_is_said_in_a_sentence():
+    with pytest.raises(UserError, match="--robot"):
+        YumiLink(LinkConfig("nowhere.invalid", free_ports()), RULES)
+
+
+@pytest.mark.realtime
+def test_a_motor_that_is_off_cannot_be_started():
+    with running(realtime=True, start=False) as (controller, link):
+        controller.fault("motors_off")
+        with pytest.raises(UserError, match="motors on"):
+            link.start()
