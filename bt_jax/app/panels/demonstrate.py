@@ -47,7 +47,7 @@ class _Demonstrate:
         teaching, page = self.teaching, self.page
         with ui.row().classes("items-center gap-2 w-full no-wrap"):
             self.set = (
-                ui.select([self.studio.library.set_name], value=self.studio.library.set_name, label="Set")
+                ui.select([self.library.set_name], value=self.library.set_name, label="Set")
                 .props("dense outlined data-testid=demonstrate-set")
                 .classes("w-48")
             )
@@ -82,7 +82,7 @@ class _Demonstrate:
         self.teaching.set_elsewhere(bool(self.elsewhere.value))
 
     async def _use_set(self) -> None:
-        if self.set.value and self.set.value != self.studio.library.set_name:
+        if self.set.value and self.set.value != self.library.set_name:
             await self.library.use_set(self.set.value)
 
     async def _new_set(self) -> None:
@@ -91,14 +91,14 @@ class _Demonstrate:
             await self.library.use_set(name.strip())
 
     async def _rename(self, name: str) -> None:
-        chosen = self.studio.library.set_name
+        chosen = self.library.set_name
         new = await ask_for(f"New name of {name}", value=name, yes="Rename", testid="demonstrate-rename")
         if new is not None and new.strip() != name:
             self._check_set(chosen)
             await self.library.rename(name, new)
 
     async def _delete(self, name: str) -> None:
-        chosen = self.studio.library.set_name
+        chosen = self.library.set_name
         if await ask(f"Delete {name}? This cannot be taken back.", yes="Delete", testid="demonstrate-delete"):
             self._check_set(chosen)
             self.teaching.stop_replay()
@@ -106,7 +106,7 @@ class _Demonstrate:
             self.studio.bus.say(f"{name} is deleted. {self.library.progress}")
 
     def _check_set(self, chosen: str) -> None:
-        if self.studio.library.set_name != chosen:
+        if self.library.set_name != chosen:
             raise UserError("another set was chosen meanwhile, so nothing was changed; choose the set again")
 
     async def _replay(self, name: str) -> None:
@@ -121,15 +121,15 @@ class _Demonstrate:
         if step != "demonstrate":
             self.gripper.clear()
             return
-        if self.studio.teaching.session is not None:
-            self.studio.teaching.show(self.studio.teaching.session.world)
+        if self.teaching.session is not None:
+            self.teaching.show(self.teaching.session.world)
         self._refresh()
         await self.library.refresh()
 
     def _refresh(self) -> None:
         if self.page.step != "demonstrate":
             return
-        making = self.studio.teaching.session is not None
+        making = self.teaching.session is not None
         self.idle.set_visibility(not making)
         self.making.set_visibility(making)
         if making:

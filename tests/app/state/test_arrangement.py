@@ -71,7 +71,7 @@ def test_a_person_may_unstack_and_the_subgoal_is_seen():
         (tuple(on_table(free_table(), z=3.0)), "too high"),
         (tuple(kit(TASK.kit.inner)), "kit's wall"),
         (tuple(kit(z=-0.007)), "kit's wall or floor"),
-        ((float("nan"), 0.0, 1.0), "no number"),
+        ((float("nan"), 0.0, 1.0), "not a number"),
         (tuple(np.add(pose(START, "GreenBox")[:3], (0.05, 0, 0.03))), "inside GreenBox"),
         (tuple(np.add(pose(START, "GreenBox")[:3], (0.07, 0, 0.1))), "slides off"),
     ],
