@@ -69,7 +69,7 @@ def test_what_cannot_be_done_is_said_in_one_sentence(monkeypatch, capsys, tmp_pa
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_task_file_that_cannot_be_meant(monkeypatch, capsys, tmp_path):
+def test_an_invalid_task_file(monkeypatch, capsys, tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text("extends: stack\ntargets: [{object: RedBox, position: [0, 0, 0.1], frame: KittingBox}]\n")
     said = refused(monkeypatch, capsys, "--task", path)

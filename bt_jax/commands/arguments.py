@@ -68,7 +68,7 @@ class TrainArguments:
 
 
 def parse_train(words: list[str]) -> TrainArguments:
-    """TrainArguments of a command line; the settings of a resumed or published run are the defaults."""
+    """Return the arguments of a command line; the settings of a resumed or published run are the defaults."""
     arguments = tyro.cli(TrainArguments, prog=TRAIN, args=words)
     if arguments.published and arguments.resume is not None:
         raise UserError("--resume keeps the settings of its run; leave out --published")
@@ -104,7 +104,7 @@ class LearnArguments:
     """physics or kinematic"""
 
     def check(self) -> None:
-        """Raises UserError for arguments that cannot work."""
+        """Raise UserError for arguments that cannot work."""
         if self.layouts < 1:
             raise UserError(f"--layouts is {self.layouts}; choose 1 or more")
         if self.out is not None and self.out.exists() and (not self.out.is_dir() or any(self.out.iterdir())):
@@ -143,7 +143,7 @@ class RunArguments:
     """where JAX computes"""
 
     def check(self) -> None:
-        """Raises UserError for arguments that cannot work."""
+        """Raise UserError for arguments that cannot work."""
         if self.layouts < 1:
             raise UserError(f"--layouts is {self.layouts}; choose 1 or more")
         if self.seed < 0:
@@ -187,7 +187,7 @@ class DemonstrateArguments:
     """removes the demonstration of this name"""
 
     def check(self) -> None:
-        """Raises UserError for arguments that cannot work."""
+        """Raise UserError for arguments that cannot work."""
         if self.count < 1:
             raise UserError(f"--count is {self.count}; choose 1 or more")
         if not 0 <= self.noise <= 0.1:

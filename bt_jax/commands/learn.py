@@ -70,7 +70,7 @@ def run(arguments: LearnArguments) -> None:
 
 
 def _choices(words: Sequence[str]) -> dict[int, str | None]:
-    """Index of an action and its frame, None for auto."""
+    """Return the frame that was chosen for each index of an action, None for auto."""
     found = {}
     for word in words:
         number, _, frame = word.partition("=")
@@ -81,14 +81,14 @@ def _choices(words: Sequence[str]) -> dict[int, str | None]:
 
 
 def show(console: Console, lesson: Lesson) -> None:
-    """Prints what was inferred, from what, and the tree."""
+    """Print what was inferred, from what, and the tree."""
     for problem in lesson.demonstrations.problems:
         console.print(f"[yellow]left out[/] {escape(problem)}")
     names = ", ".join(one.name for one in lesson.demonstrations)
     console.print(f"[bold]{len(lesson.demonstrations)} demonstrations[/]: {escape(names)}")
     if sentence := missing_sentence(lesson):
         console.print(f"[yellow]{escape(sentence)}[/]")
-    console.print("actions, and what they are relative to")
+    console.print("actions and their reference frames")
     for number, row in enumerate(action_rows(lesson), start=1):
         console.print(f"  {number} [bold]{escape(row['what'])}[/]   {row['seen']}\n    {escape(row['why'])}")
     for i, one in enumerate(lesson.subtasks, start=1):
@@ -106,7 +106,7 @@ def _names(lesson: Lesson, demonstrations: tuple[int, ...]) -> str:
 
 
 def try_out(lesson: Lesson, settings: Settings) -> Evaluation:
-    """Runs the tree in layouts that nothing else uses, with the demonstrated places as the targets."""
+    """Run the tree in layouts that nothing else uses, with the demonstrated places as the targets."""
     task = dataclasses.replace(lesson.task, targets=_reached_targets(lesson))
     semantics = LeafSemantics(task, Vocabulary.of(leaves(lesson.tree)))
     layouts = sample_layouts(task, [UNSEEN, 0], settings.test_layouts)
@@ -121,7 +121,7 @@ def _reached_targets(lesson: Lesson) -> tuple[Target, ...]:
 
 
 def write(out: Path, lesson: Lesson, tried: Evaluation) -> None:
-    """The tree in three formats, the picture of the clusters, and everything inferred as JSON."""
+    """Write the tree in three formats, the picture of the clusters, and everything inferred as JSON."""
     title = f"learnt from {len(lesson.demonstrations)} demonstrations"
     write_atomic(out / "learnt_tree.txt", format_tree(lesson.tree))
     write_atomic(out / "learnt_tree.xml", to_xml(lesson.tree))
@@ -132,7 +132,7 @@ def write(out: Path, lesson: Lesson, tried: Evaluation) -> None:
 
 
 def as_data(lesson: Lesson, tried: Evaluation) -> dict[str, Any]:
-    """A lesson as plain data."""
+    """Return a lesson as plain data."""
     return {
         "demonstrations": [one.name for one in lesson.demonstrations],
         "problems": list(lesson.demonstrations.problems),
@@ -178,7 +178,7 @@ def _verdict(lesson: Lesson, tried: Evaluation, arguments: LearnArguments) -> st
 
 
 def _task_option(task: Task, arguments: LearnArguments) -> str:
-    """Return how `train` is told a task: by its name if it comes with the package, else by its file."""
+    """Return the words that name a task to `train`: its name if it comes with the package, else its file."""
     if task.name in task_names() and load_task(task.name) == task:
         return task.name
     return f"--task {escape(arguments.task or str(arguments.folder / 'task.yaml'))}"

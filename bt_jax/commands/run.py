@@ -125,7 +125,7 @@ def _open(arguments: RunArguments) -> tuple[Task, Level, Tree]:
 
 
 def _simplified(console: Console, task: Task, level: Level, tree: Tree, arguments: RunArguments) -> Tree:
-    """The tree without what does nothing; says what went and writes it beside the learnt one."""
+    """Return the tree without what does nothing; say what was removed, and write it beside the learnt one."""
     layouts = sample_layouts(task, [UNSEEN, arguments.seed], SIMPLIFY_LAYOUTS)
     found = simplify(task, _physics(task, level, arguments.backend), tree, layouts)
     console.print(f"simplified {found.removed} of {len(prefix(tree))} nodes do nothing in {SIMPLIFY_LAYOUTS} layouts")
@@ -145,7 +145,7 @@ def _layout(task: Task, seed: int) -> World:
 
 
 def _survey(console: Console, semantics: LeafSemantics, physics: Physics, tree: Tree, arguments: RunArguments) -> None:
-    """Runs the tree in many layouts and prints how it fares."""
+    """Run the tree in many layouts and print how it fares."""
     task = semantics.task
     seeds = range(arguments.seed, arguments.seed + arguments.layouts)
     layouts = concatenate([_layout(task, seed) for seed in seeds])
@@ -190,18 +190,18 @@ def _show(console: Console, playback: Playback, *, delay: float, whole: bool) ->
 
 
 def _title(number: int, tick: Tick) -> Text:
-    """What the tree returned, and what the robot does."""
+    """Return what the tree returned, and what the robot does."""
     return Text.assemble(f"tick {number:2d}  ", (tick.status.name, STYLES[tick.status]), f"  {_words(tick.command)}")
 
 
 def _drawing(tree: Tree, tick: Tick) -> list[Text]:
-    """One line for each node, marked with its status."""
+    """Return one line for each node, marked with its status."""
     lines = draw_text(tree, tick.statuses).splitlines()
     return [Text(line, STYLES[status]) for line, status in zip(lines, tick.statuses, strict=True)]
 
 
 def _words(command: Behavior | None) -> str:
-    """What the robot does."""
+    """Say what the robot does."""
     if command is None:
         return "does nothing"
     position = None if command.position is None else f"({', '.join(f'{x:g}' for x in command.position)})"
@@ -209,7 +209,7 @@ def _words(command: Behavior | None) -> str:
 
 
 def _verdict(task: Task, playback: Playback) -> Text:
-    """How an episode ended."""
+    """Say how an episode ended."""
     word, style = ("yes", "bold green") if playback.solved else ("no", "bold red")
     parts: list[str | tuple[str, str]] = [f"ending     {playback.ending.name} at tick {len(playback.ticks)}\n"]
     for target, distance in zip(task.targets, playback.distance, strict=True):

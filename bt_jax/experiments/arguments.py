@@ -29,7 +29,7 @@ class ExperimentsArguments:
     """folder for figures and report (default: runs/experiments-DATE-TIME)"""
 
     def check(self) -> None:
-        """Raises UserError for arguments that cannot work."""
+        """Raise UserError for arguments that cannot work."""
         for name in ("runs", "test_layouts"):
             if getattr(self, name) < 1:
                 raise UserError(f"{name} is {getattr(self, name)}; choose 1 or more")

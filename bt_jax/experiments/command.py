@@ -83,7 +83,7 @@ def _advance(bars: Progress, bar: TaskID, generation: int) -> None:
 
 
 def _data(results: list[VariantResult]) -> list[dict]:
-    """What the figures were drawn from."""
+    """Return what the figures were drawn from."""
     return [
         {
             "experiment": result.experiment.number,

@@ -1,4 +1,4 @@
-"""What is done in each experiment, and doing it.
+"""The experiments, and how one is run.
 
 All runs of a variant are evolved side by side; run r has the layout of seed + r, the same in both variants.
 """
@@ -36,8 +36,8 @@ class Experiment:
     the demonstration or without.
 
     `script` is what is demonstrated `demonstrations` times, once the first `reached` targets of `task` have been reached.
-    Its places become genes and its tree the baseline ("genes"), or all of it one gene for a step on the way, with a reward
-    for what it reaches ("subgoal"). `wanted` is the fitness by which a run counts as solved.
+    By `use`, its places become genes and its tree the baseline, or all of it one gene with a reward for the subgoal that it
+    reaches. `wanted` is the fitness by which a run counts as solved.
     """
 
     number: int
@@ -46,7 +46,7 @@ class Experiment:
     config: GPConfig
     script: str
     demonstrations: int
-    meant: Literal["genes", "subgoal"]
+    use: Literal["genes", "subgoal"]
     wanted: float
     before: str | None = None
     change_at: int = 0
@@ -65,7 +65,7 @@ EXPERIMENTS = (
         script="pick BlueBox; to (0, 0, 0.105) GreenBox; release",
         demonstrations=3,
         reached=2,
-        meant="genes",
+        use="genes",
         wanted=-65.0,
     ),
     Experiment(
@@ -78,7 +78,7 @@ EXPERIMENTS = (
         script="pick GreenBox; to (-0.065, 0, 0.155) KittingBox; release",
         demonstrations=3,
         reached=2,
-        meant="genes",
+        use="genes",
         wanted=-55.0,
     ),
     Experiment(
@@ -89,7 +89,7 @@ EXPERIMENTS = (
         script="""pick GreenBox; to (-1.3, -1.3, 0.75) base_link; release
                   pick BlueBox; to (-0.3, -1.3, 0.75) base_link; release""",
         demonstrations=1,
-        meant="subgoal",
+        use="subgoal",
         wanted=-70.0,
         baseline_index=0,
     ),
@@ -121,7 +121,7 @@ def perform(
     test_layouts: int = 100,
     progress: Callable[[int], None] = lambda generation: None,
 ) -> VariantResult:
-    """Runs one variant of an experiment `runs` times; `progress` is told each generation."""
+    """Run one variant of an experiment `runs` times; `progress` is told each generation."""
     began = time.monotonic()
     with CompileClock() as clock:
         settings = Settings(test_layouts=test_layouts)
@@ -163,7 +163,7 @@ def perform(
 
 
 def demonstrated(experiment: Experiment, settings: Settings) -> Lesson:
-    """What is learnt from the experiment's demonstrations, recorded in the simulator."""
+    """Return what is learnt from the experiment's demonstrations, recorded in the simulator."""
     task = load_task(experiment.task)
     physics = make_level(task, settings)
     targets = task.targets[: experiment.reached]
@@ -183,7 +183,7 @@ def _with_lesson(experiment: Experiment, config: GPConfig, settings: Settings, l
     if lesson is None:
         return Training(task, config, settings)
     config = dataclasses.replace(config, baseline_index=experiment.baseline_index)
-    if experiment.meant == "genes":
+    if experiment.use == "genes":
         return Training(task, config, settings, baseline=lesson.tree, extra_leaves=lesson.genes)
     name = "demonstrated"
     task = with_subgoal(task, lesson.subgoal(name), source="the demonstration")

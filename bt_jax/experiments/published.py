@@ -26,7 +26,7 @@ class PublishedCurve:
 
 
 def published_curves() -> dict[tuple[int, str], PublishedCurve]:
-    """The curves by experiment and variant."""
+    """Return the curves by experiment and variant."""
     points: dict[tuple[int, str], list[tuple[int, float, float]]] = {}
     with SOURCE.open(encoding="utf-8") as file:
         for row in csv.DictReader(file):

@@ -20,7 +20,8 @@ NAMES = {"with_demonstration": "with demonstration", "gp_only": "GP only"}
 
 
 def figure(results: Sequence[VariantResult], curves: Curves) -> bytes:
-    """PNG of one experiment: best fitness over the generations, mean and range over the runs, the published means dashed."""
+    """Return a PNG of one experiment: best fitness over the generations, mean and range over the runs, the published
+    means dashed."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -54,7 +55,7 @@ def figure(results: Sequence[VariantResult], curves: Curves) -> bytes:
 
 
 def table(results: Sequence[VariantResult], curves: Curves) -> list[dict[str, str]]:
-    """One row for each experiment and variant, at its last generation."""
+    """Return one row for each experiment and variant, at its last generation."""
     rows = []
     for result in results:
         last, experiment = result.best[:, -1], result.experiment
@@ -78,7 +79,7 @@ def table(results: Sequence[VariantResult], curves: Curves) -> list[dict[str, st
 
 
 def markdown(results: Sequence[VariantResult], curves: Curves, *, machine: str) -> str:
-    """The report: tables, figures, what was demonstrated, and the best and the worst tree of each variant."""
+    """Return the report: tables, figures, what was demonstrated, and the best and the worst tree of each variant."""
     parts = [
         "# Experiments 1 to 3\n",
         f"Evolution with a demonstration and alone, with the settings of the paper's table I. {machine}\n",
@@ -118,6 +119,6 @@ def _trees(result: VariantResult) -> str:
 
 
 def _entered(result: VariantResult, run: int) -> str:
-    """When a leaf of the baseline first was in the best tree, and where."""
+    """Return when a leaf of the baseline first was in the best tree, and where."""
     rows = [row for row in result.history if row.run == run and row.baseline_leaves > 0]
     return f"{rows[0].generation}, under child {rows[0].baseline_child} of the root" if rows else "none"

@@ -1,4 +1,4 @@
-"""What a person decides about the frames of actions, where the demonstrations say it differently or not at all."""
+"""Frames chosen by a person, in place of the inferred ones."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ __all__ = ["with_chosen"]
 def with_chosen(
     inferences: Sequence[Inference], demonstrations: Demonstrations, chosen: Mapping[Instance, str]
 ) -> tuple[Inference, ...]:
-    """The inferences with the chosen frames; one of their instances speaks for all of an inference.
+    """Return the inferences with the chosen frames; the frame of one instance is that of the whole inference.
 
-    What was told apart is one inference if it turns out to be at one place in the chosen frame, in different demonstrations.
-    Raises UserError where a frame cannot be meant.
+    Inferences become one if they are at the same place in the chosen frame, in different demonstrations. Raise
+    UserError if a frame is not a possible one.
     """
     found: list[Inference] = []
     decided = [_decided(inference, demonstrations, chosen) for inference in inferences]
@@ -36,14 +36,12 @@ def with_chosen(
 
 
 def _decided(inference: Inference, demonstrations: Demonstrations, chosen: Mapping[Instance, str]) -> Inference:
-    """In the frame that was chosen for one of its instances, the first one's where they differ."""
+    """Return the inference in the frame chosen for one of its instances, the first if they differ."""
     frame = next((chosen[instance] for instance in inference.instances if instance in chosen), None)
     if frame is None:
         return inference
     if inference.kind == "pick":
-        raise UserError(
-            f"a pick is always meant in the frame of its object; choose a frame for a place of {inference.object}"
-        )
+        raise UserError(f"a pick is always relative to its object; choose a frame for a place of {inference.object}")
     others = [name for name in demonstrations.frames.names if name != inference.object]
     if frame not in others:
         raise UserError(f"a place of {inference.object} cannot be in the frame '{frame}'; choose {', '.join(others)}")
@@ -71,7 +69,7 @@ def _placed(
 
 
 def _same(one: Inference, other: Inference) -> bool:
-    """Whether two places of an object are one, seen in different demonstrations."""
+    """Return whether two places of an object are one, seen in different demonstrations."""
     if (one.kind, one.object, one.frame) != (other.kind, other.object, other.frame):
         return False
     both = {m.demonstration for m in one.instances} & {m.demonstration for m in other.instances}

@@ -1,4 +1,4 @@
-"""In which frame an action was meant: the one in which the demonstrations agree best.
+"""Inference of reference frames: an action is relative to the frame in which the demonstrations agree best.
 
 The method of Gustavsson et al., Combining Context Awareness and Planning to Learn Behavior Trees from Demonstration (2022).
 Actions of one type on one object are clustered in every candidate frame; a cluster is the better the more demonstrations
@@ -24,10 +24,10 @@ from bt_jax.lfd.demonstration import Action, Demonstrations, Frames, Instance, K
 
 __all__ = ["NEEDED", "SAME_PLACE", "SPREAD_FLOOR", "Candidate", "Inference", "infer", "rounded"]
 
-NEEDED = 3  # demonstrations from which a frame can be told
+NEEDED = 3  # demonstrations from which a frame can be inferred
 EPS = 0.2  # DBSCAN: how far neighbours in a cluster may be apart, metres
 SPREAD_FLOOR = 0.001  # metres; demonstrations that agree better than this agree perfectly
-GOOD_SPREAD = 0.05  # metres; what agrees within this may be meant in a frame, however much better it agrees in others
+GOOD_SPREAD = 0.05  # metres; actions that agree within this may be relative to a frame
 SAME_PLACE = 0.03  # metres; with too few demonstrations, what lies closer together counts as one place
 
 Vec3 = tuple[float, float, float]
@@ -35,7 +35,7 @@ Vec3 = tuple[float, float, float]
 
 @dataclasses.dataclass(frozen=True)
 class Candidate:
-    """One frame in which an action may have been meant, with the cluster that the action belongs to there.
+    """One frame that an action may be relative to, with the cluster that the action belongs to there.
 
     `score` is size / spread [1/m], -inf where the action is alone; `spread` is the largest distance to the mean [m].
     `leaves`: the frame is a box that one of the demonstrations moves later; `mixed`: what one demonstration does first
@@ -56,7 +56,7 @@ class Candidate:
 
     @property
     def good(self) -> bool:
-        """Whether it says that the action was meant in this frame, if in no better one."""
+        """Whether the action may be relative to this frame, if no other is better."""
         return self.score > -math.inf and self.spread <= GOOD_SPREAD
 
     @property
@@ -104,7 +104,7 @@ class _Observed:
 
 
 def infer(demonstrations: Demonstrations, *, movable: Collection[str]) -> tuple[Inference, ...]:
-    """The distinct actions of a set of demonstrations, in the order in which they are first seen.
+    """Return the distinct actions of a set of demonstrations, in the order in which they are first seen.
 
     Where two frames fit equally well, one of a `movable` object is preferred to a fixture's, since that object may stand
     elsewhere next time, and either to the robot's.
@@ -134,7 +134,7 @@ def _observed(demonstrations: Demonstrations) -> list[_Observed]:
 def _infer_group(
     group: Sequence[_Observed], frames: Frames, count: int, picked: Mapping[Instance, str]
 ) -> list[Inference]:
-    """Splits actions of one type on one object into those that mean the same; `picked` is what all demonstrations pick."""
+    """Split actions of one type on one object into those with the same goal; `picked` is what all demonstrations pick."""
     first = group[0]
     kind, thing = first.action.kind, first.object
     names = [frame for frame in frames.names if kind == "pick" or frame != thing]
@@ -144,9 +144,9 @@ def _infer_group(
     if count < NEEDED:
         frame = thing if kind == "pick" else frames.default
         why = (
-            "a pick is meant in the frame of its object"
+            "a pick is relative to its object"
             if kind == "pick"
-            else f"{count} of {NEEDED} demonstrations needed to tell a frame, so it is {frame}"
+            else f"{count} of {NEEDED} demonstrations needed to infer a frame, so it is {frame}"
         )
         labels = _labels(positions[frame], whose, SAME_PLACE, 1)
         nth = _occurrences(instances, labels.tolist())
@@ -184,10 +184,10 @@ def _meanings(
     clusters: dict[str, np.ndarray],
     kind: Kind,
 ) -> list[list[int]]:
-    """Rows of actions that mean the same: those of one cluster in their best frame.
+    """Return the rows of actions with the same goal: those of one cluster in their best frame.
 
-    Where a demonstration has several of them, they are told apart by the cluster in the second-best frame, if those are good
-    and tell all of them apart, and otherwise by their order.
+    If a demonstration has several of them, they are separated by the cluster in the second-best frame, if those are good and
+    separate all of them, and otherwise by their order.
     """
     together: dict[tuple, list[int]] = {}
     for row, own in enumerate(ranked):
@@ -205,13 +205,13 @@ def _meanings(
 
 
 def _second_cluster(row: int, own: Sequence[Candidate], clusters: dict[str, np.ndarray]) -> tuple[str, int]:
-    """The frame and the cluster of an action in its second-best frame, ("", 0) where that says nothing."""
+    """Return the frame and the cluster of an action in its second-best frame, ("", 0) if that says nothing."""
     good = len(own) > 1 and own[1].good
     return (own[1].frame, int(clusters[own[1].frame][row])) if good else ("", 0)
 
 
 def _occurrences(instances: Sequence[Instance], keys: Sequence[Hashable]) -> list[int]:
-    """For each action, how many of its demonstration with the same key come before it."""
+    """Return for each action how many of its demonstration with the same key come before it."""
     counts: Counter[tuple[int, Hashable]] = Counter()
     found = []
     for instance, key in zip(instances, keys, strict=True):
@@ -223,8 +223,8 @@ def _occurrences(instances: Sequence[Instance], keys: Sequence[Hashable]) -> lis
 def _labels(
     points: Float[np.ndarray, "n 3"], demonstrations: Sequence[int], eps: float, min_samples: int
 ) -> np.ndarray:
-    """The cluster of each point, -1 for none. One that holds several points of a demonstration is split by a smaller `eps`
-    where that is possible: what does not belong to it was near by chance."""
+    """Return the cluster of each point, -1 for none. One that holds several points of a demonstration is split by a
+    smaller `eps` if possible: what does not belong to it was near by chance."""
     labels = dbscan(points, eps, min_samples)
     whose = np.asarray(demonstrations)
     for label in range(labels.max() + 1):
@@ -245,7 +245,7 @@ def _ranked(
     frames: Frames,
     picked: Mapping[Instance, str],
 ) -> tuple[Candidate, ...]:
-    """The candidate frames of one action, the best first; equals in the order of the frames."""
+    """Return the candidate frames of one action, the best first; equals in the order of the frames."""
     nth = _occurrences(instances, [0] * len(instances))
     found = []
     for frame, labels in clusters.items():
@@ -264,7 +264,7 @@ def _ranked(
 
 
 def _leaves(frame: str, instance: Instance, picked: Mapping[Instance, str]) -> bool:
-    """Whether a demonstration moves a frame after a instance."""
+    """Return whether a demonstration moves a frame after an instance."""
     return any(
         thing == frame and other.demonstration == instance.demonstration and other.index > instance.index
         for other, thing in picked.items()
@@ -303,7 +303,7 @@ def rounded(position: Float[np.ndarray, "3"]) -> Vec3:
 
 def _reason(kind: Kind, frame: str, own: Sequence[Candidate], alone: bool, min_samples: int) -> str:
     if kind == "pick":
-        return "a pick is meant in the frame of its object"
+        return "a pick is relative to its object"
     if alone:
         return f"no frame has {min_samples} demonstrations that agree within {EPS} m, so it is {frame}"
     best, second = own[0], own[1] if len(own) > 1 else None

@@ -8,7 +8,7 @@ __all__ = ["conflict", "implies", "undoes"]
 
 
 def conflict(a: Behavior, b: Behavior) -> bool:
-    """Whether two conditions exclude each other: different things held, two states of the gripper, one object at two
+    """Return whether two conditions exclude each other: different things held, two states of the gripper, one object at two
     places, or something held by an open gripper."""
     if a.name == b.name:
         match a.name:
@@ -22,13 +22,13 @@ def conflict(a: Behavior, b: Behavior) -> bool:
 
 
 def implies(a: Behavior, b: Behavior) -> bool:
-    """Whether a condition includes another: an open gripper holds nothing."""
+    """Return whether a condition includes another: an open gripper holds nothing."""
     return a == b or (a == Behavior("gripper", (OPEN,)) and b == Behavior("holding", (NOTHING,)))
 
 
 def undoes(action: Behavior, condition: Behavior) -> bool:
-    """Whether carrying out an action makes a condition false, or may: it moves the object that the condition is about,
-    or the object in whose frame that one stands, or its postconditions exclude the condition."""
+    """Return whether carrying out an action makes a condition false, or may: it moves the object that the condition is
+    about, or the object in whose frame that one stands, or its postconditions exclude the condition."""
     if condition.name == "at" and action.name in ("pick", "place"):
         return action.object == condition.frame or (
             action.object == condition.object and condition not in action.postconditions

@@ -26,7 +26,8 @@ class Order:
 
 
 def orders(steps: Sequence[Sequence[Step]]) -> tuple[Order, ...]:
-    """All pairs in a constant order; one reversed observation, also within a demonstration, cancels a pair for good."""
+    """Return all pairs in a constant order; one reversed observation, also within a demonstration, cancels a pair for
+    good."""
     found: dict[tuple[Step, Step], list[int]] = {}
     for sequence in steps:
         for j, after in enumerate(sequence):
@@ -40,7 +41,7 @@ def orders(steps: Sequence[Sequence[Step]]) -> tuple[Order, ...]:
 
 
 def check_acyclic(constraints: Sequence[Order], inferences: Sequence[Inference]) -> None:
-    """Raises UserError, naming the actions, where the constraints of different demonstrations go in a circle."""
+    """Raise UserError, naming the actions, if the constraints of different demonstrations go in a circle."""
     later: dict[Step, list[Step]] = {}
     for order in constraints:
         later.setdefault(order.before, []).append(order.after)
@@ -64,9 +65,10 @@ def check_acyclic(constraints: Sequence[Order], inferences: Sequence[Inference])
 def preconditions(
     constraints: Sequence[Order], inferences: Sequence[Inference], steps: Sequence[Sequence[Step]]
 ) -> Mapping[Behavior, tuple[Behavior, ...]]:
-    """For each action of the demonstrations, the conditions beyond its own preconditions that earlier actions establish and
-    that still hold when it begins: their postconditions, the nearest action's where they conflict, and none that conflicts
-    with what the action itself needs. Of an action that is done several times, those that hold each time."""
+    """Return for each action of the demonstrations the conditions beyond its own preconditions that earlier actions
+    establish and that still hold when it begins: their postconditions, the nearest action's where they conflict, and
+    none that conflicts with what the action itself needs. Of an action that is done several times, those that hold each
+    time."""
     moments = [dict(zip(sequence, _held(sequence, inferences), strict=True)) for sequence in steps]
     extra: dict[Behavior, tuple[Behavior, ...]] = {}
     for step in sorted(set().union(*moments)):
@@ -84,7 +86,7 @@ def preconditions(
 
 
 def _held(sequence: Sequence[Step], inferences: Sequence[Inference]) -> Iterator[frozenset[Behavior]]:
-    """What the actions so far have established and not undone, before each action of a demonstration."""
+    """Return what the actions so far have established and not undone, before each action of a demonstration."""
     held: frozenset[Behavior] = frozenset()
     for step in sequence:
         yield held

@@ -37,7 +37,7 @@ class Pose:
     quaternion: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
 
     def apply(self, point: Sequence[float]) -> Float[np.ndarray, "3"]:
-        """A point given in this pose's axes, in the frame that the pose is given in."""
+        """Return a point given in this pose's axes, in the frame that the pose is given in."""
         w, axis = self.quaternion[0], self.quaternion[1:]
         turn = 2 * _cross(axis, point)
         return np.array(self.position) + point + w * turn + _cross(axis, turn)
@@ -58,7 +58,7 @@ class RecordedTask:
         return RecordedTask(task.name, {box.name: box.size for box in task.boxes}, task)
 
     def difference(self, task: Task) -> str | None:
-        """How the boxes of a task differ, as part of a sentence, or None."""
+        """Return how the boxes of a task differ, as part of a sentence, or None."""
         for box in task.boxes:
             known = self.boxes.get(box.name)
             if known is None:
@@ -80,7 +80,7 @@ class Frames:
 
     @staticmethod
     def of(task: Task) -> Frames:
-        """Those of a task: the kit's, the boxes' and the robot's, which is the default."""
+        """Return the frames of a task: the kit's, the boxes' and the robot's, which is the default."""
         names = (task.kit.name, *task.box_names, task.robot_frame)
         return Frames(names, task.robot_frame, task.robot_frame, RecordedTask.of(task))
 
@@ -98,11 +98,11 @@ class Action:
     poses: Mapping[str, Pose]
 
     def handled(self, frame: str) -> Float[np.ndarray, "3"]:
-        """Where the centre of the handled object is, in a frame [m]: below the end effector."""
+        """Return where the centre of the handled object is, in a frame [m]: below the end effector."""
         return self.poses[frame].apply((0.0, 0.0, -END_EFFECTOR_HEIGHT))
 
     def nearest(self, frames: Sequence[str]) -> str:
-        """Which of the frames the handled object is nearest to."""
+        """Return which of the frames the handled object is nearest to."""
         return min(frames, key=lambda frame: float(np.linalg.norm(self.handled(frame))))
 
 
@@ -125,7 +125,7 @@ class Instance:
 @dataclasses.dataclass(frozen=True)
 class Demonstrations:
     """A set of demonstrations of one task. `problems` says, a sentence each, which ones were left out and why; `chosen` is
-    the frame in which a person has said that an action is meant."""
+    the frame that a person has chosen for an action."""
 
     frames: Frames
     demonstrations: tuple[Demonstration, ...]
@@ -140,6 +140,6 @@ class Demonstrations:
 
 
 def _cross(a: Iterable[float], b: Iterable[float]) -> Float[np.ndarray, "3"]:
-    """What np.cross does, in a tenth of its time."""
+    """Return what np.cross does, in a tenth of its time."""
     (x, y, z), (u, v, w) = a, b
     return np.array([y * w - z * v, z * u - x * w, x * v - y * u])

@@ -26,7 +26,7 @@ from bt_jax.lfd.demonstration import Action, Demonstration, Demonstrations, Fram
 
 __all__ = ["DemonstrationFolder"]
 
-HUGE = 1e6  # metres; no robot is that far, and no such number is meant
+HUGE = 1e6  # metres; a larger number is a mistake
 UNIT_SLACK = 0.01  # by which the length of a quaternion may differ from 1
 
 
@@ -63,7 +63,7 @@ class DemonstrationFolder:
             write_atomic(self.path / "task.yaml", yaml.safe_dump(task.to_dict(), sort_keys=False))
 
     def frames(self) -> Frames:
-        """Reads `info.yaml`. Raises UserError where it is missing or incomplete."""
+        """Read `info.yaml`. Raise UserError if it is missing or incomplete."""
         source, data = self.path / "info.yaml", self._info()
         names, default, robot = data.get("frames"), data.get("default_frame"), data.get("robot")
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
@@ -76,13 +76,13 @@ class DemonstrationFolder:
         return Frames(tuple(names), str(default), str(robot), _recorded(data, source))
 
     def names(self) -> list[str]:
-        """The demonstrations: in the order that `info.yaml` may say, then in natural order, demo2 before demo10."""
+        """Return the demonstrations: in the order that `info.yaml` may say, then in natural order, demo2 before demo10."""
         found = [path.name for path in self.path.iterdir() if path.is_dir() and not path.name.startswith(".")]
         order = self._order() if (self.path / "info.yaml").is_file() else []
         return sorted(found, key=lambda name: (order.index(name) if name in order else len(order), _natural(name)))
 
     def read(self) -> Demonstrations:
-        """All demonstrations that can be used, and for each of the others a sentence. Raises UserError where none can."""
+        """Return all demonstrations that can be used, and for each of the others a sentence. Raise UserError if none can."""
         frames, chosen = self.frames(), self._chosen()
         good: list[Demonstration] = []
         problems, frame_of = [], {}
@@ -101,9 +101,9 @@ class DemonstrationFolder:
         return Demonstrations(frames, tuple(good), tuple(problems), frame_of)
 
     def choose(self, demonstrations: Demonstrations, instances: Collection[Instance], frame: str | None) -> None:
-        """Keeps that a person has chosen a frame for actions of demonstrations read from here; None takes that back.
+        """Record that a person has chosen a frame for actions of demonstrations read from here; None takes that back.
 
-        Raises UserError where one of them has gone, or where there is no such frame.
+        Raise UserError if one of them has gone, or if there is no such frame.
         """
         frames, chosen = self.frames(), {name: dict(actions) for name, actions in self._chosen().items()}
         if frame is not None and frame not in frames.names:
@@ -116,7 +116,7 @@ class DemonstrationFolder:
         self._change(chosen=chosen)
 
     def append(self, demonstration: Demonstration) -> Demonstration:
-        """Adds a demonstration under the next free name demoN, whole or not at all, and returns it under that name."""
+        """Add a demonstration under the next free name demoN, whole or not at all, and return it under that name."""
         frames = self.frames()
         numbers = [int(name[4:]) for name in self.names() if re.fullmatch(r"demo\d+", name)]
         named = dataclasses.replace(demonstration, name=f"demo{max(numbers, default=0) + 1}")
@@ -136,7 +136,7 @@ class DemonstrationFolder:
         return named
 
     def delete(self, name: str) -> None:
-        """Removes one demonstration, whole or not at all. Raises UserError where there is none of that name."""
+        """Remove one demonstration, whole or not at all. Raise UserError if there is none of that name."""
         source = self._existing(name)
         gone = self.path / f".{name}.deleted"
         shutil.rmtree(gone, ignore_errors=True)
@@ -148,7 +148,7 @@ class DemonstrationFolder:
         self._forget(name)
 
     def rename(self, name: str, new: str) -> None:
-        """Gives a demonstration another name; it stays where it is in the order. Raises UserError where that is taken or no
+        """Give a demonstration another name; it stays where it is in the order. Raise UserError if that is taken or no
         name."""
         if not is_name(new):
             raise UserError(
@@ -168,7 +168,7 @@ class DemonstrationFolder:
         self._change(order=[other for other in order if other != name], chosen=chosen)
 
     def _info(self) -> Mapping[str, Any]:
-        """What stands in `info.yaml`. Raises UserError where that cannot be read."""
+        """Return what is in `info.yaml`. Raise UserError if that cannot be read."""
         source = self.path / "info.yaml"
         if not self.path.is_dir():
             raise UserError(f"there is no folder {self.path}; give one with demonstrations, or record some into it")
@@ -184,7 +184,7 @@ class DemonstrationFolder:
         return [name for name in order if isinstance(name, str)] if isinstance(order, list) else []
 
     def _chosen(self) -> Mapping[str, Mapping[int, str]]:
-        """By demonstration: the chosen frame of each action, counted from 1."""
+        """Return for each demonstration the chosen frame of each action, counted from 1."""
         chosen = self._info().get("chosen")
         if not isinstance(chosen, Mapping):
             return {}
@@ -195,14 +195,14 @@ class DemonstrationFolder:
         }
 
     def _forget(self, name: str) -> None:
-        """Nothing in `info.yaml` is about a demonstration of this name any more."""
+        """Remove from `info.yaml` whatever is about a demonstration of this name."""
         self._change(
             order=[other for other in self._order() if other != name],
             chosen={other: actions for other, actions in self._chosen().items() if other != name},
         )
 
     def _change(self, **values: Any) -> None:
-        """Replaces keys of `info.yaml`, leaving out what says nothing."""
+        """Replace keys of `info.yaml`, leaving out what says nothing."""
         values = {**values, **({"chosen": _without_empty(values["chosen"])} if "chosen" in values else {})}
         if "order" in values and values["order"] == sorted(values["order"], key=_natural):
             values["order"] = []
@@ -247,7 +247,7 @@ def _recorded(data: Mapping[str, Any], source: Path) -> RecordedTask | None:
 
 
 def _natural(name: str) -> list[tuple[bool, int, str]]:
-    """What names are sorted by so that demo2 comes before demo10."""
+    """Return what names are sorted by so that demo2 comes before demo10."""
     return [(part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in re.split(r"(\d+)", name)]
 
 
@@ -256,7 +256,7 @@ def _without_empty(chosen: Mapping[str, Mapping[int, str]]) -> dict[str, dict[in
 
 
 def _problem(demonstration: Demonstration, frames: Frames, *, where: str) -> str | None:
-    """Why the actions make no whole demonstration, or None."""
+    """Return why the actions make no whole demonstration, or None."""
     held = False
     for i, action in enumerate(demonstration.actions, start=1):
         if set(action.poses) != set(frames.names):
@@ -304,7 +304,7 @@ def _is_unit(quaternion: Sequence[float]) -> bool:
 
 
 def _vectors(data: Mapping[str, Any], key: str, count: int, file: Path, frames: Frames) -> dict[str, tuple[float, ...]]:
-    """One vector for each frame."""
+    """Return one vector for each frame."""
     values = data.get(key)
     if not isinstance(values, Mapping):
         raise _Unusable(f"{file}: {key} is missing; record the demonstration again or delete it.")
@@ -335,5 +335,5 @@ def _mapping(file: Path) -> Mapping[str, Any]:
 
 
 def _numbers(values: Sequence[float]) -> list[float]:
-    """To 0.01 mm, which no demonstrator can place."""
+    """Round to 0.01 mm, finer than anybody can place."""
     return [round(float(value), 5) + 0.0 for value in values]

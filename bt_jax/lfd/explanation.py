@@ -13,8 +13,8 @@ __all__ = ["action_rows", "goal_sentence", "missing_sentence", "order_sentences"
 
 
 def action_rows(lesson: Lesson) -> list[dict[str, str]]:
-    """One row for each distinct action: `what` was inferred, in how many demonstrations it was `seen`, and `why` this frame:
-    what agrees there, its score, and the runner-up's."""
+    """Return one row for each distinct action: `what` was inferred, in how many demonstrations it was `seen`, and `why`
+    this frame: what agrees there, its score, and the runner-up's."""
     return [
         {
             "what": _what(inference),
@@ -26,17 +26,18 @@ def action_rows(lesson: Lesson) -> list[dict[str, str]]:
 
 
 def missing_sentence(lesson: Lesson) -> str:
-    """How many demonstrations are there and needed, said plainly; empty where they suffice."""
+    """Return how many demonstrations are there and needed, said plainly; empty if they suffice."""
     if not lesson.missing:
         return ""
     return (
-        f"{len(lesson.demonstrations)} of {NEEDED} demonstrations needed: from {NEEDED} on, what the places are relative to "
-        f"can be told; until then they are fixed places in {lesson.demonstrations.frames.default}"
+        f"{len(lesson.demonstrations)} of {NEEDED} demonstrations needed: from {NEEDED} on, the frames of the places "
+        f"are inferred; until then they are fixed places in {lesson.demonstrations.frames.default}"
     )
 
 
 def order_sentences(lesson: Lesson, one: LearntSubtask, *, say: Callable[[Behavior], str] = str) -> list[str]:
-    """Which placement comes before which other, and in how many demonstrations that was seen. `say` names an action."""
+    """Return which placement comes before which other, and in how many demonstrations that was seen. `say` names an
+    action."""
     places = {step for step, inference in enumerate(lesson.inferences) if inference.kind == "place"}
     found = []
     for order in one.constraints:
@@ -48,7 +49,7 @@ def order_sentences(lesson: Lesson, one: LearntSubtask, *, say: Callable[[Behavi
 
 
 def precondition_sentences(one: LearntSubtask, *, say: Callable[[Behavior], str] = str) -> list[str]:
-    """What an action waits for besides its own preconditions. `say` names actions and conditions."""
+    """Return what an action waits for besides its own preconditions. `say` names actions and conditions."""
     return [
         f"{say(action)} waits for {', '.join(map(say, conditions))}"
         for action, conditions in one.preconditions.items()
@@ -57,7 +58,7 @@ def precondition_sentences(one: LearntSubtask, *, say: Callable[[Behavior], str]
 
 
 def goal_sentence(goal: tuple[Behavior, ...]) -> str:
-    """A goal on one line."""
+    """Return a goal on one line."""
     return " and ".join(map(str, goal))
 
 

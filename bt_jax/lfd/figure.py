@@ -1,4 +1,4 @@
-"""The clusters that were weighed, as a picture: one row an action, one panel a candidate frame."""
+"""The clusters that were compared, as a picture: one row an action, one panel a candidate frame."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ LEAST = 0.03  # metres to each side of the mean that a panel shows at least
 
 
 def cluster_figure(lesson: Lesson) -> bytes:
-    """PNG: where the demonstrations put each object, seen from above in every candidate frame, each panel at its own scale.
-    The chosen frame is blue; a cross is the mean of the cluster, an x another place of the same object."""
+    """Draw a PNG: where the demonstrations put each object, seen from above in every candidate frame, each panel at its
+    own scale. The chosen frame is blue; a cross is the mean of the cluster, an x another place of the same object."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

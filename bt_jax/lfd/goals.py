@@ -24,7 +24,7 @@ class Subtask:
 
 
 def sequences(demonstrations: Demonstrations, inferences: Sequence[Inference]) -> list[list[Step]]:
-    """Each demonstration as a sequence of steps."""
+    """Return each demonstration as a sequence of steps."""
     step_at = {instance: step for step, inference in enumerate(inferences) for instance in inference.instances}
     return [
         [step_at[Instance(d, i)] for i in range(len(demonstration.actions))]
@@ -33,7 +33,7 @@ def sequences(demonstrations: Demonstrations, inferences: Sequence[Inference]) -
 
 
 def goal_of(actions: Sequence[Behavior]) -> tuple[Behavior, ...]:
-    """What holds in the end: the postconditions, from the last action backwards, that conflict with none already kept
+    """Return what holds in the end: the postconditions, from the last action backwards, that conflict with none already kept
     and that no later action undoes; in the order in which they come to hold, those of the gripper last."""
     kept: list[Behavior] = []
     for i, action in reversed(list(enumerate(actions))):
@@ -46,7 +46,7 @@ def goal_of(actions: Sequence[Behavior]) -> tuple[Behavior, ...]:
 
 
 def subtasks(inferences: Sequence[Inference], steps: Sequence[Sequence[Step]]) -> tuple[Subtask, ...]:
-    """Demonstrations grouped by their goals, whatever the order in which these come to hold."""
+    """Return demonstrations grouped by their goals, whatever the order in which these come to hold."""
     found: dict[frozenset[Behavior], tuple[tuple[Behavior, ...], list[int]]] = {}
     for d, sequence in enumerate(steps):
         goal = goal_of([inferences[step].behavior for step in sequence])

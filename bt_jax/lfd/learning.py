@@ -46,7 +46,7 @@ class Lesson:
 
     @property
     def missing(self) -> int:
-        """How many more demonstrations are needed to tell in which frames the actions are meant."""
+        """How many more demonstrations are needed to infer the frames of the actions."""
         return max(0, NEEDED - len(self.demonstrations))
 
     @property
@@ -63,7 +63,7 @@ class Lesson:
 
     @property
     def targets(self) -> tuple[Target, ...]:
-        """The demonstrated places as targets. Raises UserError where the demonstrations have several goals."""
+        """The demonstrated places as targets. Raise UserError if the demonstrations have several goals."""
         if len(self.subtasks) > 1:
             raise UserError(
                 f"the demonstrations end in {len(self.subtasks)} different ways, so they say no target; learn from those "
@@ -79,12 +79,12 @@ class Lesson:
         return tuple(map(_target, self.placements))
 
     def subgoal(self, name: str) -> Subgoal:
-        """The configuration that the demonstrations reach, under a name."""
+        """Return the configuration that the demonstrations reach, under a name."""
         goal = [condition for one in self.subtasks for condition in one.subtask.goal]
         return derive_subgoal(name, self.demonstrations, goal, self.task)
 
     def subtask_gene(self, name: str) -> Behavior:
-        """The whole tree as one gene that is done with for good once the subgoal of that name has been reached."""
+        """Return the whole tree as one gene that is done with for good once the subgoal of that name has been reached."""
         return Behavior("subtask", (name, Control.fallback(Behavior("reached", (name,)), self.tree)))
 
 
@@ -97,12 +97,12 @@ def _target(place: Behavior) -> Target:
 
 
 def learn(demonstrations: Demonstrations, task: Task, *, frames: Mapping[int, str] | None = None) -> Lesson:
-    """Learns a tree from demonstrations recorded in a task's scene.
+    """Learn a tree from demonstrations recorded in a task's scene.
 
     `frames` chooses the frame of inferences by hand, by their index in what is learnt without it, besides what has been
     `chosen` in the demonstrations.
 
-    A demonstration that moves what the robot cannot is left out, with a sentence among the problems. Raises UserError where
+    A demonstration that moves what the robot cannot is left out, with a sentence among the problems. Raise UserError if
     the frames or boxes are not those of the task, the demonstrations contradict each other in a circle, or no tree achieves
     what they do.
     """
@@ -127,7 +127,7 @@ def learn(demonstrations: Demonstrations, task: Task, *, frames: Mapping[int, st
 
 
 def _either(trees: Sequence[Tree]) -> Tree:
-    """One of the trees: the first that can be carried out. A Fallback among them dissolves into it."""
+    """Return one of the trees: the first that can be carried out. A Fallback among them dissolves into it."""
     parts = [part for tree in trees for part in (children(tree) if tree.kind == Kind.FALLBACK else [tree])]
     return Control.fallback(*parts)
 
@@ -165,7 +165,7 @@ def _with_frames(
 
 
 def _usable(demonstrations: Demonstrations, task: Task) -> Demonstrations:
-    """The demonstrations that move boxes only. Raises UserError where none does."""
+    """Return the demonstrations that move boxes only. Raise UserError if none does."""
     good: list[Demonstration] = []
     chosen: dict[Instance, str] = {}
     problems = list(demonstrations.problems)

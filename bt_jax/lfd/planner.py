@@ -25,12 +25,12 @@ def plan(
     actions: Iterable[Behavior] = (),
     extra: Mapping[Behavior, tuple[Behavior, ...]] | None = None,
 ) -> Tree:
-    """A tree that achieves all conditions of a goal, from wherever it is ticked.
+    """Return a tree that achieves all conditions of a goal, from wherever it is ticked.
 
     `actions` may be used besides those that the goal itself suggests (open and close the gripper, pick and place); `extra`
     are preconditions beyond the actions' own, for instance from `constraints.preconditions`. Deterministic: the cheapest
     action that achieves a condition is taken, the first of equals. Where a later part would undo an earlier condition, it is
-    moved before it. Raises UserError where no action achieves a condition, or where the parts undo each other in a circle.
+    moved before it. Raise UserError if no action achieves a condition, or if the parts undo each other in a circle.
     """
     planner = _Planner(tuple(actions), extra or {})
     wanted = [condition for condition in goal if not _follows(condition, goal)]
@@ -42,12 +42,12 @@ def plan(
 
 
 def plan_task(task: Task) -> Tree:
-    """A tree that brings every object of a task to its target."""
+    """Return a tree that brings every object of a task to its target."""
     return plan([Behavior("at", (target.object, target.position, target.frame)) for target in task.targets])
 
 
 def fold_moves(tree: Tree) -> Tree:
-    """Every subtree that is what a `move` gene stands for becomes that gene."""
+    """Replace every subtree that is what a `move` gene stands for by that gene."""
     if isinstance(tree, Behavior):
         return tree
     first = tree.children[0]
@@ -59,7 +59,7 @@ def fold_moves(tree: Tree) -> Tree:
 
 
 def _follows(condition: Behavior, goal: Sequence[Behavior]) -> bool:
-    """Whether a condition of the gripper holds anyway once the rest of the goal has been placed."""
+    """Return whether a condition of the gripper holds anyway once the rest of the goal has been placed."""
     placed = [Behavior("place", other.args) for other in goal if other.name == "at"]
     return condition.name != "at" and any(condition in action.postconditions for action in placed)
 
@@ -72,8 +72,8 @@ class _Part:
     tree: Tree
 
     def disturbs(self, known: frozenset[Behavior], condition: Behavior, levels: int) -> bool:
-        """Whether achieving it where all of `known` hold may undo that condition; of conditions that wait for each other, so
-        many `levels` are looked at."""
+        """Return whether achieving it where all of `known` hold may undo that condition; of conditions that wait for
+        each other, so many `levels` are looked at."""
         left = _needed(self.tree, known)
         return left is not None and any(undoes(action, condition) for action in _actions(left, levels))
 
@@ -85,7 +85,7 @@ class _Planner:
     parts: dict[Behavior, _Part] = dataclasses.field(default_factory=dict)  # planned so far, by their condition
 
     def achieved(self, condition: Behavior, waiting: tuple[Behavior, ...]) -> _Part:
-        """Checks the condition, and achieves it where it does not hold; `waiting` are the conditions that this is for."""
+        """Check the condition, and achieve it if it does not hold; `waiting` are the conditions that this is for."""
         if condition in waiting:
             circle = " needs ".join(map(str, (*waiting[waiting.index(condition) :], condition)))
             raise UserError(f"the goal cannot be planned: {circle}; change the demonstrations or the targets")
@@ -112,7 +112,7 @@ class _Planner:
         return min(found, key=lambda action: action.cost)
 
     def ordered(self, parts: Sequence[_Part]) -> list[_Part]:
-        """The parts in the given order, except that one which disturbs an earlier condition comes before that."""
+        """Return the parts in the given order, except that one which disturbs an earlier condition comes before that."""
         done: list[_Part] = []
         left = list({part.condition: part for part in parts}.values())
         while left:
@@ -130,7 +130,7 @@ class _Planner:
         return done
 
     def undisturbed(self, parts: Sequence[_Part], known: frozenset[Behavior], levels: int) -> _Part | None:
-        """The first part whose condition none of the others, coming after it, undoes."""
+        """Return the first part whose condition none of the others, coming after it, undoes."""
         for part in parts:
             holds = known | {part.condition}
             if not any(other.disturbs(holds, part.condition, levels) for other in parts if other is not part):
@@ -139,7 +139,7 @@ class _Planner:
 
 
 def _needed(tree: Tree, known: frozenset[Behavior]) -> Tree | None:
-    """The tree without what is known to hold where it is ticked, None where nothing is left of it.
+    """Return the tree without what is known to hold where it is ticked, None if nothing is left of it.
 
     A memoryless Sequence ticks a child only once those before it have succeeded in the same tick, so that what they check
     or achieve holds there.
@@ -160,7 +160,7 @@ def _needed(tree: Tree, known: frozenset[Behavior]) -> Tree | None:
 
 
 def _established(tree: Tree) -> frozenset[Behavior]:
-    """The conditions that hold once a part of a plan has succeeded."""
+    """Return the conditions that hold once a part of a plan has succeeded."""
     if isinstance(tree, Behavior):
         return frozenset([tree] if tree.kind == Kind.CONDITION else tree.postconditions)
     if tree.kind == Kind.FALLBACK:
@@ -169,7 +169,7 @@ def _established(tree: Tree) -> frozenset[Behavior]:
 
 
 def _actions(tree: Tree, levels: int) -> Iterator[Behavior]:
-    """The actions of a part of a plan, down to so many placements that wait for each other."""
+    """Yield the actions of a part of a plan, down to so many placements that wait for each other."""
     if isinstance(tree, Behavior):
         if tree.kind == Kind.ACTION:
             yield tree
@@ -182,7 +182,7 @@ def _actions(tree: Tree, levels: int) -> Iterator[Behavior]:
 
 
 def _suggested(condition: Behavior) -> list[Behavior]:
-    """The actions that a condition itself names."""
+    """Return the actions that a condition itself names."""
     match condition.name:
         case "at":
             return [Behavior("place", condition.args)]
@@ -196,7 +196,7 @@ def _suggested(condition: Behavior) -> list[Behavior]:
 
 
 def _control(kind: Kind, parts: Sequence[Tree]) -> Tree:
-    """A control node; one child stands for itself, and children of the same kind dissolve into it."""
+    """Return a control node; one child stands for itself, and children of the same kind dissolve into it."""
     flat: list[Tree] = []
     for part in parts:
         flat += part.children if isinstance(part, Control) and part.kind == kind else [part]

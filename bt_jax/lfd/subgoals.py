@@ -17,7 +17,7 @@ __all__ = ["derive_subgoal"]
 
 
 def derive_subgoal(name: str, demonstrations: Demonstrations, goal: Sequence[Behavior], task: Task) -> Subgoal:
-    """The configuration that all demonstrations reach, as general as they allow.
+    """Return the configuration that all demonstrations reach, as general as they allow.
 
     If they free boxes on which others stood, it is that those are clear: where the others were put does not matter.
     Otherwise it is the goal, the places of what was moved.
@@ -36,7 +36,7 @@ def derive_subgoal(name: str, demonstrations: Demonstrations, goal: Sequence[Beh
 
 
 def _is_under(box: str, action: Action, task: Task) -> bool:
-    """Whether another box stands on this one at the moment of an action."""
+    """Return whether another box stands on this one at the moment of an action."""
     sizes = {other.name: other.size for other in task.boxes}
     here = _position(box, action, task)
     return any(
@@ -47,7 +47,7 @@ def _is_under(box: str, action: Action, task: Task) -> bool:
 
 
 def _position(frame: str, action: Action, task: Task) -> Float[np.ndarray, "3"]:
-    """The origin of a frame in the robot's [m], from the end effector's pose in both."""
+    """Return the origin of a frame in the robot's [m], from the end effector's pose in both."""
     in_robot, in_frame = action.poses[task.robot_frame], action.poses[frame]
     turn = (
         Rotation.from_quat(in_robot.quaternion, scalar_first=True)

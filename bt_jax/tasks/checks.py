@@ -40,7 +40,7 @@ def check(task: Task, source: str) -> None:
         if not subgoal.name.isidentifier():
             fail(f"subgoals[{i}].name", f"'{subgoal.name}' is not a name", "use letters, digits and underscores")
         if subgoal.name in [other.name for other in task.subgoals[:i]]:
-            fail(f"subgoals[{i}].name", f"'{subgoal.name}' stands twice", "rename one of them")
+            fail(f"subgoals[{i}].name", f"'{subgoal.name}' is listed twice", "rename one of them")
         if not subgoal.conditions:
             fail(f"subgoals[{i}].conditions", "there are none", "add a condition, for instance clear(YellowBox)")
     _check_sizes(task, fail)
@@ -116,7 +116,7 @@ def _check_fixed(task: Task, fail: Any) -> None:
     sizes = {box.name: box.size for box in task.boxes}
     fixed = task.layout.fixed
     if fixed and task.layout.kit == "random":
-        fail("layout.kit", "the kit may come to stand where a box is fixed", "name the kit's table")
+        fail("layout.kit", "the kit may be placed where a box is fixed", "name the kit's table")
     for i, place in enumerate(fixed):
         key = f"layout.fixed[{i}]"
         if place.object not in sizes:
@@ -140,7 +140,7 @@ def _check_fixed(task: Task, fail: Any) -> None:
 
 
 def _apart(a: Vec3, b: Vec3) -> float:
-    """Distance along the axis on which it is the largest."""
+    """Return the distance along the axis on which it is the largest."""
     return max(abs(x - y) for x, y in zip(a, b, strict=True))
 
 

@@ -192,12 +192,12 @@ class Task:
         return (0.0, side, 0.0) if across else (side, 0.0, 0.0)
 
     def _extent(self, axis: int) -> tuple[float, float]:
-        """Where the tables begin and end along an axis."""
+        """Return where the tables begin and end along an axis."""
         edges = [(table.position[axis], table.size[axis] / 2) for table in self.tables]
         return min(middle - half for middle, half in edges), max(middle + half for middle, half in edges)
 
     def _summary(self) -> list[tuple[str, str]]:
-        """What a person wants to see of a task, as rows of a heading and a text."""
+        """Return what a person wants to see of a task, as rows of a heading and a text."""
         return [
             ("boxes", ", ".join(f"{box.name} ({1000 * box.size:g} mm)" for box in self.boxes)),
             *(("target", str(target)) for target in self.targets),
@@ -211,7 +211,7 @@ class Task:
         return "\n".join([self.title, *(f"  {heading:8} {text}" for heading, text in self._summary())])
 
     def _repr_html_(self) -> str:
-        """The table that a notebook shows."""
+        """Return the table that a notebook shows."""
         rows = "".join(f"<tr><th>{heading}</th><td>{escape(text)}</td></tr>" for heading, text in self._summary())
         return f"<table><caption>{escape(self.title)}</caption>{rows}</table>"
 

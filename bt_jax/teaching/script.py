@@ -1,7 +1,7 @@
 """Demonstrations from a script of what the person at the gripper does, in simulation.
 
-Steps are separated by semicolons or lines: `pick BOX; move (DX, DY, DZ); to (X, Y, Z) FRAME; release`. Positions are metres
-and mean the centre of the box.
+Steps are separated by semicolons or lines: `pick BOX; move (DX, DY, DZ); to (X, Y, Z) FRAME; release`. Positions are those
+of the centre of the box, in metres.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Input:
 
 
 def parse_script(text: str) -> list[Input]:
-    """Reads a script. Raises UserError, naming the step, where it cannot be meant."""
+    """Read a script. Raise UserError, naming the step, if it is invalid."""
     steps = [step.strip() for step in re.split(r"[;\n]", text) if step.split("#")[0].strip()]
     found = []
     for step in steps:
@@ -78,7 +78,7 @@ def _vector(text: str, step: str) -> tuple[float, ...]:
 def perform(
     session: Teleoperation, script: Sequence[Input], *, noise: float = 0.0, rng: np.random.Generator | None = None
 ) -> Demonstration:
-    """Does what a script says in a session, missing each place by Gaussian `noise` [m], and returns the recording."""
+    """Do what a script says in a session, missing each place by Gaussian `noise` [m], and return the recording."""
     for step in script:
         off = rng.normal(0.0, noise, 3) if rng is not None and noise else np.zeros(3)
         match step.kind:
@@ -103,7 +103,8 @@ def record(
     noise: float = 0.0,
     after: Tree | None = None,
 ) -> list[Demonstration]:
-    """Demonstrations of one script in `count` layouts, numbered from `seed`; the tree `after` is executed first in each."""
+    """Return demonstrations of one script in `count` layouts, numbered from `seed`; the tree `after` is executed first
+    in each."""
     found = []
     for number in range(seed, seed + count):
         start, rng = sample_layouts(task, [DEMONSTRATED, number], 1), np.random.default_rng([DEMONSTRATED, number])
@@ -113,7 +114,7 @@ def record(
 
 
 def reached_by(tree: Tree, task: Task, physics: Physics, start: World) -> World:
-    """The state in which a tree ends. Raises UserError where it leaves something in the gripper."""
+    """Return the state in which a tree ends. Raise UserError if it leaves something in the gripper."""
     semantics = LeafSemantics(task, Vocabulary.of(leaves(tree)))
     final = play(semantics, Settler(task, physics), tree, start).final
     if final.held[0] >= 0:

@@ -81,12 +81,12 @@ class Teleoperation:
         return self._now.actions
 
     def position(self, frame: str) -> Float[np.ndarray, "3"]:
-        """Where the carried object's centre is, in a frame. Raises UserError where nothing is held."""
+        """Return where the carried object's centre is, in a frame. Raise UserError if nothing is held."""
         return self._in_frame(self._carried(), frame)
 
     def turn(self, frame: str) -> float:
-        """How far the carried object is turned about the vertical in a frame, degrees in (-180, 180]. Raises UserError where
-        nothing is held."""
+        """Return how far the carried object is turned about the vertical in a frame, degrees in (-180, 180]. Raise
+        UserError if nothing is held."""
         self._carried()
         poses = frames(self._now.world, self.task)[0].astype(float)
         held, other = (
@@ -97,7 +97,7 @@ class Teleoperation:
         return float(np.degrees(np.arctan2(y, x)))
 
     def pick(self, name: str) -> None:
-        """Takes an object and lifts it. Raises UserError where that is not possible."""
+        """Take an object and lift it. Raise UserError if that is not possible."""
         if name not in self.task.box_names:
             raise UserError(f"there is no object '{name}' to pick; use one of {', '.join(self.task.box_names)}")
         if self.held is not None:
@@ -117,13 +117,13 @@ class Teleoperation:
         self._push(_Snapshot(after, np.asarray(after.poses[0, index, :3], float), (*self.actions, action)))
 
     def move(self, by: Vector) -> None:
-        """Carries the held object by a vector in the world's axes; not below the floor. Raises UserError out of reach."""
+        """Carry the held object by a vector in the world's axes; not below the floor. Raise UserError out of reach."""
         self.move_to(
             self._in_frame(self._carried() + np.asarray(by, float), self.task.robot_frame), self.task.robot_frame
         )
 
     def move_to(self, position: Vector, frame: str) -> None:
-        """Carries the held object's centre to a position in a frame. Raises UserError out of reach."""
+        """Carry the held object's centre to a position in a frame. Raise UserError out of reach."""
         self._carried()
         if frame not in self.task.frames or frame == self.held:
             others = ", ".join(name for name in self.task.frames if name != self.held)
@@ -141,7 +141,7 @@ class Teleoperation:
         self._push(dataclasses.replace(self._now, position=goal))
 
     def landing(self) -> Landing:
-        """What is below the held object. Raises UserError where nothing is held."""
+        """Return what is below the held object. Raise UserError if nothing is held."""
         centre, world, task = self._carried(), self._now.world, self.task
         held = int(world.held[0])
         half = np.float32(task.boxes[held].size / 2)
@@ -179,7 +179,7 @@ class Teleoperation:
         self._push(_Snapshot(after, None, (*self.actions, Action("place", let_go))))
 
     def undo(self, *, moves_together: bool = False) -> bool:
-        """Takes the last input back, or all moves since the pick at once; False where there is none."""
+        """Take the last input back, or all moves since the pick at once; return False if there is none."""
         if not self._past:
             return False
         world, self._now = self._now.world, self._past.pop()
@@ -188,7 +188,7 @@ class Teleoperation:
         return True
 
     def demonstration(self, name: str = "demo") -> Demonstration:
-        """What was recorded. Raises UserError where an object is still held or nothing was done."""
+        """Return what was recorded. Raise UserError if an object is still held or nothing was done."""
         if self.held is not None:
             raise UserError(f"the gripper still holds {self.held}; release it, then finish")
         if not self.actions:
@@ -220,7 +220,7 @@ class Teleoperation:
     def _done(
         self, semantics: LeafSemantics, world: World, action: Behavior
     ) -> tuple[World, Float32[np.ndarray, "B 7"]]:
-        """The state at rest after an action, and where the boxes were when the gripper had moved."""
+        """Return the state at rest after an action, and where the boxes were when the gripper had moved."""
         command = np.array([semantics.commands.index(action)], np.int32)
         released = act(semantics, world, command)
         poses, ok = self._settler.settle(released)
@@ -233,8 +233,8 @@ class Teleoperation:
         return _into(np.asarray(pose, float), point)
 
     def _end_effector(self, world: World, centre: Float[np.ndarray, "3"], moved: int | None = None) -> dict[str, Pose]:
-        """Pose of the end effector, upright over an object's centre (world), in every frame; the frame of the box `moved`
-        is at that centre."""
+        """Return the pose of the end effector, upright over an object's centre (world), in every frame; the frame of the
+        box `moved` is at that centre."""
         if moved is not None:
             poses = world.poses.copy()
             poses[0, moved, :3] = centre
@@ -250,5 +250,5 @@ class Teleoperation:
 
 
 def _into(pose: Float[np.ndarray, "7"], point: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-    """A point of the world in the frame that has this pose (position, quaternion wxyz)."""
+    """Return a point of the world in the frame that has this pose (position, quaternion wxyz)."""
     return Rotation.from_quat(pose[3:], scalar_first=True).inv().apply(point - pose[:3])

@@ -113,7 +113,7 @@ def resumed(folder: RunFolder, gp: GPConfig, settings: Settings, changes: Change
 
 
 def lesson_from(folder: Path, task: Task) -> Lesson:
-    """Learns from a folder of demonstrations. Raises UserError, naming it, where that fails."""
+    """Learn from a folder of demonstrations. Raise UserError, naming it, if that fails."""
     demonstrations = DemonstrationFolder(folder).read()
     try:
         return learn(demonstrations, task)
@@ -122,10 +122,10 @@ def lesson_from(folder: Path, task: Task) -> Lesson:
 
 
 def choose_frames(folder: Path, lesson: Lesson, frames: Mapping[int, str | None]) -> Lesson:
-    """What is learnt from a folder once a person has chosen frames, by the index of an inference in what was learnt so far;
-    None leaves it to the demonstrations again. The choices are kept with the demonstrations.
+    """Return what is learnt from a folder with frames chosen by a person, by the index of an inference in what was
+    learnt so far; None leaves it to the demonstrations again. The choices are kept with the demonstrations.
 
-    Raises UserError, and keeps nothing, where they cannot be meant.
+    Raise UserError, and keep nothing, if one is not possible.
     """
     count = len(lesson.inferences)
     if wrong := [index + 1 for index in frames if not 0 <= index < count]:
@@ -137,6 +137,6 @@ def choose_frames(folder: Path, lesson: Lesson, frames: Mapping[int, str | None]
 
 
 def subgoal_name(folder: Path) -> str:
-    """A name for the subgoal that the demonstrations in a folder reach: that of the folder."""
+    """Return a name for the subgoal that the demonstrations in a folder reach: that of the folder."""
     name = "".join(letter if letter.isalnum() else "_" for letter in folder.resolve().name)
     return name if name.isidentifier() else f"subgoal_{name}"

@@ -15,8 +15,8 @@ BEST, MEAN = "#0072b2", "#999999"
 
 
 def learning_curve(history: list[Generation], *, title: str, phases: Sequence[int] = ()) -> bytes:
-    """PNG of the fitness over the generations: best (mean and range over the runs) and mean of the population. A line
-    marks each generation at which a new phase began."""
+    """Return a PNG of the fitness over the generations: best (mean and range over the runs) and mean of the population.
+    A line marks each generation at which a new phase began."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -112,7 +112,7 @@ class Result:
         return f"{self.summary}\n{draw_text(self.tree).rstrip()}"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """Return what a notebook shows."""
         return f"<p>{escape(self.summary)}</p>{to_svg(self.tree)}"
 
     def save(self, path: str | Path) -> None:

@@ -145,8 +145,8 @@ class TrainingRun:
             self._interruption.check()
 
     def _restored(self) -> tuple[State | None, list[Generation]]:
-        """Where to go on: at the checkpoint, measured again if it is of the phase before; at a new population if there is
-        none."""
+        """Return where to go on: at the checkpoint, measured again if it is of the phase before; at a new population if
+        there is none."""
         saved = self.folder.load_checkpoint()
         if saved is None:
             return None, []

@@ -94,7 +94,7 @@ class RunFolder:
         return parse_tree(source.read_text(encoding="utf-8"))
 
     def load_checkpoint(self) -> Checkpoint | None:
-        """Return the last checkpoint, None if the run has not come to one. Raise UserError if it is damaged."""
+        """Return the last checkpoint, None if the run has none yet. Raise UserError if it is damaged."""
         return Checkpoint.load(self.path / "checkpoint.npz")
 
     def save_checkpoint(self, checkpoint: Checkpoint) -> None:

@@ -34,7 +34,7 @@ class Settings:
     """unseen layouts in which the learnt tree is tested at the end"""
 
     def check(self) -> None:
-        """Raises UserError for a setting that cannot work."""
+        """Raise UserError for a setting that cannot work."""
         for name in ("layouts", "test_layouts"):
             if getattr(self, name) < 1:
                 raise UserError(f"{name} is {getattr(self, name)}; choose 1 or more")

@@ -1,4 +1,4 @@
-"""Removing from a learnt tree what does nothing."""
+"""Removal of what does nothing from a learnt tree."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ class Simplification:
 
 
 def smaller_trees(tree: Tree) -> list[Tree]:
-    """All trees that come of one removal and break no rule that the tree keeps, the smallest first.
+    """Return all trees with one removal that break no rule which the tree keeps, the smallest first.
 
-    A node with its subtree goes, or a control node makes way for one of its children. A control node left with one child
-    dissolves, as does one under its own kind.
+    A node with its subtree is removed, or a control node is replaced by one of its children. A control node left with one
+    child dissolves, as does one under its own kind.
     """
     found = dict.fromkeys(_tidy(other) for other in _removals(tree))
     loose = bool(violations(tree, gene_under_fallback=False))
@@ -42,7 +42,7 @@ def smaller_trees(tree: Tree) -> list[Tree]:
 
 
 def simplify(task: Task, physics: Physics, tree: Tree, layouts: World) -> Simplification:
-    """Removes whatever changes neither the fitness, apart from the cost of nodes, nor success in any of K layouts.
+    """Remove whatever changes neither the fitness, apart from the cost of nodes, nor success in any of K layouts.
 
     All single removals are tried in one batch, the smallest tree that is as good stays, until none is.
     """
@@ -74,7 +74,7 @@ def _node_costs(task: Task, tree: Tree) -> float:
 
 
 def _removals(tree: Tree) -> Iterator[Tree]:
-    """The tree with one removal; a control node may be left with a single child, or with none of its own."""
+    """Yield the tree with one removal; a control node may be left with a single child, or with none of its own."""
     if isinstance(tree, Behavior):
         return
     yield from tree.children
@@ -86,7 +86,7 @@ def _removals(tree: Tree) -> Iterator[Tree]:
 
 
 def _tidy(tree: Tree) -> Tree | None:
-    """Without control nodes of one child, or under their own kind; None for a tree without leaves."""
+    """Return the tree without control nodes of one child, or under their own kind; None if it has no leaves."""
     if isinstance(tree, Behavior):
         return tree
     flat: list[Tree] = []

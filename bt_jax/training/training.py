@@ -92,8 +92,8 @@ class Training:
         return self._evaluation(trees).fitness.reshape(trees.tokens.shape[:2])
 
     def _measure(self, trees: Trees) -> tuple[Float32[np.ndarray, "R P"], Int32[np.ndarray, "R P"]]:
-        """Fitness, and what was achieved: the targets within the tolerance at the end, in every layout, as bits, above
-        them the number of subgoals missed in the worst."""
+        """Return the fitness, and what was achieved: the targets within the tolerance at the end, in every layout, as
+        bits, above them the number of subgoals missed in the worst."""
         result, shape = self._evaluation(trees), trees.tokens.shape[:2]
         met = (result.distance < self.task.episode.tolerance).all(axis=1)
         achieved = (result.subgoals_missed.max(axis=1) << met.shape[1]) | met @ (1 << np.arange(met.shape[1]))

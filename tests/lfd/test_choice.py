@@ -79,7 +79,7 @@ def test_the_choice_kept_in_the_demonstrations_is_the_same():
 @pytest.mark.parametrize(
     ("frames", "remedy"),
     [
-        ({0: "GreenBox"}, "a pick is always meant in the frame of its object; choose a frame for a place"),
+        ({0: "GreenBox"}, "a pick is always relative to its object; choose a frame for a place"),
         ({1: "YellowBox"}, "a place of YellowBox cannot be in the frame 'YellowBox'; choose KittingBox, "),
         ({1: "PinkBox"}, "cannot be in the frame 'PinkBox'; choose"),
         ({9: "GreenBox"}, "no action 10 to choose a frame for; choose one from 1 to 6"),

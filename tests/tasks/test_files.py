@@ -127,12 +127,12 @@ def fixed(*places, kit="TableRight", **over):
         ({"subgoals": "unstacked"}, "subgoals", "expected a list"),
         ({"subgoals": [{"name": "tidy"}]}, "subgoals[0].conditions", "add it"),
         ({"subgoals": [{"name": "tidy", "conditions": []}]}, "subgoals[0].conditions", "add a condition"),
-        ({"subgoals": ["unstacked", "unstacked"]}, "subgoals[1].name", "stands twice"),
+        ({"subgoals": ["unstacked", "unstacked"]}, "subgoals[1].name", "is listed twice"),
         ({"colour": "red"}, "colour", "use one of"),
         ({7: 8}, "7", "use one of"),
     ],
 )
-def test_what_cannot_be_meant_is_refused_in_one_sentence(tmp_path, change, key, remedy):
+def test_an_invalid_task_is_refused_in_one_sentence(tmp_path, change, key, remedy):
     path = tmp_path / "mine.yaml"
     path.write_text(yaml.safe_dump({"extends": "stack", "name": "mine"} | change))
     with pytest.raises(UserError) as error:

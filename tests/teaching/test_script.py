@@ -35,7 +35,7 @@ def test_scripts_are_read():
 @pytest.mark.parametrize(
     "text", ["", "# nothing", "grab BlueBox", "to (0, 0) GreenBox", "move (0, 0, x)", "pick", "to GreenBox"]
 )
-def test_scripts_that_cannot_be_meant(text):
+def test_invalid_scripts(text):
     with pytest.raises(UserError, match="write"):
         parse_script(text)
 

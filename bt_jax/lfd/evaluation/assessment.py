@@ -1,7 +1,7 @@
-"""How well is learnt what is known: random sets of synthetic demonstrations, and what of them was recognized.
+"""How well frames, goals and orders are inferred: random sets of synthetic demonstrations with known answers.
 
-Some frames cannot be told apart in principle: where the kit stood on the same table in all demonstrations, a place in the
-kit is also one in the robot's frame. So an inferred frame is judged strictly, as the one that was meant, and leniently, as
+Some frames cannot be distinguished in principle: if the kit stood on the same table in all demonstrations, a place in
+the kit is also one in the robot's frame. So an inferred frame is judged strictly, as the true one, and leniently, as
 one that would have moved together with it in all demonstrations of the set had there been no noise.
 """
 
@@ -26,7 +26,7 @@ TOGETHER = 1e-6  # metres; frames whose offset varies by less move together
 
 @dataclasses.dataclass(frozen=True)
 class Example:
-    """Demonstrations with what they mean: `shown` are the placements of each, `exact` the same without noise."""
+    """Demonstrations with their ground truth: `shown` are the placements of each, `exact` the same without noise."""
 
     task: Task
     shown: tuple[tuple[Target, ...], ...]
@@ -34,13 +34,13 @@ class Example:
     exact: Demonstrations
 
     def instances(self, placement: Target) -> list[Instance]:
-        """When a placement was demonstrated, by the index of the place action."""
+        """Return the place actions that demonstrate a placement."""
         return [Instance(d, 2 * shown.index(placement) + 1) for d, shown in enumerate(self.shown)]
 
 
 @dataclasses.dataclass(frozen=True)
 class Assessment:
-    """Of `placements` observed place actions, how many were recognized in the frame that was meant (`strict`) or in one that
+    """Of `placements` observed place actions, how many were recognized in the true frame (`strict`) or in one that
     moved with it (`lenient`); whether the goal and all orders are right."""
 
     placements: int
@@ -68,7 +68,7 @@ def random_example(task: Task, *, seed: Sequence[int], count: int, noise: float,
 
 
 def assess(lesson: Lesson, example: Example) -> Assessment:
-    """Compares what was learnt from the demonstrations of an example with what they mean."""
+    """Compare what was learnt from the demonstrations of an example with its ground truth."""
     step_at = {instance: step for step, one in enumerate(lesson.inferences) for instance in one.instances}
     truth = example.shown[0]
     strict = lenient = 0
@@ -88,7 +88,7 @@ def assess(lesson: Lesson, example: Example) -> Assessment:
 
 
 def _is_right(inference: Inference, placement: Target, example: Example) -> bool:
-    """Whether the inferred frame moved with the one that was meant."""
+    """Return whether the inferred frame moved with the true one."""
     instances = example.instances(placement)
     actions = [example.exact.demonstrations[instance.demonstration].actions[instance.index] for instance in instances]
     offsets = np.array([one.handled(inference.frame) - one.handled(placement.frame) for one in actions])
@@ -96,7 +96,7 @@ def _is_right(inference: Inference, placement: Target, example: Example) -> bool
 
 
 def _goal_is_right(lesson: Lesson, example: Example, step_at: dict[Instance, int]) -> bool:
-    """One subtask, whose goal is the last placement of each object and no more, to the tolerance of the task."""
+    """Return one subtask, whose goal is the last placement of each object and no more, to the tolerance of the task."""
     final = {placement.object: placement for placement in example.shown[0]}
     if len(lesson.subtasks) != 1 or len(lesson.placements) != len(final):
         return False
@@ -115,7 +115,7 @@ def _goal_is_right(lesson: Lesson, example: Example, step_at: dict[Instance, int
 
 
 def _orders(lesson: Lesson, meanings: dict[int, Target]) -> set[tuple[Target, Target]]:
-    """The inferred orders of placements."""
+    """Return the inferred orders of placements."""
     pairs = [(order.before, order.after) for one in lesson.subtasks for order in one.constraints]
     return {(meanings[before], meanings[after]) for before, after in pairs if before in meanings and after in meanings}
 

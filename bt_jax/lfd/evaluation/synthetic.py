@@ -1,7 +1,7 @@
-"""Demonstrations made by computer, of which it is known what they mean.
+"""Demonstrations made by computer, whose frames and goals are known.
 
 The demonstrator carries every box straight to its place. There is no physics: a box stays where it is released, but for its
-height, which is that of the place. For tests, for measuring how well frames are told, and to demonstrate in experiments
+height, which is that of the place. For tests, for measuring how well frames are inferred, and to demonstrate in experiments
 without a person.
 """
 
@@ -35,10 +35,10 @@ def demonstrate(
     noise: float = 0.0,
     name: str = "demo1",
 ) -> Demonstration:
-    """Somebody who moves boxes, one after the other, from a random layout of the task to their places.
+    """Move boxes, one after the other, from a random layout of the task to their places, and return the recording.
 
     `noise` is the standard deviation of a release along each axis [m]. Layout and noise are drawn from `rng` in a way that
-    the same generator without noise shows the same layout. Raises UserError where there is no room for the boxes.
+    the same generator without noise shows the same layout. Raise UserError if there is no room for the boxes.
     """
     positions = _random_layout(task, rng)
     frames = Frames.of(task).names
@@ -56,14 +56,14 @@ def demonstrate(
 def demonstration_set(
     task: Task, placements: Sequence[Target], *, count: int, rng: np.random.Generator, noise: float = 0.0
 ) -> Demonstrations:
-    """Several demonstrations of the same placements in the same order, each in another layout."""
+    """Return several demonstrations of the same placements in the same order, each in another layout."""
     shown = [demonstrate(task, placements, rng=rng, noise=noise, name=f"demo{i + 1}") for i in range(count)]
     return Demonstrations(Frames.of(task), tuple(shown))
 
 
 def with_boxes(task: Task, count: int) -> Task:
-    """The task with this many boxes, at most three more than it has, all of the size of its first; targets of boxes that
-    it no longer has are dropped."""
+    """Return the task with this many boxes, at most three more than it has, all of the size of its first; targets of
+    boxes that it no longer has are dropped."""
     size = task.boxes[0].size
     boxes = (*task.boxes, *(Box(name, size, color) for name, color in MORE_BOXES))[:count]
     names = {box.name for box in boxes}
@@ -73,7 +73,7 @@ def with_boxes(task: Task, count: int) -> Task:
 
 
 def random_truth(task: Task, *, rng: np.random.Generator) -> tuple[Target, ...]:
-    """Placements that a demonstrator may mean: at least one box goes to a random free place in the kit, on a box that stays,
+    """Return what a demonstrator may show: at least one box goes to a random free place in the kit, on a box that stays,
     on one placed before, or at the edge of a table, which is a place in the robot's frame. Some boxes are put aside first.
     The task must have boxes of one size."""
     names = [str(name) for name in rng.permutation(task.box_names)]
@@ -99,7 +99,7 @@ def random_truth(task: Task, *, rng: np.random.Generator) -> tuple[Target, ...]:
 
 
 def reordered(placements: Sequence[Target], *, rng: np.random.Generator) -> tuple[Target, ...]:
-    """The same placements in a random order in which those that concern the same box keep theirs."""
+    """Return the same placements in a random order in which those that concern the same box keep theirs."""
     left, found = list(placements), []
     while left:
         free = [i for i, one in enumerate(left) if not any(_concern_same(one, earlier) for earlier in left[:i])]
@@ -117,8 +117,8 @@ def _record(kind: Kind, handled: Float[np.ndarray, "3"], positions: Positions, f
 
 
 def _random_layout(task: Task, rng: np.random.Generator) -> Positions:
-    """Where every frame is in the world: the kit in the middle of one table, the boxes on the others, or, those of the
-    task's stack, on each other."""
+    """Return where every frame is in the world: the kit in the middle of one table, the boxes on the others, or, those
+    of the task's stack, on each other."""
     kit = task.layout.kit
     table = task.tables[rng.integers(len(task.tables))]
     table = table if kit == "random" else next(one for one in task.tables if one.name == kit)
@@ -147,14 +147,14 @@ def _random_layout(task: Task, rng: np.random.Generator) -> Positions:
 
 
 def _kit_cells(task: Task) -> Float[np.ndarray, "n 3"]:
-    """Centres of boxes that stand in the kit side by side, in its frame."""
+    """Return centres of boxes that stand in the kit side by side, in its frame."""
     size = task.boxes[0].size
     steps = task.genes.pitch * (np.arange(task.genes.grid) - (task.genes.grid - 1) / 2)
     return np.array([(x, y, (task.kit.thickness + size) / 2) for x in steps for y in steps])
 
 
 def _edge_spots(task: Task, table: int) -> Float[np.ndarray, "n 3"]:
-    """Centres of boxes along two edges of a table, beyond where layouts put anything, in the robot's frame."""
+    """Return centres of boxes along two edges of a table, beyond where layouts put anything, in the robot's frame."""
     one, size = task.tables[table], task.boxes[0].size
     along = one.size[0] / 2 - size
     xs = np.arange(-along, along + 1e-9, 1.5 * size)

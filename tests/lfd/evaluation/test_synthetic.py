@@ -23,7 +23,7 @@ def test_tasks_with_other_numbers_of_boxes_make_sense(count):
 
 
 @given(seed=seeds, noise=st.floats(0, 0.01))
-def test_a_place_is_what_was_meant_but_for_the_noise(seed, noise):
+def test_a_place_is_the_true_one_but_for_the_noise(seed, noise):
     shown = demonstrate(STACK3, STACKING, rng=generator(seed), noise=noise)
     assert [action.kind for action in shown.actions] == ["pick", "place"] * 3
     for action, placement in zip(shown.actions[1::2], STACKING, strict=True):
