@@ -56,8 +56,8 @@ class Studio:
         self.playing.clear()
         self.teaching.task_opened()
         self.library.forget_lesson()
-        self._keep_draft()
         self.bus.changed("task", "scene", "lesson", "player", "tree")
+        self._keep_draft()
 
     def edit_task(self, task: Task, start: World | None = None) -> None:
         """Change the targets or the start of the task; the tree and a demonstration in the making stay."""
@@ -146,8 +146,8 @@ class Studio:
         if not self.evolution.running:
             self.evolution.open(name)
         self.take_tree(record.tree, name)
-        self._keep_draft()
         self.bus.changed("evolution")
+        self._keep_draft()
 
     def forget_run(self, name: str) -> None:
         """Note that a run was deleted; its tree may still be looked at."""
@@ -184,11 +184,11 @@ class Studio:
     def _after_edit(self) -> None:
         self.playing.clear()
         self.teaching.task_edited()
-        self._keep_draft()
         self.bus.changed("task", "scene", "player")
+        self._keep_draft()
 
     def _keep_draft(self) -> None:
-        """Keep on disk what no other file holds."""
+        """Keep on disk what no other file holds. Raise UserError if that fails; the change itself is made by then."""
         if self.unsaved:
             self.workspace.save_draft(self.edited.task)
         else:

@@ -35,7 +35,7 @@ __all__ = ["DIRECTIONS", "Direction", "Teaching"]
 
 Direction = Literal["left", "right", "away", "near", "up", "down"]
 DIRECTIONS: tuple[Direction, ...] = ("left", "right", "away", "near", "up", "down")
-STEPS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2)  # metres, for the keys + and -
+STEP_SIZES = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2)  # metres, for the keys + and -
 FIRST_STEP = 0.02
 OVER = 1.5  # how high the held object is carried over another, in its sizes
 PACE = 0.9  # seconds for which each step of a replay is shown
@@ -185,7 +185,7 @@ class Teaching:
 
     def set_step(self, step: float | None) -> None:
         """Set how far a key moves the gripper [m]."""
-        if step is None or not STEPS[0] <= step <= 0.5:
+        if step is None or not STEP_SIZES[0] <= step <= 0.5:
             raise UserError("the step must be from 0.1 to 50 cm; choose another")
         self.step = float(step)
         self._bus.changed("demonstrations")
@@ -197,7 +197,7 @@ class Teaching:
 
     def change_step(self, by: int) -> None:
         """Take the next larger (1) or smaller (-1) step."""
-        others = [step for step in STEPS if (step - self.step) * by > 1e-9]
+        others = [step for step in STEP_SIZES if (step - self.step) * by > 1e-9]
         if others:
             self.set_step(min(others, key=lambda step: abs(step - self.step)))
 

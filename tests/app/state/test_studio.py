@@ -98,6 +98,19 @@ def test_unsaved_changes_are_restored_by_the_next_page(studio):
     assert (again.edited.task, again.bus.message) == (load_task("stack"), "")
 
 
+def test_an_edit_counts_though_its_draft_cannot_be_written(studio, monkeypatch):
+    def fail(path, content):
+        raise UserError("the disk is full")
+
+    seen = []
+    studio.bus.subscribe("task", lambda: seen.append(studio.edited.task))
+    monkeypatch.setattr("bt_jax.app.state.workspace.write_atomic", fail)
+    fewer = untarget(STACK3, "BlueBox")
+    with pytest.raises(UserError, match="full"):
+        studio.edit_task(fewer)
+    assert seen == [fewer]
+
+
 def test_what_was_saved_leaves_no_draft(studio):
     studio.edit_task(untarget(STACK3, "BlueBox"))
     studio.workspace.save_task("mine", studio.edited.task)
