@@ -5,11 +5,12 @@ python -m benchmarks.gpu
 Nothing here has been tried on a GPU yet: none was at hand. The script needs a checkout and the package with its extra
 `cuda`. For a machine that cannot download, fetch the wheels on one of the same kind that can, and carry the folder over:
 
-    python -m pip download -d wheels ".[cuda]" setuptools      # here
-    python -m pip install --no-index --find-links wheels ".[cuda]"      # there; 4 GB, a driver for CUDA 13 is needed
+    python -m pip download -d wheels ".[cuda]" setuptools             # here; about 3 GB
+    python -m pip install --no-index --find-links wheels ".[cuda]"    # there; it needs a driver for CUDA 13
 
 Every part runs in a process of its own with a share of the time, so that one that fails, hangs or is skipped costs only its
-own rows. Without an accelerator the same is measured on the CPU; `--small` does so within a minute.
+own rows. Without an accelerator the same is measured on the CPU; `--small` does so in a minute
+of computing.
 """
 
 from __future__ import annotations
