@@ -11,7 +11,7 @@ from rich.console import Console
 from bt_jax._util.errors import UserError
 from bt_jax.commands.arguments import RunArguments as Arguments
 from bt_jax.commands.run import run
-from bt_jax.deploy.commands.twin import TwinArguments
+from bt_jax.deploy.commands.arguments import TwinArguments
 from bt_jax.deploy.execution.program import load_program
 from bt_jax.encoding.formats.files import read_tree
 from bt_jax.encoding.formats.text import parse_tree

@@ -16,6 +16,7 @@ from bt_jax._util.files import write_atomic
 from bt_jax._util.startup import configure_jax
 from bt_jax.behaviors import Behavior, Tree, Vocabulary, expand
 from bt_jax.commands.arguments import RunArguments
+from bt_jax.deploy.commands.arguments import TwinArguments
 from bt_jax.encoding.arrays import encode_all
 from bt_jax.encoding.drawing.svg import to_svg
 from bt_jax.encoding.drawing.terminal import draw_text, to_dot
@@ -60,7 +61,7 @@ def robot(arguments: RunArguments, console: Console | None = None) -> int:
     installed."""
     _check(arguments)
     try:
-        from bt_jax.deploy.commands.twin import TwinArguments, twin_command  # heavy: only the robot needs these
+        from bt_jax.deploy.commands.twin import twin_command  # heavy: only the robot needs these
     except ModuleNotFoundError as error:
         raise UserError(f'{error.name} is not installed; run pip install -e ".[robot]"') from error
     twin = TwinArguments(

@@ -5,7 +5,11 @@ from __future__ import annotations
 import importlib
 import sys
 
+import tyro
+
+from bt_jax._util.errors import UserError
 from bt_jax._util.startup import exit_code
+from bt_jax.deploy.commands import arguments as commands
 
 COMMANDS = {  # name -> module, arguments, function, one line
     "twin": ("twin", "TwinArguments", "twin_command", "run a tree on the simulated YuMi"),
@@ -24,7 +28,7 @@ COMMANDS = {  # name -> module, arguments, function, one line
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Entry point of the command line; gives the exit code."""
+    """Run the command line and return its exit code."""
     words = sys.argv[1:] if arguments is None else arguments
     if not words or words[0] not in COMMANDS:
         asked = not words or words[0] in ("-h", "--help")
@@ -40,6 +44,7 @@ def _usage() -> str:
 
 def _run(name: str, words: list[str]) -> int:
     module, arguments, function, _ = COMMANDS[name]
+    parsed = tyro.cli(getattr(commands, arguments), prog=f"python -m bt_jax.deploy {name}", args=words)
     code = 0
 
     def work() -> None:
@@ -47,12 +52,7 @@ def _run(name: str, words: list[str]) -> int:
         try:
             found = importlib.import_module(f"bt_jax.deploy.commands.{module}")
         except ModuleNotFoundError as error:
-            from bt_jax._util.errors import UserError
-
             raise UserError(f'{error.name} is not installed; run pip install -e ".[robot]"') from error
-        import tyro
-
-        parsed = tyro.cli(getattr(found, arguments), prog=f"python -m bt_jax.deploy {name}", args=words)
         code = getattr(found, function)(parsed)
 
     return exit_code(work) or code

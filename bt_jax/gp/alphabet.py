@@ -64,9 +64,10 @@ class Alphabet:
         return self.end - self.first_action
 
     def num_pairs(self, *, genes: bool) -> int:
-        """Of all [leaf, action or gene], how many can be the two children of a control node with or without genes."""
+        """Of all [leaf, action or gene], how many can be the two children of a control node with or without genes; the
+        numbers must be concrete."""
         holes = 0 if genes else self.num_genes
-        return max(self.num_acts - holes, 0) * max(self.num_leaves - holes - 1, 0)
+        return max(int(self.num_acts - holes), 0) * max(int(self.num_leaves - holes - 1), 0)
 
     def check(self) -> None:
         """Raise UserError if no tree can be made."""

@@ -170,7 +170,7 @@ def _weights(
     def count(leaves: LeafSet) -> Array:
         return leaves.count().astype(jnp.float32)
 
-    def within(growth: int | Array, weight: Array) -> Array:
+    def within(growth: int | Array, weight: Array | np.ndarray) -> Array:
         return jnp.where(room >= growth, weight, 0)
 
     leaves, acts = under(slot.control, rates.leaves), under(slot.control, rates.acts)

@@ -42,6 +42,12 @@ class Pose:
         turn = 2 * _cross(axis, point)
         return np.array(self.position) + point + w * turn + _cross(axis, turn)
 
+    def inverse(self) -> Pose:
+        """Return the pose, in this pose's axes, of the frame that this pose is given in."""
+        w, x, y, z = self.quaternion
+        back = Pose((0.0, 0.0, 0.0), (w, -x, -y, -z))
+        return dataclasses.replace(back, position=tuple(back.apply([-c for c in self.position]).tolist()))
+
 
 @dataclasses.dataclass(frozen=True)
 class RecordedTask:

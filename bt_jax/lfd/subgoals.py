@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 from bt_jax.behaviors import NOTHING, Behavior
 from bt_jax.behaviors.geometry import rests_on
@@ -49,8 +48,4 @@ def _is_under(box: str, action: Action, task: Task) -> bool:
 def _position(frame: str, action: Action, task: Task) -> Float[np.ndarray, "3"]:
     """Return the origin of a frame in the robot's [m], from the end effector's pose in both."""
     in_robot, in_frame = action.poses[task.robot_frame], action.poses[frame]
-    turn = (
-        Rotation.from_quat(in_robot.quaternion, scalar_first=True)
-        * Rotation.from_quat(in_frame.quaternion, scalar_first=True).inv()
-    )
-    return np.array(in_robot.position) - turn.apply(in_frame.position)
+    return in_robot.apply(in_frame.inverse().position)

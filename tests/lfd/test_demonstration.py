@@ -390,3 +390,8 @@ def test_a_damaged_scene_is_named(folder, bad):
     source.write_text(yaml.safe_dump({**yaml.safe_load(source.read_text()), **bad}))
     with pytest.raises(UserError, match=r"info\.yaml: task must be a name and boxes the size of each; fix both"):
         folder.read()
+
+
+def test_the_inverse_of_a_pose_undoes_it():
+    pose = Pose((0.3, -0.2, 0.7), (0.5, 0.5, -0.5, 0.5))
+    np.testing.assert_allclose(pose.inverse().apply(pose.apply((1.0, 2.0, 3.0)).tolist()), (1, 2, 3), atol=1e-12)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,9 +13,9 @@ import yaml
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
-from tyro.conf import Positional
 
 from bt_jax._util.errors import UserError
+from bt_jax.deploy.commands.arguments import CalibrateArguments
 from bt_jax.deploy.perception.calibration import (
     board_corners,
     calibrate_lens,
@@ -28,31 +27,11 @@ from bt_jax.deploy.perception.calibration import (
 )
 from bt_jax.deploy.perception.camera import CameraError, open_camera
 
-__all__ = ["CalibrateArguments", "calibrate_command"]
+__all__ = ["calibrate_command"]
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp")
 IMAGES = 30  # of the markers, averaged
 ATTEMPTS = 3000  # images of a live camera to look for the board in
-
-
-@dataclasses.dataclass(frozen=True)
-class CalibrateArguments:
-    """First `intrinsics`, with the printed board; then `base`, with markers at known places."""
-
-    step: Positional[Literal["intrinsics", "base"]]
-    """what to calibrate"""
-    camera: str = "0"
-    """number or address of a camera, or a folder with pictures that it took"""
-    file: Path = Path("camera.yaml")
-    """where the calibration is kept"""
-    points: Path | None = None
-    """for base: a YAML file with a line `ID: [x, y, z]` for each marker, its centre in the robot's base frame in metres"""
-    square: float = 0.035
-    """for intrinsics: edge of the board's squares, measured on the print, in metres"""
-    views: int = 20
-    """for intrinsics with a live camera: from how many sides to look at the board"""
-    width: int = 640
-    height: int = 480
 
 
 def calibrate_command(arguments: CalibrateArguments) -> int:

@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 from rich.console import Console
 
-from bt_jax.deploy.commands.real_cell import RealCellArguments, open_real_cell
+from bt_jax.deploy.commands.arguments import FASTEST, CheckArguments
+from bt_jax.deploy.commands.real_cell import open_real_cell
 from bt_jax.deploy.execution.preflight import CheckResult, Equipment, passed, preflight, show
 from bt_jax.deploy.execution.settings import Exit
 
-__all__ = ["FASTEST", "CheckArguments", "check_command", "print_preflight"]
-
-FASTEST = 0.2  # rad/s of any joint of a real robot
-
-
-@dataclasses.dataclass(frozen=True)
-class CheckArguments(RealCellArguments):
-    """Look at a real cell before anything moves: each item passes, or fails with the remedy."""
+__all__ = ["check_command", "print_preflight"]
 
 
 def check_command(arguments: CheckArguments, console: Console | None = None) -> int:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import io
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -16,30 +14,19 @@ from rich.console import Console
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
+from bt_jax.deploy.commands.arguments import MarkersArguments
 from bt_jax.deploy.perception.calibration import BOARD, SQUARE, charuco_board
 from bt_jax.deploy.perception.markers import MODULES, Marker, marker_image, task_markers
 from bt_jax.deploy.twin.marker_scene import tint
 from bt_jax.tasks import Task, load_task
 
-__all__ = ["MarkersArguments", "markers_command", "sheet_pages"]
+__all__ = ["markers_command", "sheet_pages"]
 
 PAGES = {"a4": (210.0, 297.0), "letter": (215.9, 279.4)}  # mm
 DPI = 300
 BORDER, GAP, LABEL, FOOT = 12.0, 5.0, 7.0, 22.0  # mm: around the page, between stickers, for their names, for the scale
 INCH = 25.4
 SIDES = {"right": "+X", "left": "-X", "up": "+Y", "down": "-Y", "front": "+Z", "back": "-Z"}
-
-
-@dataclasses.dataclass(frozen=True)
-class MarkersArguments:
-    """Markers for the boxes and the kit of a task, and the board for `calibrate intrinsics`."""
-
-    task: str = "yumi_stack"
-    """name or .yaml file of the task"""
-    out: Path = Path("markers")
-    """folder for markers.pdf and one PNG a page"""
-    paper: str = "a4"
-    """a4 or letter"""
 
 
 def markers_command(arguments: MarkersArguments) -> int:

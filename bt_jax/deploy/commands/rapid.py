@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 import importlib.resources
 import re
-from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
+from bt_jax.deploy.commands.arguments import RapidArguments
 from bt_jax.deploy.link.rws import MODULE
 
-__all__ = ["RapidArguments", "rapid_command", "rapid_module"]
+__all__ = ["rapid_command", "rapid_module"]
 
 NEXT = """\
 It was never run on a controller: read it, and try it in RobotStudio first.
@@ -26,20 +25,6 @@ It was never run on a controller: read it, and try it in RobotStudio first.
 4. Calibrate both grippers. Automatic mode, motors on, low speed, the emergency stop in your hand: start the program.
    The arms stand still and tell where they are.
 5. Now python -m bt_jax.deploy check sees both arms."""
-
-
-@dataclasses.dataclass(frozen=True)
-class RapidArguments:
-    """Write the RAPID module that the robot's controller must run, and say what to do with it.
-
-    It was never run on a controller. It has to be loaded into both arms' tasks, T_ROB_L and T_ROB_R, of a YuMi with
-    RobotWare 6.07 or a newer 6, option 689-1 Externally Guided Motion and the SmartGripper add-in. Each arm needs a UDPUC
-    transmission protocol, BtJax_L (remote port 6511) and BtJax_R (6512), with the address of this computer. A person starts
-    the program; the arms then stand still, tell where they are, and follow setpoints only once `run --motion` asks for it.
-    """
-
-    out: Path = Path("rapid")
-    """folder for the module"""
 
 
 def rapid_module() -> str:

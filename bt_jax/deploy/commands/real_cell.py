@@ -5,12 +5,9 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 from collections.abc import Iterator
-from pathlib import Path
-from typing import Annotated
-
-import tyro
 
 from bt_jax.deploy import yumi
+from bt_jax.deploy.commands.arguments import RealCellArguments
 from bt_jax.deploy.execution.preflight import Equipment
 from bt_jax.deploy.execution.program import Program, load_program
 from bt_jax.deploy.execution.skills import YumiSkills
@@ -22,33 +19,7 @@ from bt_jax.deploy.perception.pipeline import Perception
 from bt_jax.deploy.perception.threaded import BackgroundPerception
 from bt_jax.deploy.planning.process import PlanningProcess
 
-__all__ = ["RealCell", "RealCellArguments", "open_real_cell"]
-
-
-@dataclasses.dataclass(frozen=True)
-class RealCellArguments:
-    """What to run, and how the robot and the camera are reached."""
-
-    source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_FOLDER|TREE")]
-    """folder that bt_jax.train or bt_jax.learn has written, or a tree as .txt or .xml"""
-    task: str | None = None
-    """name of a task or YAML file (default: that of the run folder, or yumi_stack)"""
-    robot: str = "192.168.125.1"
-    """address of the controller"""
-    camera: str | None = None
-    """number or address of the camera; without motion, also a folder with a recording"""
-    calibration: Path | None = None
-    """file that calibrate has written"""
-    twin_log: Path | None = None
-    """log of a run of the same tree in the twin"""
-    rws_port: int = 80
-    """TCP port of the controller's Robot Web Services"""
-    ports: tuple[int, int] = (6511, 6512)
-    """UDP ports of this machine to which the left and the right arm's EGM send"""
-    user: str = "Default User"
-    """user name on the controller"""
-    password: str = "robotics"
-    """password of that user"""
+__all__ = ["RealCell", "open_real_cell"]
 
 
 @dataclasses.dataclass(frozen=True)

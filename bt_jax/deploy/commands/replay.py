@@ -5,15 +5,15 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import tyro
 from rich.console import Console
 from rich.text import Text
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import expand, parse_behavior
+from bt_jax.deploy.commands.arguments import ReplayArguments
 from bt_jax.deploy.execution.decision import Sight, Step, decide
 from bt_jax.deploy.execution.log import read_log
 from bt_jax.deploy.execution.observation import Observation, pose_from_list
@@ -25,19 +25,9 @@ from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.status import Status
 from bt_jax.tasks import task_from_dict
 
-__all__ = ["ReplayArguments", "Replayed", "replay", "replay_command"]
+__all__ = ["Replayed", "replay", "replay_command"]
 
 STYLES = {Status.SUCCESS: "green", Status.FAILURE: "red", Status.RUNNING: "bold yellow", None: "dim"}
-
-
-@dataclasses.dataclass(frozen=True)
-class ReplayArguments:
-    """Show what a log tells: every change of the tree, attempts, and why the run ended."""
-
-    log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
-    """file that twin or run has written"""
-    every: bool = False
-    """show every tick, not only those in which a status changed"""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -20,18 +20,18 @@ from rich.markup import escape
 
 from bt_jax._util.errors import UserError
 from bt_jax.deploy import yumi
-from bt_jax.deploy.commands.check import FASTEST, print_preflight
-from bt_jax.deploy.commands.real_cell import RealCell, RealCellArguments, open_real_cell
+from bt_jax.deploy.commands.arguments import RunArguments
+from bt_jax.deploy.commands.check import print_preflight
+from bt_jax.deploy.commands.real_cell import RealCell, open_real_cell
 from bt_jax.deploy.execution.executor import Executor
 from bt_jax.deploy.execution.log import Log, log_ends
 from bt_jax.deploy.execution.observer import Observer, Perceiving
 from bt_jax.deploy.execution.outcome import TickReport
 from bt_jax.deploy.execution.preflight import CheckResult, passed
-from bt_jax.deploy.execution.settings import Exit, Limits
+from bt_jax.deploy.execution.settings import Exit
 
-__all__ = ["RunArguments", "confirm", "last_stop", "run_command"]
+__all__ = ["confirm", "last_stop", "run_command"]
 
-ATTEMPT = 150.0  # seconds for one attempt at FASTEST: its motion alone took up to 62 s, with one new plan twice as long
 SENTENCE = "the cell is clear"
 WARNING = (
     "The robot will move. Software stops replace neither the emergency stop nor a risk assessment: keep the stop in your\n"
@@ -41,47 +41,6 @@ STOPPED = """\
 This was a protective stop. The arms hold where they were measured, and the robot's program was stopped; on our side the
 stop ends with this process, so that nothing has to be reset here. Remove the cause, clear the error on the pendant,
 choose PP to main and start BtJax on the controller, then run again: preflight and sentence come first, as always."""
-
-
-@dataclasses.dataclass(frozen=True)
-class RunArguments(RealCellArguments):
-    """Execute a tree on a real YuMi. Dry by default: everything but motion.
-
-    A protective stop (exit code 3) cannot be cleared while a run goes on: the arms hold and the run ends. It lives in that
-    process only, no command resets it. The robot's own program is stopped too; a person must start it again on the
-    controller. The next run with --motion says what stopped the last one, and needs a passed preflight and the typed
-    sentence.
-    """
-
-    motion: bool = False
-    """move the robot, after preflight and a typed confirmation"""
-    speed: float = FASTEST
-    """largest joint speed, rad/s"""
-    seconds: float = 600.0
-    """time after which the run ends"""
-    log: Path | None = None
-    """where to write the log (default: runs/robot-DATE.jsonl)"""
-
-    def check(self) -> None:
-        """Raise UserError for arguments that cannot work."""
-        if not 0 < self.speed <= FASTEST:
-            raise UserError(f"--speed is {self.speed}; choose rad/s above 0 and up to {FASTEST}")
-        if not 0 < self.seconds <= 24 * 3600:
-            raise UserError(f"--seconds is {self.seconds}; choose more than 0, and a day at most")
-        if self.motion and self.camera is not None and _is_recorded(self.camera):
-            raise UserError(
-                f"--camera {self.camera} is a recording, not the cell; name a camera, or leave out --motion"
-            )
-
-    @property
-    def limits(self) -> Limits:
-        """Limits of the run; the slower the joints, the longer an attempt may take."""
-        return Limits(run=self.seconds, action=ATTEMPT * FASTEST / self.speed)
-
-
-def _is_recorded(camera: str) -> bool:
-    """Does it name something on a disk that `open_camera` would play?"""
-    return Path(camera).is_dir() or (Path(camera).is_file() and not camera.isdigit())
 
 
 def confirm(console: Console) -> None:

@@ -8,75 +8,32 @@ import json
 import time
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
 
 import mujoco
 import numpy as np
-import tyro
 from rich.console import Console, Group
 from rich.live import Live
 from rich.markup import escape
 from rich.progress import track
 from rich.text import Text
 
-from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
 from bt_jax.behaviors import expand
+from bt_jax.deploy.commands.arguments import TwinArguments
 from bt_jax.deploy.execution.program import Program, load_program
-from bt_jax.deploy.execution.settings import Exit, Limits
+from bt_jax.deploy.execution.settings import TWIN_SECONDS, Exit, Limits
 from bt_jax.deploy.twin.cell import FILM, build_scene
-from bt_jax.deploy.twin.run import LIMIT, TwinRun, TwinTick, run_twin
+from bt_jax.deploy.twin.run import TwinRun, TwinTick, run_twin
 from bt_jax.encoding.drawing.terminal import draw_text
 from bt_jax.encoding.status import Status
 from bt_jax.mjx_env.render.offscreen import View, write_film
 
-__all__ = ["TwinArguments", "survey", "twin_command"]
+__all__ = ["survey", "twin_command"]
 
 STYLES = {Status.SUCCESS: "green", Status.FAILURE: "red", Status.RUNNING: "bold yellow", None: "dim"}
 SIZE = (800, 450)  # of a film
 FPS, FASTER = 30, 3  # a film shows what was seen at each tick, 10 a second, three times as fast
 STILLS = 6
-FILMS = (".mp4", ".gif", ".png")
-
-
-@dataclasses.dataclass(frozen=True)
-class TwinArguments:
-    """Execute a tree on the twin of a YuMi: rendered camera, markers, planning, EGM at 250 Hz, grasps by friction."""
-
-    source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_FOLDER|TREE")]
-    """folder that bt_jax.train or bt_jax.learn has written, or a tree as .txt or .xml"""
-    task: str | None = None
-    """name of a task or YAML file (default: that of the run folder, or yumi_stack)"""
-    disturb: bool = False
-    """let a person move boxes, take them away and bring them back"""
-    touches: int = 1
-    """how often the person does so in a run, with --disturb"""
-    seed: int = 0
-    """number of the layout"""
-    layouts: int = 1
-    """with more than one, run in the layouts seed, seed + 1, ... and report how often the tree succeeds"""
-    realtime: bool = False
-    """keep the robot's own pace, 250 Hz by the clock; else simulated time, as fast as it goes"""
-    seconds: float = LIMIT
-    """time after which a run ends"""
-    render: Path | None = None
-    """film the run: .mp4, .gif, or .png for six stills"""
-    log: Path | None = None
-    """where to write the log (default: runs/twin-DATE.jsonl; with --layouts, a folder)"""
-
-    def check(self) -> None:
-        """Raises UserError for arguments that cannot work."""
-        if self.layouts < 1 or self.touches < 1 or self.seed < 0:
-            raise UserError("--layouts and --touches start at 1 and --seed at 0; choose others")
-        if not 0 < self.seconds <= 3600:
-            raise UserError(f"--seconds is {self.seconds}; choose more than 0, and an hour at most")
-        if self.render is not None:
-            if self.layouts > 1:
-                raise UserError("a film shows one layout; leave out --layouts, or choose one with --seed")
-            if self.render.suffix.lower() not in FILMS:
-                raise UserError(f"{self.render} is not a film; let its name end in {', '.join(FILMS)}")
-            if not self.render.parent.is_dir():
-                raise UserError(f"there is no folder {self.render.parent}; make it, or name another")
 
 
 def twin_command(arguments: TwinArguments, console: Console | None = None) -> int:
@@ -118,7 +75,7 @@ def survey(
     *,
     disturbances: int = 0,
     realtime: bool = False,
-    seconds: float = LIMIT,
+    seconds: float = TWIN_SECONDS,
     folder: Path | None = None,
     console: Console,
 ) -> list[TwinRun]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 
-__all__ = ["Exit", "GraspSettings", "Limits", "MotionSettings"]
+__all__ = ["TWIN_SECONDS", "Exit", "GraspSettings", "Limits", "MotionSettings"]
+
+TWIN_SECONDS = 240.0  # for a run on the twin
 
 
 class Exit:

@@ -24,7 +24,7 @@ from bt_jax.deploy.execution.log import Log
 from bt_jax.deploy.execution.observer import Observer, Perceiving
 from bt_jax.deploy.execution.outcome import RunOutcome, TickReport
 from bt_jax.deploy.execution.program import Program
-from bt_jax.deploy.execution.settings import Limits
+from bt_jax.deploy.execution.settings import TWIN_SECONDS, Limits
 from bt_jax.deploy.execution.skills import YumiSkills
 from bt_jax.deploy.link.protocol import Counters
 from bt_jax.deploy.link.settings import LinkConfig
@@ -41,7 +41,6 @@ from bt_jax.deploy.twin.rendered_camera import RenderedCamera, cell_camera
 __all__ = ["TwinRun", "TwinTick", "run_twin"]
 
 DISTURBED = (2.0, 40.0)  # seconds within which the person comes
-LIMIT = 240.0  # seconds for a run
 WAITING = 60.0  # seconds by the clock that simulated time may stand still for a plan
 
 
@@ -124,7 +123,7 @@ def run_twin(
                 program.task, link=link, perception=perception, grasped=lambda: skills.grasped, tcp=yumi.forward
             ),
             log=log_file,
-            limits=limits or Limits(run=LIMIT),
+            limits=limits or Limits(run=TWIN_SECONDS),
             settings=_settings(seed, realtime, disturbances),
             on_tick=tick,
             verify=verify,

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from bt_jax._util.errors import UserError
-from bt_jax.deploy.commands.markers import DPI, MarkersArguments, markers_command, sheet_pages
+from bt_jax.deploy.commands.arguments import MarkersArguments
+from bt_jax.deploy.commands.markers import DPI, markers_command, sheet_pages
 from bt_jax.deploy.perception.markers import marker_dictionary, task_markers
 from bt_jax.tasks import load_task
 

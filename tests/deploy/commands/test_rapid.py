@@ -8,8 +8,8 @@ import pytest
 from rich.console import Console
 
 from bt_jax._util.errors import UserError
-from bt_jax.deploy.commands.check import FASTEST
-from bt_jax.deploy.commands.rapid import RapidArguments, rapid_command, rapid_module
+from bt_jax.deploy.commands.arguments import FASTEST, RapidArguments
+from bt_jax.deploy.commands.rapid import rapid_command, rapid_module
 from bt_jax.deploy.link import rws
 from bt_jax.deploy.link.egm import CYCLE
 from bt_jax.deploy.link.rws import EGM_MOTION, MODULE, TASKS, Motion, Rws, symbol

@@ -17,14 +17,9 @@ from rich.console import Console
 from bt_jax._util.errors import UserError
 from bt_jax.deploy.commands import real_cell
 from bt_jax.deploy.commands import run as module
-from bt_jax.deploy.commands.check import CheckArguments, check_command
-from bt_jax.deploy.commands.run import (
-    FASTEST,
-    SENTENCE,
-    RunArguments,
-    last_stop,
-    run_command,
-)
+from bt_jax.deploy.commands.arguments import FASTEST, CheckArguments, RunArguments
+from bt_jax.deploy.commands.check import check_command
+from bt_jax.deploy.commands.run import SENTENCE, last_stop, run_command
 from bt_jax.deploy.execution import preflight
 from bt_jax.deploy.execution.log import Log, read_log
 from bt_jax.deploy.execution.program import load_program

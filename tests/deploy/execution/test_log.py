@@ -7,7 +7,8 @@ from rich.console import Console
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior
-from bt_jax.deploy.commands.replay import ReplayArguments, replay, replay_command
+from bt_jax.deploy.commands.arguments import ReplayArguments
+from bt_jax.deploy.commands.replay import replay, replay_command
 from bt_jax.deploy.execution.log import Log, log_ends, read_log
 from bt_jax.deploy.execution.settings import Exit
 from tests.helpers.ideal import TASK, IdealCell

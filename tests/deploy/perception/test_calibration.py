@@ -9,7 +9,8 @@ import yaml
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax._util.errors import UserError
-from bt_jax.deploy.commands.calibrate import CalibrateArguments, calibrate_command
+from bt_jax.deploy.commands.arguments import CalibrateArguments
+from bt_jax.deploy.commands.calibrate import calibrate_command
 from bt_jax.deploy.perception.calibration import (
     CameraPose,
     Intrinsics,

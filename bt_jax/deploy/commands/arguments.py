@@ -1,0 +1,198 @@
+"""What the commands of `bt_jax.deploy` take: what `--help` shows, without MuJoCo, OpenCV and Pinocchio, which are slow to
+import."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from bt_jax._util.errors import UserError
+from bt_jax.deploy.execution.settings import TWIN_SECONDS, Limits
+
+__all__ = [
+    "FASTEST",
+    "FILMS",
+    "CalibrateArguments",
+    "CheckArguments",
+    "MarkersArguments",
+    "RapidArguments",
+    "RealCellArguments",
+    "ReplayArguments",
+    "RunArguments",
+    "TwinArguments",
+]
+
+FASTEST = 0.2  # rad/s of any joint of a real robot
+ATTEMPT = 150.0  # seconds for one attempt at FASTEST: its motion alone took up to 62 s, with one new plan twice as long
+FILMS = (".mp4", ".gif", ".png")
+
+
+@dataclasses.dataclass(frozen=True)
+class RealCellArguments:
+    """What to run, and how the robot and the camera are reached."""
+
+    source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_FOLDER|TREE")]
+    """folder that bt_jax.train or bt_jax.learn has written, or a tree as .txt or .xml"""
+    task: str | None = None
+    """name of a task or YAML file (default: that of the run folder, or yumi_stack)"""
+    robot: str = "192.168.125.1"
+    """address of the controller"""
+    camera: str | None = None
+    """number or address of the camera; without motion, also a folder with a recording"""
+    calibration: Path | None = None
+    """file that calibrate has written"""
+    twin_log: Path | None = None
+    """log of a run of the same tree in the twin"""
+    rws_port: int = 80
+    """TCP port of the controller's Robot Web Services"""
+    ports: tuple[int, int] = (6511, 6512)
+    """UDP ports of this machine to which the left and the right arm's EGM send"""
+    user: str = "Default User"
+    """user name on the controller"""
+    password: str = "robotics"
+    """password of that user"""
+
+
+@dataclasses.dataclass(frozen=True)
+class CheckArguments(RealCellArguments):
+    """Look at a real cell before anything moves: each item passes, or fails with the remedy."""
+
+
+@dataclasses.dataclass(frozen=True)
+class RunArguments(RealCellArguments):
+    """Execute a tree on a real YuMi. Dry by default: everything but motion.
+
+    A protective stop (exit code 3) cannot be cleared while a run goes on: the arms hold and the run ends. It lives in that
+    process only, no command resets it. The robot's own program is stopped too; a person must start it again on the
+    controller. The next run with --motion says what stopped the last one, and needs a passed preflight and the typed
+    sentence.
+    """
+
+    motion: bool = False
+    """move the robot, after preflight and a typed confirmation"""
+    speed: float = FASTEST
+    """largest joint speed, rad/s"""
+    seconds: float = 600.0
+    """time after which the run ends"""
+    log: Path | None = None
+    """where to write the log (default: runs/robot-DATE.jsonl)"""
+
+    def check(self) -> None:
+        """Raise UserError for arguments that cannot work."""
+        if not 0 < self.speed <= FASTEST:
+            raise UserError(f"--speed is {self.speed}; choose rad/s above 0 and up to {FASTEST}")
+        if not 0 < self.seconds <= 24 * 3600:
+            raise UserError(f"--seconds is {self.seconds}; choose more than 0, and a day at most")
+        if self.motion and self.camera is not None and _is_recorded(self.camera):
+            raise UserError(
+                f"--camera {self.camera} is a recording, not the cell; name a camera, or leave out --motion"
+            )
+
+    @property
+    def limits(self) -> Limits:
+        """Limits of the run; the slower the joints, the longer an attempt may take."""
+        return Limits(run=self.seconds, action=ATTEMPT * FASTEST / self.speed)
+
+
+def _is_recorded(camera: str) -> bool:
+    """Does it name something on a disk that `open_camera` would play?"""
+    return Path(camera).is_dir() or (Path(camera).is_file() and not camera.isdigit())
+
+
+@dataclasses.dataclass(frozen=True)
+class TwinArguments:
+    """Execute a tree on the twin of a YuMi: rendered camera, markers, planning, EGM at 250 Hz, grasps by friction."""
+
+    source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_FOLDER|TREE")]
+    """folder that bt_jax.train or bt_jax.learn has written, or a tree as .txt or .xml"""
+    task: str | None = None
+    """name of a task or YAML file (default: that of the run folder, or yumi_stack)"""
+    disturb: bool = False
+    """let a person move boxes, take them away and bring them back"""
+    touches: int = 1
+    """how often the person does so in a run, with --disturb"""
+    seed: int = 0
+    """number of the layout"""
+    layouts: int = 1
+    """with more than one, run in the layouts seed, seed + 1, ... and report how often the tree succeeds"""
+    realtime: bool = False
+    """keep the robot's own pace, 250 Hz by the clock; else simulated time, as fast as it goes"""
+    seconds: float = TWIN_SECONDS
+    """time after which a run ends"""
+    render: Path | None = None
+    """film the run: .mp4, .gif, or .png for six stills"""
+    log: Path | None = None
+    """where to write the log (default: runs/twin-DATE.jsonl; with --layouts, a folder)"""
+
+    def check(self) -> None:
+        """Raises UserError for arguments that cannot work."""
+        if self.layouts < 1 or self.touches < 1 or self.seed < 0:
+            raise UserError("--layouts and --touches start at 1 and --seed at 0; choose others")
+        if not 0 < self.seconds <= 3600:
+            raise UserError(f"--seconds is {self.seconds}; choose more than 0, and an hour at most")
+        if self.render is not None:
+            if self.layouts > 1:
+                raise UserError("a film shows one layout; leave out --layouts, or choose one with --seed")
+            if self.render.suffix.lower() not in FILMS:
+                raise UserError(f"{self.render} is not a film; let its name end in {', '.join(FILMS)}")
+            if not self.render.parent.is_dir():
+                raise UserError(f"there is no folder {self.render.parent}; make it, or name another")
+
+
+@dataclasses.dataclass(frozen=True)
+class MarkersArguments:
+    """Markers for the boxes and the kit of a task, and the board for `calibrate intrinsics`."""
+
+    task: str = "yumi_stack"
+    """name or .yaml file of the task"""
+    out: Path = Path("markers")
+    """folder for markers.pdf and one PNG a page"""
+    paper: str = "a4"
+    """a4 or letter"""
+
+
+@dataclasses.dataclass(frozen=True)
+class CalibrateArguments:
+    """First `intrinsics`, with the printed board; then `base`, with markers at known places."""
+
+    step: tyro.conf.Positional[Literal["intrinsics", "base"]]
+    """what to calibrate"""
+    camera: str = "0"
+    """number or address of a camera, or a folder with pictures that it took"""
+    file: Path = Path("camera.yaml")
+    """where the calibration is kept"""
+    points: Path | None = None
+    """for base: a YAML file with a line `ID: [x, y, z]` for each marker, its centre in the robot's base frame in metres"""
+    square: float = 0.035
+    """for intrinsics: edge of the board's squares, measured on the print, in metres"""
+    views: int = 20
+    """for intrinsics with a live camera: from how many sides to look at the board"""
+    width: int = 640
+    height: int = 480
+
+
+@dataclasses.dataclass(frozen=True)
+class RapidArguments:
+    """Write the RAPID module that the robot's controller must run, and say what to do with it.
+
+    It was never run on a controller. It has to be loaded into both arms' tasks, T_ROB_L and T_ROB_R, of a YuMi with
+    RobotWare 6.07 or a newer 6, option 689-1 Externally Guided Motion and the SmartGripper add-in. Each arm needs a UDPUC
+    transmission protocol, BtJax_L (remote port 6511) and BtJax_R (6512), with the address of this computer. A person starts
+    the program; the arms then stand still, tell where they are, and follow setpoints only once `run --motion` asks for it.
+    """
+
+    out: Path = Path("rapid")
+    """folder for the module"""
+
+
+@dataclasses.dataclass(frozen=True)
+class ReplayArguments:
+    """Show what a log tells: every change of the tree, attempts, and why the run ended."""
+
+    log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
+    """file that twin or run has written"""
+    every: bool = False
+    """show every tick, not only those in which a status changed"""
