@@ -2,7 +2,7 @@
 
     FOLDER/info.yaml            frames, default_frame, robot
     FOLDER/task.yaml            the task in which they were recorded (not part of the format)
-    FOLDER/demo1/data_1.yaml    type: pick | place, vec_pos: {frame: [x, y, z]}, vec_quat: {frame: [x, y, z, w]}
+    FOLDER/demo1/data_1.yaml    one action, see `demonstration_files`
 
 Beyond it, `info.yaml` may say in which task they were recorded (`task`, `boxes`: the size of each), the `order` of the
 demonstrations where that is not the one of their names, and `chosen`, the frames that a person has chosen for actions.
@@ -11,10 +11,9 @@ demonstrations where that is not the one of their names, and `chosen`, the frame
 from __future__ import annotations
 
 import dataclasses
-import math
 import re
 import shutil
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,16 +21,17 @@ import yaml
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import is_name, write_atomic
-from bt_jax.lfd.demonstration import Action, Demonstration, Demonstrations, Frames, Instance, Pose, RecordedTask
+from bt_jax.lfd.demonstration import Demonstration, Demonstrations, Frames, Instance, RecordedTask
+from bt_jax.lfd.demonstration_files import (
+    HUGE,
+    Unusable,
+    problem_of,
+    read_demonstration,
+    read_mapping,
+    write_demonstration,
+)
 
 __all__ = ["DemonstrationFolder"]
-
-HUGE = 1e6  # metres; a larger number is a mistake
-UNIT_SLACK = 0.01  # by which the length of a quaternion may differ from 1
-
-
-class _Unusable(Exception):
-    """Why a demonstration cannot be used."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,8 +88,8 @@ class DemonstrationFolder:
         problems, frame_of = [], {}
         for name in self.names():
             try:
-                one = self._demonstration(name, frames)
-            except _Unusable as problem:
+                one = read_demonstration(self.path / name, frames)
+            except Unusable as problem:
                 problems.append(str(problem))
                 continue
             for number, frame in chosen.get(name, {}).items():
@@ -120,17 +120,11 @@ class DemonstrationFolder:
         frames = self.frames()
         numbers = [int(name[4:]) for name in self.names() if re.fullmatch(r"demo\d+", name)]
         named = dataclasses.replace(demonstration, name=f"demo{max(numbers, default=0) + 1}")
-        if (problem := _problem(named, frames, where=named.name)) is not None:
+        if (problem := problem_of(named, frames, where=named.name)) is not None:
             raise UserError(problem)
         part = self.path / f".{named.name}.part"
         shutil.rmtree(part, ignore_errors=True)
-        for i, action in enumerate(named.actions, start=1):
-            data = {
-                "type": action.kind,
-                "vec_pos": {frame: _numbers(pose.position) for frame, pose in action.poses.items()},
-                "vec_quat": {frame: _numbers(_xyzw(pose.quaternion)) for frame, pose in action.poses.items()},
-            }
-            write_atomic(part / f"data_{i}.yaml", yaml.safe_dump(data, default_flow_style=None))
+        write_demonstration(part, named)
         self._forget(named.name)
         part.rename(self.path / named.name)
         return named
@@ -175,8 +169,8 @@ class DemonstrationFolder:
         if not source.is_file():
             raise UserError(f"{source} is missing; restore it, or record the demonstrations into a new folder")
         try:
-            return _mapping(source)
-        except _Unusable as problem:
+            return read_mapping(source)
+        except Unusable as problem:
             raise UserError(str(problem)) from None
 
     def _order(self) -> list[str]:
@@ -217,19 +211,6 @@ class DemonstrationFolder:
             raise UserError(f"{self.path} has no demonstration '{name}'; it has {', '.join(self.names()) or 'none'}")
         return self.path / name
 
-    def _demonstration(self, name: str, frames: Frames) -> Demonstration:
-        folder = self.path / name
-        files = sorted(folder.glob("data_*.yaml"), key=lambda path: int("0" + "".join(re.findall(r"\d+", path.stem))))
-        if not files:
-            raise _Unusable(f"{folder} is left out: it holds no data_1.yaml; record it again or delete it.")
-        for i, file in enumerate(files, start=1):
-            if file.name != f"data_{i}.yaml":
-                raise _Unusable(f"{folder} is left out: data_{i}.yaml is missing; restore it or delete the folder.")
-        demonstration = Demonstration(name, tuple(_action(file, frames) for file in files))
-        if (problem := _problem(demonstration, frames, where=str(folder))) is not None:
-            raise _Unusable(f"{folder} is left out: {problem}.")
-        return demonstration
-
 
 def _recorded(data: Mapping[str, Any], source: Path) -> RecordedTask | None:
     """Return in which task the demonstrations were recorded, None if the file does not say."""
@@ -253,87 +234,3 @@ def _natural(name: str) -> list[tuple[bool, int, str]]:
 
 def _without_empty(chosen: Mapping[str, Mapping[int, str]]) -> dict[str, dict[int, str]]:
     return {name: dict(actions) for name, actions in chosen.items() if actions}
-
-
-def _problem(demonstration: Demonstration, frames: Frames, *, where: str) -> str | None:
-    """Return why the actions make no whole demonstration, or None."""
-    held = False
-    for i, action in enumerate(demonstration.actions, start=1):
-        if set(action.poses) != set(frames.names):
-            return f"{where}, action {i}: there must be one pose for each of {', '.join(frames.names)}; record it again"
-        for frame, pose in action.poses.items():
-            if not _is_unit(pose.quaternion) or not all(map(math.isfinite, pose.position)):
-                return f"{where}, action {i}: the pose in {frame} is not finite or no rotation; record it again"
-        if (action.kind == "place") != held:
-            before = "a place follows no pick" if action.kind == "place" else "a pick follows a pick without a place"
-            return f"action {i}: {before}; record it again"
-        held = not held
-    if held:
-        return "it ends with an object in the gripper; place it and record again"
-    return None if demonstration.actions else "it has no actions; record it again"
-
-
-def _action(file: Path, frames: Frames) -> Action:
-    data = _mapping(file)
-    kind = data.get("type")
-    if kind not in ("pick", "place"):
-        raise _Unusable(f"{file}: type is {kind!r}; write pick or place, or delete the demonstration.")
-    positions = _vectors(data, "vec_pos", 3, file, frames)
-    quaternions = _vectors(data, "vec_quat", 4, file, frames)
-    for frame, quaternion in quaternions.items():
-        if not _is_unit(quaternion):
-            length = math.hypot(*quaternion)
-            raise _Unusable(f"{file}: the quaternion in {frame} has length {length:.3f}, not 1; record it again.")
-    return Action(kind, {frame: _pose(positions[frame], quaternions[frame]) for frame in frames.names})
-
-
-def _pose(position: Sequence[float], xyzw: Sequence[float]) -> Pose:
-    """Return a pose from the numbers of the format."""
-    (a, b, c), (x, y, z, w) = position, xyzw
-    return Pose((a, b, c), (w, x, y, z))
-
-
-def _xyzw(quaternion: Sequence[float]) -> tuple[float, ...]:
-    """Return a quaternion wxyz in the order of the format."""
-    w, x, y, z = quaternion
-    return x, y, z, w
-
-
-def _is_unit(quaternion: Sequence[float]) -> bool:
-    return abs(math.hypot(*quaternion) - 1) <= UNIT_SLACK
-
-
-def _vectors(data: Mapping[str, Any], key: str, count: int, file: Path, frames: Frames) -> dict[str, tuple[float, ...]]:
-    """Return one vector for each frame."""
-    values = data.get(key)
-    if not isinstance(values, Mapping):
-        raise _Unusable(f"{file}: {key} is missing; record the demonstration again or delete it.")
-    for frame in values:
-        if frame not in frames.names:
-            raise _Unusable(f"{file}: {key} names the frame '{frame}', which info.yaml does not; add it there.")
-    for frame in frames.names:
-        if frame not in values:
-            raise _Unusable(f"{file}: {key} lacks the frame {frame}; record the demonstration again or delete it.")
-    return {frame: _vector(values[frame], count, file, f"{key}.{frame}") for frame in frames.names}
-
-
-def _vector(value: Any, count: int, file: Path, where: str) -> tuple[float, ...]:
-    good = isinstance(value, list) and len(value) == count
-    if not good or not all(type(x) in (int, float) and abs(x) < HUGE for x in value):
-        raise _Unusable(f"{file}: {where} is {value!r}, not {count} finite numbers; record it again or delete it.")
-    return tuple(map(float, value))
-
-
-def _mapping(file: Path) -> Mapping[str, Any]:
-    try:
-        data = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError, yaml.YAMLError) as error:
-        raise _Unusable(f"{file} cannot be read ({type(error).__name__}); restore or delete it.") from error
-    if not isinstance(data, Mapping):
-        raise _Unusable(f"{file} is empty or half written; restore or delete it.")
-    return data
-
-
-def _numbers(values: Sequence[float]) -> list[float]:
-    """Round to 0.01 mm, finer than anybody can place."""
-    return [round(float(value), 5) + 0.0 for value in values]

@@ -42,10 +42,17 @@ SettleFn = Callable[[Float32[jax.Array, "S 3"], Float32[jax.Array, "S B 7"], Boo
 
 @runtime_checkable
 class Physics(Protocol):
-    """A backend. `why` says in one sentence which one it is and why it was chosen."""
+    """A backend."""
 
-    name: str
-    why: str
+    @property
+    def name(self) -> str:
+        """What it is called in settings."""
+        ...
+
+    @property
+    def why(self) -> str:
+        """Which one it is and why it was chosen, in one sentence."""
+        ...
 
     def settle(
         self, kit: Float32[Array, "S 3"], poses: Float32[Array, "S B 7"], present: Bool[Array, "S B"]
