@@ -3,11 +3,7 @@
 import bt_jax
 from bt_jax.behaviors import Vocabulary
 from bt_jax.encoding import leaves
-from bt_jax.mjx_env.episodes.playback import play
-from bt_jax.mjx_env.physics.factory import make_physics
-from bt_jax.mjx_env.physics.settler import Settler
-from bt_jax.mjx_env.scene.layouts import sample_layouts
-from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.mjx_env import LeafSemantics, Settler, make_physics, play, sample_layouts
 
 task = bt_jax.load_task("stack")
 result = bt_jax.evolve(task, bt_jax.GPConfig(generations=30, seed=0))

@@ -2,9 +2,9 @@
 
 from bt_jax.lfd import Demonstrations, Frames, learn
 from bt_jax.lfd.explanation import action_rows
-from bt_jax.mjx_env.physics.factory import make_physics
+from bt_jax.mjx_env import make_physics
 from bt_jax.tasks import load_task
-from bt_jax.teaching.script import parse_script, record
+from bt_jax.teaching import parse_script, record
 
 SCRIPT = """
 pick YellowBox

@@ -44,6 +44,7 @@ class Block:
     language: str
     code: str
     title: str | None
+    built: bool  # the build of the site runs it, too
     marker: str
     line: int
 
@@ -62,7 +63,9 @@ def blocks(text: str) -> list[Block]:
         if marker and not marker.startswith("not run"):
             code = _smaller(code, marker)
         line = text.count("\n", 0, match.start("code")) + 1
-        found.append(Block(match["language"], code, title and title[1], marker, line))
+        found.append(
+            Block(match["language"], code, title and title[1], match["rest"].startswith(" exec"), marker, line)
+        )
     return found
 
 
