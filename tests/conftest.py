@@ -1,4 +1,4 @@
-"""Its place puts this folder on the import path, so that tests share `strategies` and `samples`."""
+"""Settings of all tests: what Hypothesis draws, how strict JAX is, where compiled code is kept."""
 
 import os
 import signal

@@ -53,7 +53,7 @@ def kept_jit(
 ) -> Callable:
     """`jax.jit` whose executables outlive the process once `keep_compiled` was called.
 
-    Works on functions without keyword-only parameters whose dynamic arguments are pytrees of arrays. Executables are kept
+    It works on functions without keyword-only parameters whose dynamic arguments are pytrees of arrays. Executables are kept
     if the static arguments are numbers, strings, enums, module-level functions, tuples and dataclasses of these, or their
     methods; with other ones (a closure means nothing in another process), and inside another traced function, it is
     `jax.jit`.
@@ -89,8 +89,8 @@ def kept_jit(
 
 
 def _described(value: Any) -> Any:
-    """A static argument as nested tuples whose `repr` says all of it, the same in every process; `repr` of the argument
-    itself may abridge, or contain an address. Raises TypeError if there are none."""
+    """Return a static argument as nested tuples whose `repr` says all of it, the same in every process; that of the argument
+    itself may be abridged, or contain an address. Raise TypeError for an argument of another kind."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = [(field.name, _described(getattr(value, field.name))) for field in dataclasses.fields(value)]
         return type(value).__module__, type(value).__qualname__, *fields
@@ -106,7 +106,7 @@ def _described(value: Any) -> Any:
 
 
 def _load(folder: Path, name: str, key: tuple[tuple[Any, ...], Any, Any], compile_: Callable[[], Any]) -> Callable:
-    """The executable from the store, or a new one that is put there."""
+    """Return the executable from the store, or a new one that is put there."""
     static, structure, leaves = key
     try:
         identity = "\n".join([name, repr(_described(static)), repr((structure, leaves)), _environment()])

@@ -36,9 +36,9 @@ def check_names(leaf: Behavior, task: Task) -> None:
         raise UserError(f"{leaf}: task {task.name} has no object '{leaf.object}'; use one of {', '.join(objects)}")
     if leaf.frame is not None and (leaf.frame not in task.frames or leaf.frame == leaf.object):
         frames = [frame for frame in task.frames if frame != leaf.object]
-        raise UserError(f"{leaf}: task {task.name} has no such frame '{leaf.frame}'; use one of {', '.join(frames)}")
+        raise UserError(f"{leaf}: task {task.name} has no frame '{leaf.frame}'; use one of {', '.join(frames)}")
     if leaf.name == "reached" and leaf.args[0] not in [subgoal.name for subgoal in task.subgoals]:
-        raise UserError(f"{leaf}: task {task.name} declares no such subgoal; add it under subgoals")
+        raise UserError(f"{leaf}: task {task.name} has no such subgoal; add it under subgoals")
 
 
 def _check_tree(tree: Tree, task: Task) -> None:

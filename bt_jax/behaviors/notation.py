@@ -61,7 +61,7 @@ def _tokens(text: str) -> list[Token]:
         match = _TOKEN.match(text, at)
         if not match:
             found = Token(text[at], line, column, None)
-            found.fail("a tab is found; use spaces" if text[at] == "\t" else f"'{text[at]}' means nothing; delete it")
+            found.fail("found a tab; use spaces" if text[at] == "\t" else f"unexpected '{text[at]}'; delete it")
         if match["newline"]:
             line, line_start, fresh = line + 1, match.end(), nesting == 0
         elif not match["skip"]:

@@ -122,7 +122,7 @@ def violations(tree: Node[L], *, gene_under_fallback: bool = True) -> list[str]:
                 visit(child)
                 continue
             if child == before:
-                found.append(f"{child} stands twice side by side")
+                found.append(f"{child} is beside an equal one")
             after_action = before is not None and before.kind in (Kind.ACTION, Kind.GENE)
             if child.kind == Kind.CONDITION and after_action:
                 found.append(f"the condition {child} directly follows {before}")

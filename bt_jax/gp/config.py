@@ -124,7 +124,7 @@ class GPConfig:
     def check(self) -> None:
         """Raise UserError for the first setting that cannot work."""
         if not 8 <= self.population <= 100_000:
-            raise UserError(f"a population of {self.population} cannot evolve here; choose 8 to 100000")
+            raise UserError(f"population is {self.population}; choose 8 to 100000")
         for name in ("p_add", "p_delete", "p_change"):
             if not 0 <= getattr(self, name) <= 1:
                 raise UserError(f"{name} is {getattr(self, name)}; choose a probability from 0 to 1")

@@ -7,44 +7,27 @@ saved state gives bit for bit what never stopping would have given, and run r of
 from __future__ import annotations
 
 import dataclasses
-import enum
 import time
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float32, Int, Int32, Key, UInt32, UInt64
+from jaxtyping import Array, Float32, Int, Int32, UInt64
 
-from bt_jax._util.compile_cache import kept_jit
 from bt_jax.behaviors.vocabulary import FIRST_LEAF
 from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.config import GPConfig
-from bt_jax.gp.diversity import fitness_entropy, mean_edit_distance
 from bt_jax.gp.mutation import EditRates
-from bt_jax.gp.novelty import hash_trees
-from bt_jax.gp.random_trees import growth, random_trees
-from bt_jax.gp.reproduction import reproduce
-from bt_jax.gp.selection import survivors
+from bt_jax.gp.random_trees import growth
+from bt_jax.gp.steps import Population, diversity_of, first_trees, hashes_of, offspring_of, run_keys, survivors_of
 
 __all__ = ["Evaluate", "Evolution", "Generation", "Population", "State", "best_of"]
 
-RunKeys = UInt32[Array, "R 2"]
 Fitness = Float32[np.ndarray, "R P"]
 Niched = tuple[Fitness, Int32[np.ndarray, "R P"]]
 Evaluate = Callable[[Trees], Fitness | Niched]
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Population:
-    """R populations with their fitness."""
-
-    trees: Trees  # [R, P, N]
-    fitness: Float32[Array, "*R P"]
-    niche: Int32[Array, "*R P"] | None = None  # individuals of one niche compete; None: all with all
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,17 +104,17 @@ class Evolution:
         # What it is given as arrays, so that evolutions for different tasks share it.
         self._alphabet = jax.tree.map(lambda count: np.array(count, np.int32), alphabet)
         self._rates = EditRates.of(alphabet, config.mutation)
-        self.keys = _run_keys(np.arange(config.seed, config.seed + config.runs, dtype=np.uint32))
+        self.keys = run_keys(np.arange(config.seed, config.seed + config.runs, dtype=np.uint32))
 
     def ask(self, state: State | None) -> Trees:
         """Return the offspring [R, M, N] to measure next: those of a state, or for None the first, random populations
         [R, P, N], in which the baseline, if any, takes the place of individual 0."""
         if state is None:
             rates = EditRates.of(self.alphabet, growth(gene_under_fallback=self.config.gene_under_fallback))
-            trees = _first(self.keys, self._alphabet, rates, self._static)
+            trees = first_trees(self.keys, self._alphabet, rates, self._static)
             return self._with_baseline(trees, np.zeros(self.config.runs, int))
         now = np.int32(state.generation + 1)
-        return _offspring(
+        return offspring_of(
             self.keys,
             now,
             state.population,
@@ -149,7 +132,7 @@ class Evolution:
             first = np.zeros(self.config.runs, int)
             return self._begun(measured, first, generation=0, earlier=(0,) * self.config.runs)
         generation = state.generation + 1
-        population = _survivors(self.keys, np.int32(generation), state.population, measured, self._static)
+        population = survivors_of(self.keys, np.int32(generation), state.population, measured, self._static)
         return State(population, generation, state.baseline_fitness, _now_seen(state.seen, offspring), state.earlier)
 
     def step(self, state: State | None) -> State:
@@ -213,7 +196,7 @@ class Evolution:
         rows = np.arange(len(best))
         best_trees = jax.tree.map(lambda leaf: np.asarray(leaf)[rows, best], state.population.trees)
         shared = [self._baseline_in(tree) for tree in (best_trees[run] for run in rows)]
-        entropy, distance = jax.device_get(_diversity(self.keys, np.int32(state.generation), state.population))
+        entropy, distance = jax.device_get(diversity_of(self.keys, np.int32(state.generation), state.population))
         return [
             Generation(
                 run=run,
@@ -255,7 +238,7 @@ def best_of(state: State) -> tuple[Trees, Float32[np.ndarray, " R"]]:
 
 def _now_seen(seen: tuple[np.ndarray, ...], trees: Trees) -> tuple[UInt64[np.ndarray, " _"], ...]:
     """Add the hashes of trees [R, M, N] to those seen by each run."""
-    halves = np.asarray(_hashes(trees)).astype(np.uint64)
+    halves = np.asarray(hashes_of(trees)).astype(np.uint64)
     hashes = halves[..., 0] << np.uint64(32) | halves[..., 1]
     return tuple(_merged(old, np.unique(new)) for old, new in zip(seen, hashes, strict=True))
 
@@ -267,97 +250,3 @@ def _merged(old: UInt64[np.ndarray, " _"], new: UInt64[np.ndarray, " _"]) -> UIn
     inside = place < len(old)
     fresh[inside] = old[place[inside]] != new[inside]
     return np.insert(old, place[fresh], new[fresh])
-
-
-@kept_jit
-def _hashes(trees: Trees) -> UInt32[Array, "R M 2"]:
-    return jax.vmap(hash_trees)(trees)
-
-
-@kept_jit
-def _run_keys(seeds: UInt32[Array, " R"]) -> RunKeys:
-    return jax.vmap(lambda seed: jax.random.key_data(jax.random.key(seed)))(seeds)
-
-
-def _for_each_run(function: Callable, *arguments: Any) -> Any:
-    """`jax.vmap`, but a single run is computed as such: batched loops and gathers take several times as long."""
-    if jax.tree.leaves(arguments)[0].shape[0] > 1:
-        return jax.vmap(function)(*arguments)
-    return jax.tree.map(lambda leaf: leaf[None], function(*jax.tree.map(lambda leaf: leaf[0], arguments)))
-
-
-class _Use(enum.IntEnum):
-    """What the random numbers of one generation are for."""
-
-    FIRST, OFFSPRING, SURVIVORS, DIVERSITY = range(4)
-
-
-def _key(run_key: UInt32[Array, "2"], generation: Int32[Array, ""] | int, use: _Use) -> Key[Array, ""]:
-    return jax.random.fold_in(jax.random.fold_in(jax.random.wrap_key_data(run_key), generation), use)
-
-
-@kept_jit(static_argnames=("config",))
-def _first(keys: RunKeys, alphabet: Alphabet, rates: EditRates, config: GPConfig) -> Trees:
-    def one(key: UInt32[Array, "2"]) -> Trees:
-        return random_trees(
-            _key(key, 0, _Use.FIRST),
-            alphabet,
-            rates=rates,
-            count=config.population,
-            num_nodes=config.max_nodes,
-            nodes=config.init_nodes,
-            gene_under_fallback=config.gene_under_fallback,
-        )
-
-    return _for_each_run(one, keys)
-
-
-@kept_jit(static_argnames=("config",))
-def _offspring(
-    keys: RunKeys,
-    generation: Int32[Array, ""],
-    population: Population,
-    alphabet: Alphabet,
-    rates: EditRates,
-    config: GPConfig,
-    baseline: Trees | None,
-    baseline_fitness: Float32[Array, " R"],
-) -> Trees:
-    def one(key: UInt32[Array, "2"], parents: Population, fitness: Float32[Array, ""]) -> Trees:
-        return reproduce(
-            _key(key, generation, _Use.OFFSPRING),
-            parents.trees,
-            parents.fitness,
-            alphabet,
-            config,
-            rates=rates,
-            niche=parents.niche,
-            baseline=baseline,
-            baseline_fitness=fitness,
-        )[0]
-
-    return _for_each_run(one, keys, population, baseline_fitness)
-
-
-@kept_jit(static_argnames=("config",))
-def _survivors(
-    keys: RunKeys, generation: Int32[Array, ""], old: Population, offspring: Population, config: GPConfig
-) -> Population:
-    def one(key: UInt32[Array, "2"], old: Population, offspring: Population) -> Population:
-        kept = survivors(
-            _key(key, generation, _Use.SURVIVORS), old.fitness, offspring.fitness, config, old.niche, offspring.niche
-        )
-        return jax.tree.map(lambda a, b: jnp.concatenate([a, b])[kept], old, offspring)
-
-    return _for_each_run(one, keys, old, offspring)
-
-
-@kept_jit
-def _diversity(
-    keys: RunKeys, generation: Int32[Array, ""], population: Population
-) -> tuple[Float32[Array, " R"], Float32[Array, " R"]]:
-    def one(key: UInt32[Array, "2"], population: Population) -> tuple[Float32[Array, ""], Float32[Array, ""]]:
-        distance = mean_edit_distance(_key(key, generation, _Use.DIVERSITY), population.trees)
-        return fitness_entropy(population.fitness), distance
-
-    return _for_each_run(one, keys, population)

@@ -25,11 +25,11 @@ def check(task: Task, source: str) -> None:
         fail("name", f"'{task.name}' is not a name", "use letters, digits, underscores and dashes")
     for name in names:
         if name in RESERVED:
-            fail("boxes", f"the name '{name}' is taken by the scene itself", "choose another")
+            fail("boxes", f"the name '{name}' is reserved for the scene", "choose another")
         if not name.isidentifier():
             fail("boxes", f"'{name}' is not a name", "use letters, digits and underscores")
         if names.count(name) > 1:
-            fail("boxes", f"the name '{name}' stands for two things", "rename one of them")
+            fail("boxes", f"two things are called '{name}'", "rename one of them")
     if not task.boxes:
         fail("boxes", "there is nothing to move", "add at least one box")
     if not task.tables:
@@ -42,7 +42,7 @@ def check(task: Task, source: str) -> None:
         if subgoal.name in [other.name for other in task.subgoals[:i]]:
             fail(f"subgoals[{i}].name", f"'{subgoal.name}' is listed twice", "rename one of them")
         if not subgoal.conditions:
-            fail(f"subgoals[{i}].conditions", "there are none", "add a condition, for instance clear(YellowBox)")
+            fail(f"subgoals[{i}].conditions", "it has no conditions", "add a condition, for instance clear(YellowBox)")
     _check_sizes(task, fail)
     _check_layout(task, fail)
     _check_targets(task, fail)
@@ -94,7 +94,7 @@ def _check_layout(task: Task, fail: Any) -> None:
         if name not in task.box_names:
             fail("layout.stack", f"there is no box '{name}'", f"use some of {', '.join(task.box_names)}")
     if len(set(task.layout.stack)) < len(task.layout.stack):
-        fail("layout.stack", "a box stands in it twice", "name each box once")
+        fail("layout.stack", "a box is listed twice", "name each box once")
     _check_fixed(task, fail)
     free = [[edge - 2 * task.layout.margin for edge in table.size[:2]] for table in task.tables]
     if min(map(min, free)) < 0:
@@ -136,7 +136,7 @@ def _check_fixed(task: Task, fail: Any) -> None:
             if abs(x - t.position[0]) <= t.size[0] / 2 and abs(y - t.position[1]) <= t.size[1] / 2
         ]
         if not any(z - sizes[place.object] / 2 > table.top - 0.1 * sizes[place.object] for table in under):
-            fail(f"{key}.position", f"{place.object} would be on no table", "move it over one")
+            fail(f"{key}.position", f"{place.object} would not be over a table", "move it over one")
 
 
 def _apart(a: Vec3, b: Vec3) -> float:

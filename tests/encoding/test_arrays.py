@@ -65,7 +65,7 @@ def test_the_strategy_breaks_no_rule(tree):
         (Control.sequence(), "has 0 children"),
         (Control.sequence(A, Control.sequence(C, B)), "under its own kind"),
         (Control.fallback(Control.sequence(C, A), Control.fallback(C, B)), "under its own kind"),
-        (Control.sequence(A, A), "twice side by side"),
+        (Control.sequence(A, A), "is beside an equal one"),
         (Control.sequence(A, C, B), "directly follows"),
         (Control.sequence(C, Control.fallback(A, B), C), "last child"),
     ],

@@ -183,7 +183,7 @@ def test_an_individual_without_a_number_does_not_win():
 
 
 def test_settings_that_cannot_work_are_refused():
-    with pytest.raises(UserError, match="population of 3"):
+    with pytest.raises(UserError, match="population is 3"):
         Evolution(dataclasses.replace(CONFIG, population=3), ALPHABET, evaluate)
     with pytest.raises(UserError, match="no tree can be made"):
         Evolution(CONFIG, Alphabet(num_conditions=1, num_actions=0, num_genes=0), evaluate)
