@@ -10,6 +10,7 @@ import tomllib
 import pytest
 import yaml
 
+import bt_jax
 from tests.helpers.documents import DOCUMENTS, ROOT, blocks, commands
 
 MARKED = 8  # blocks that may not be run, in all documents together
@@ -81,5 +82,5 @@ def test_the_citation_names_this_version_and_the_paper():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     assert {"cff-version", "message", "title", "authors"} <= set(citation)
-    assert (citation["version"], citation["license"]) == (project["version"], project["license"])
+    assert (citation["version"], citation["license"]) == (bt_jax.__version__, project["license"])
     assert citation["references"][0]["authors"][0]["family-names"] == "Iovino"
