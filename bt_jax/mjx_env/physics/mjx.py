@@ -34,6 +34,8 @@ with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.St
 __all__ = ["MjxPhysics", "settle_fn"]
 
 ITERATIONS = 8
+WARP_CONTACTS_PER_BOX = 24
+ROWS_PER_CONTACT = 4  # edges of a friction pyramid
 Host = jax.Array | np.ndarray
 PARKED = 50.0  # metres above everything, and falling
 
@@ -97,12 +99,12 @@ class _Settle:
     lanes: int
 
     def __call__(self, kit: Array, poses: Array, present: Array) -> Settled:
-        return _settle(_model(self.task, "jax"), self.lanes, kit, poses, present)
+        return _settle(_model(self.task), self.lanes, kit, poses, present)
 
 
 @functools.lru_cache(maxsize=16)  # equal functions are compiled once
 def _warp_settle(task: Task, lanes: int) -> SettleFn:
-    return functools.partial(_settle, _model(task, "warp"), lanes)
+    return functools.partial(_settle, _model(task, warp_lanes=lanes), lanes)
 
 
 def _only_bodies(task: Task) -> Task:
@@ -186,22 +188,27 @@ def _align(mask, values):
 
 
 @functools.lru_cache(maxsize=16)
-def _model(task: Task, implementation: str) -> _Model:
+def _model(task: Task, *, warp_lanes: int = 0) -> _Model:
     with jax.ensure_compile_time_eval():  # its arrays outlive the trace in which they may be made
-        return _Model(task, implementation)
+        return _Model(task, warp_lanes)
 
 
 class _Model:
-    """The MJX model of a task and one step of it."""
+    """The MJX model of a task and one step of it: by Warp with room for `warp_lanes` problems, or if 0 by JAX."""
 
-    def __init__(self, task: Task, implementation: str) -> None:
+    def __init__(self, task: Task, warp_lanes: int) -> None:
         self.task = task
         self.scales = timing(task)
+        implementation = "warp" if warp_lanes else "jax"
         xml, self.stand_ins = stand_in_mjcf(task)
         model = mujoco.MjModel.from_xml_string(xml)
         self.ids = resolve_ids(model, task)
         self.mjx = mjx.put_model(model, impl=implementation)
-        self.data = mjx.make_data(model, impl=implementation)
+        room = {}
+        if warp_lanes:  # Warp stores the contacts of all lanes together, and drops those for which there is no room
+            each = WARP_CONTACTS_PER_BOX * len(task.boxes)
+            room = {"naconmax": warp_lanes * each, "njmax": ROWS_PER_CONTACT * each}
+        self.data = mjx.make_data(model, impl=implementation, **room)
         self.implementation = implementation
         inertia = [
             np.repeat([model.body_mass[body]], 3).tolist() + model.body_inertia[body].tolist()

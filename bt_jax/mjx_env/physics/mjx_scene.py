@@ -24,6 +24,7 @@ def stand_in_mjcf(task: Task) -> tuple[str, list[StandIn]]:
     kit's frame. Their bodies follow the kit's in the file and thus in the mocap arrays."""
     root = ElementTree.fromstring(build_mjcf(task))
     world, defaults = _only(root, "worldbody"), _only(root, "default/geom")
+    _only(root, "option").remove(_only(root, "option/flag"))  # the C engine's resets, which Warp refuses to read about
     contact = ElementTree.SubElement(root, "contact")
     kit = next(body for body in world.iter("body") if body.get("name") == task.kit.name)
     geoms = {geom.get("name"): geom for geom in world.iter("geom")}

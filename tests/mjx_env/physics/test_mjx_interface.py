@@ -6,6 +6,9 @@ import mujoco
 import pytest
 from mujoco import mjx
 
+from bt_jax.mjx_env.physics.mjx_scene import stand_in_mjcf
+from bt_jax.tasks import load_task
+
 XML = """<mujoco><option cone="pyramidal"/><worldbody>
 <geom name="floor" type="plane" size="0 0 1"/>
 <body pos="0 0 1"><freejoint/><geom type="box" size=".1 .1 .1"/></body>
@@ -41,3 +44,8 @@ def test_constraints_lie_in_impl(data, name, shape):
 def test_contacts_lie_in_impl(data, name, shape):
     assert hasattr(data._impl.contact, name), f"MJX keeps contact.{name} elsewhere: see `_as_in_c` in physics/mjx.py"
     assert getattr(data._impl.contact, name).shape == shape, f"contact.{name} has another layout: see `_as_in_c`"
+
+
+def test_the_scene_disables_nothing_since_warp_refuses_some_flags():
+    xml, _ = stand_in_mjcf(load_task("stack3"))
+    assert mujoco.MjModel.from_xml_string(xml).opt.disableflags == 0
