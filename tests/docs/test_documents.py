@@ -69,7 +69,7 @@ def test_commands_of_a_block(tmp_path, monkeypatch):
 
 def test_commands_within_a_sentence_name_modules():
     for path in DOCUMENTS:
-        for module in re.findall(r"`python -m ([\w.]+)", path.read_text("utf-8")):
+        for module in re.findall(r"`python -m ([a-z_.]+)[ `]", path.read_text("utf-8")):
             assert importlib.util.find_spec(module) is not None, f"{path}: {module}"
 
 
