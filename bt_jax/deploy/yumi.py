@@ -10,7 +10,9 @@ from __future__ import annotations
 import dataclasses
 import functools
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -30,6 +32,7 @@ __all__ = [
     "Joints",
     "LinkShape",
     "Point",
+    "PoseRow",
     "actuator_names",
     "add_to_mjcf",
     "finger_names",
@@ -47,6 +50,8 @@ Joints = Float[np.ndarray, " 7"]
 """The joints of one arm in chain order, rad."""
 JointRows = Float[np.ndarray, "n 7"]
 """Configurations of one arm, one a row."""
+PoseRow = Float[np.ndarray, " 7"]
+"""Position [m] and quaternion, as on the wire or in a model; the field that holds it says the order of the quaternion."""
 Point = Float[np.ndarray, " 3"]
 """A position, m."""
 
@@ -184,7 +189,16 @@ def urdf(arms: tuple[str, ...] = ARMS, *, fingers: bool = True) -> str:
     return ET.tostring(root, encoding="unicode")
 
 
-def _urdf_joint(root, name, kind, parent, child, placement, axis=None, bounds=None) -> None:
+def _urdf_joint(
+    root: ET.Element,
+    name: str,
+    kind: str,
+    parent: str,
+    child: str,
+    placement: Placement,
+    axis: str | None = None,
+    bounds: Mapping[str, float | int] = MappingProxyType({}),
+) -> None:
     ET.SubElement(root, "link", name=child)
     joint = ET.SubElement(root, "joint", name=name, type=kind)
     ET.SubElement(joint, "parent", link=parent)
@@ -198,7 +212,7 @@ def _urdf_joint(root, name, kind, parent, child, placement, axis=None, bounds=No
 def add_to_mjcf(root: ET.Element, position: Vec3) -> None:
     """Adds the robot, its servos and its grippers to an MJCF tree; `position` is that of its base in the world. The arms
     touch each other and everything else; links of one arm that are near each other in the chain do not."""
-    world, actuators, contact = root.find("worldbody"), _section(root, "actuator"), _section(root, "contact")
+    world, actuators, contact = _section(root, "worldbody"), _section(root, "actuator"), _section(root, "contact")
     body = ET.SubElement(world, "body", name=BODY, pos=_text(position))
     _mjcf_shapes(body, [shape for shape in SHAPES if shape.link == 0], None)
     for arm in ARMS:
@@ -239,7 +253,7 @@ def _mjcf_body(parent: ET.Element, name: str, placement: Placement) -> ET.Elemen
     return ET.SubElement(parent, "body", name=name, pos=_text(placement[0]), quat=_text(quaternion), gravcomp="1")
 
 
-def _mjcf_joint(body, name, kind, axis, lower, upper, armature) -> None:
+def _mjcf_joint(body: ET.Element, name: str, kind: str, axis: str, lower: float, upper: float, armature: float) -> None:
     ET.SubElement(
         body,
         "joint",
@@ -252,7 +266,7 @@ def _mjcf_joint(body, name, kind, axis, lower, upper, armature) -> None:
     )
 
 
-def _servo(actuators, name, joint, stiffness, damping) -> None:
+def _servo(actuators: ET.Element, name: str, joint: str, stiffness: float, damping: float) -> None:
     ET.SubElement(actuators, "position", name=name, joint=joint, kp=repr(stiffness), kv=repr(damping))
 
 
@@ -269,28 +283,28 @@ def _mjcf_shapes(body: ET.Element, shapes: list[LinkShape], mass: float | None) 
         ET.SubElement(body, "geom", geom)
 
 
-def _text(values) -> str:
+def _text(values: Iterable[Any]) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
-def _matrix(placement: Placement) -> np.ndarray:
+def _matrix(placement: Placement) -> Float[np.ndarray, "4 4"]:
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = Rotation.from_euler("xyz", placement[1]).as_matrix(), placement[0]
     return matrix
 
 
 @functools.lru_cache(maxsize=2)
-def _fixed(arm: str) -> tuple[np.ndarray, ...]:
+def _fixed(arm: str) -> tuple[Float[np.ndarray, "4 4"], ...]:
     return (*(_matrix(placement) for placement in (BASE[arm], *LINKS)), _matrix(HAND) @ tip_matrix())
 
 
-def tip_matrix() -> np.ndarray:
-    """f64[4, 4]: the TCP in tool0."""
+def tip_matrix() -> Float[np.ndarray, "4 4"]:
+    """Return the TCP in tool0."""
     return _matrix((TCP, (0, 0, 0)))
 
 
-def link_poses(arm: str, joints: np.ndarray) -> np.ndarray:
-    """f64[8, 4, 4]: frames of the seven links in chain order, then of the TCP, in the robot's base frame."""
+def link_poses(arm: str, joints: Joints) -> Float[np.ndarray, "8 4 4"]:
+    """Return the frames of the seven links in chain order, then of the TCP, in the robot's base frame."""
     *fixed, tip = _fixed(arm)
     poses, pose = np.empty((8, 4, 4)), np.eye(4)
     for i, (matrix, cos, sin) in enumerate(zip(fixed, np.cos(joints), np.sin(joints), strict=True)):
@@ -302,18 +316,18 @@ def link_poses(arm: str, joints: np.ndarray) -> np.ndarray:
     return poses
 
 
-def forward(arm: str, joints: np.ndarray) -> RigidTransform:
-    """The TCP in the robot's base frame, for joints [7]."""
+def forward(arm: str, joints: Joints) -> RigidTransform:
+    """Return the TCP in the robot's base frame."""
     return RigidTransform.from_matrix(link_poses(arm, np.asarray(joints, float))[7])
 
 
-def flange(arm: str, joints: np.ndarray) -> RigidTransform:
-    """tool0 in the robot's base frame, for joints [7]."""
+def flange(arm: str, joints: Joints) -> RigidTransform:
+    """Return tool0 in the robot's base frame."""
     return forward(arm, joints) * RigidTransform.from_matrix(tip_matrix()).inv()
 
 
-def points(arm: str, joints: np.ndarray) -> dict[str, np.ndarray]:
-    """Points [3] whose place is bounded, for `safety.Rules`: finger tips, wrist and elbow, in the base frame."""
+def points(arm: str, joints: Joints) -> dict[str, Point]:
+    """Return points whose place is bounded, for `safety.Rules`: finger tips, wrist and elbow, in the base frame."""
     poses = link_poses(arm, np.asarray(joints, float))
     return {"tcp": poses[7, :3, 3], "wrist": poses[5, :3, 3], "elbow": poses[3, :3, 3]}
 

@@ -44,7 +44,8 @@ def _lens(arguments: CalibrateArguments, console: Console) -> int:
     if not 0 < arguments.square < 1:
         raise UserError(f"--square {arguments.square} is no size in metres; measure a square of the print")
     board = charuco_board(arguments.square)
-    views, size = [], None
+    views: list[tuple[np.ndarray, np.ndarray]] = []
+    size: tuple[int, int] | None = None
     live = not Path(arguments.camera).is_dir()
     with Progress(console=console, transient=True) as progress:
         bar = progress.add_task("views of the board", total=arguments.views if live else None)

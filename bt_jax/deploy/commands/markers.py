@@ -6,6 +6,8 @@ import io
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from jaxtyping import Bool
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
@@ -85,7 +87,7 @@ def _pages(markers: Sequence[Marker], width: float, height: float) -> Iterator[l
     yield page
 
 
-def _blank(width: float, height: float, title: str) -> tuple[Figure, object]:
+def _blank(width: float, height: float, title: str) -> tuple[Figure, Axes]:
     """An empty page with its title and a scale of 100 mm, and axes whose unit is the millimetre, origin bottom left."""
     page = Figure(figsize=(width / INCH, height / INCH))
     FigureCanvasAgg(page)
@@ -99,7 +101,7 @@ def _blank(width: float, height: float, title: str) -> tuple[Figure, object]:
     return page, paint
 
 
-def _sticker(paint, marker: Marker, left: float, top: float, color: tuple[float, float, float]) -> None:
+def _sticker(paint: Axes, marker: Marker, left: float, top: float, color: tuple[float, float, float]) -> None:
     edge = 1000 * marker.sticker
     module = edge / (MODULES + 2 * marker.quiet)
     paint.add_patch(Rectangle((left, top - edge), edge, edge, facecolor=color, edgecolor="0.6", linewidth=0.3))
@@ -125,7 +127,7 @@ def _axis(direction: np.ndarray) -> str:
     return "+-"[int(direction[index] < 0)] + "XYZ"[index]
 
 
-def _runs(dark) -> Iterator[tuple[int, int]]:
+def _runs(dark: Bool[np.ndarray, " n"]) -> Iterator[tuple[int, int]]:
     first = None
     for column, value in enumerate([*dark, False]):
         if value and first is None:

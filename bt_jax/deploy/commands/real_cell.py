@@ -28,7 +28,7 @@ class RealCell:
 
     program: Program
     link: YumiLink
-    perception: BackgroundPerception | None
+    perception: BackgroundPerception[Perception] | None
     skills: YumiSkills
     equipment: Equipment
 
@@ -72,7 +72,9 @@ def open_real_cell(arguments: RealCellArguments, *, motion: bool, override: floa
         yield RealCell(program, link, perception, skills, equipment)
 
 
-def _perception(program: Program, camera: str, lens: Intrinsics, placed: CameraPose) -> BackgroundPerception:
+def _perception(
+    program: Program, camera: str, lens: Intrinsics, placed: CameraPose
+) -> BackgroundPerception[Perception]:
     def make() -> Perception:
         return Perception(program.task, open_camera(camera, lens), placed.pose)
 

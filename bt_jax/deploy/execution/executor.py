@@ -61,7 +61,8 @@ class Executor:
         self.on_tick = on_tick or (lambda shown: None)
         self.verify = verify or (lambda: "")
         self.ticks = self.overruns = 0
-        boxes = sorted({node.object for node in self.nodes if isinstance(node, Behavior) and node.name == "pick"})
+        picks = [node.object for node in self.nodes if isinstance(node, Behavior) and node.name == "pick"]
+        boxes = sorted({box for box in picks if box is not None})
         self.runner = ActionRunner(skills, link, log, self.limits, dry=dry)
         self._reach = ReachMemory(skills, boxes)
         self._entries = RunLog(log, link)

@@ -10,6 +10,7 @@ import contextlib
 import dataclasses
 import importlib.metadata
 import json
+import math
 import os
 import platform
 from collections.abc import Iterator
@@ -25,7 +26,8 @@ from bt_jax.deploy.execution.outcome import Halt, RunOutcome
 from bt_jax.deploy.execution.program import Program
 from bt_jax.deploy.execution.settings import Limits
 from bt_jax.deploy.execution.statuses import Context
-from bt_jax.deploy.link.protocol import RobotLink
+from bt_jax.deploy.link.protocol import Records, RobotLink
+from bt_jax.deploy.yumi import JointRows
 from bt_jax.encoding.formats.text import one_line
 
 __all__ = ["FORMAT", "Log", "RunLog", "TickEntry", "log_ends", "read_log", "versions"]
@@ -76,7 +78,7 @@ class Log:
         self._file.write(json.dumps({"kind": kind, **fields}, allow_nan=False, default=_plain) + "\n")
         self._file.flush()
 
-    def motion(self, arms: tuple[str, ...], records: np.ndarray, *, every: int) -> None:
+    def motion(self, arms: tuple[str, ...], records: Records, *, every: int) -> None:
         """Setpoints and feedback as `YumiLink.drain` gives them; of each arm every n-th cycle, by sequence number."""
         for index, arm in enumerate(arms):
             rows = records[records[:, 0] == index]
@@ -227,14 +229,13 @@ def _entry(line: bytes) -> dict[str, Any] | None:
     return entry if isinstance(entry, dict) and "kind" in entry else None
 
 
-def _joints(rows: np.ndarray) -> dict[str, list]:
+def _joints(rows: Records) -> dict[str, list]:
     return {"setpoint": _numbers(rows[:, 2:9]), "measured": _numbers(rows[:, 9:16])}
 
 
-def _numbers(rows: np.ndarray) -> list:
+def _numbers(rows: JointRows) -> list[list[float | None]]:
     """As JSON has them: null where a measurement is not a number."""
-    rounded = rows.round(DIGITS)
-    return np.where(np.isfinite(rounded), rounded.astype(object), None).tolist()
+    return [[value if math.isfinite(value) else None for value in row] for row in rows.round(DIGITS).tolist()]
 
 
 def _plain(value: Any) -> Any:

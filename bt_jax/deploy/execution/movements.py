@@ -5,6 +5,7 @@ Each is a routine: a generator that yields while it moves, returns when it was c
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Generator, Iterable, Mapping
 from concurrent.futures.process import BrokenProcessPool
 from types import MappingProxyType
@@ -54,7 +55,7 @@ class Movements:
     ) -> None:
         self.link, self.planner = link, Planner(task)
         self.sizes = {box.name: box.size for box in task.boxes}
-        self.seen: Observation | None = None
+        self.seen = Observation(-math.inf, {}, {}, None)  # nothing, yet
         self.known: dict[str, RigidTransform] = {}
         self.carried: dict[str, Carried] = {}
         self.grasp, self.motion = grasp, motion

@@ -267,7 +267,7 @@ def _images(equipment: Equipment) -> str:
 
 def _markers(equipment: Equipment) -> str:
     task = equipment.program.task
-    poses = equipment.perception.poses(equipment.link.now())
+    poses = {} if equipment.perception is None else equipment.perception.poses(equipment.link.now())
     missing = [name for name in (*task.box_names, task.kit.name) if name not in poses]
     if missing:
         raise UserError(f"{', '.join(missing)} cannot be seen; put it in view, with its markers uncovered")
@@ -277,7 +277,8 @@ def _markers(equipment: Equipment) -> str:
 def _reach(equipment: Equipment) -> str:
     task, now = equipment.program.task, equipment.link.now()
     openings = {arm: equipment.link.arm(arm).opening for arm in equipment.link.arms}
-    seen = Observation(now, equipment.perception.poses(now), openings, None)
+    poses = {} if equipment.perception is None else equipment.perception.poses(now)
+    seen = Observation(now, poses, openings, None)
     away = [name for name in task.box_names if not equipment.reachable(name, seen)]
     if away:
         raise UserError(f"no arm can grasp {', '.join(away)}; move it nearer to the robot's middle")

@@ -7,6 +7,7 @@ One arm works, the other rests at home. Once the fingers close, or a box is bein
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable, Generator, Iterable
 
 import numpy as np
@@ -70,17 +71,21 @@ class YumiSkills:
     def start(self, action: Behavior, seen: Observation) -> None:
         """Begins an attempt at an action."""
         self._moves.take(seen)
-        routines = {
-            "open_gripper": self._open_all,
-            "close_gripper": self._close_all,
-            "pick": lambda: self._pick(action.object),
-            "place": lambda: self._place(action.object, action.position, action.frame),
-        }
-        self._begin(routines[action.name]())
+        match action:
+            case Behavior(name="open_gripper"):
+                self._begin(self._open_all())
+            case Behavior(name="close_gripper"):
+                self._begin(self._close_all())
+            case Behavior(name="pick", object=str(box)):
+                self._begin(self._pick(box))
+            case Behavior(name="place", object=str(box), position=(x, y, z), frame=str(frame)):
+                self._begin(self._place(box, (x, y, z), frame))
+            case _:
+                raise ValueError(f"{action} is no action")
 
     def look(self) -> None:
         """Begins to take both arms home."""
-        if self._moves.seen is not None:
+        if math.isfinite(self._moves.seen.time):
             self._moves.forget_lost()
         self._begin(self._moves.go_home(yumi.ARMS))
 
@@ -246,7 +251,7 @@ class YumiSkills:
             if all(self._reaches(name, spot, 0.0, carried.pose) for name in arms):
                 tried += 1
                 with contextlib.suppress(Unplannable):
-                    moved = yield from self._put(arm, lambda spot=spot: (spot, 0.0), tables)
+                    moved = yield from self._put(arm, _fixed_goal(spot), tables)
                     if not moved:
                         return
             yield
@@ -290,3 +295,8 @@ class YumiSkills:
     def _below(self, frame: str) -> list[str]:
         """What a box that is set down may touch: what it is placed in relation to, the kit and the tables."""
         return [frame, self.task.kit.name, *(table.name for table in self.task.tables)]
+
+
+def _fixed_goal(spot: Point) -> Callable[[], Goal]:
+    """Return a goal that does not move."""
+    return lambda: (spot, 0.0)

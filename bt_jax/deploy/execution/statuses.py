@@ -56,8 +56,8 @@ class Statuses:
 
     def holds(self, condition: Behavior) -> bool:
         """Is it known to be true?"""
-        known = self._known(condition)
-        if not known or (condition.name == "clear" and self._may_be_covered(condition.object)):
+        known, name = self._known(condition), condition.object or ""
+        if not known or (condition.name == "clear" and self._may_be_covered(name)):
             self.undecided.append(condition)
         match condition.name:
             case "at":
@@ -71,11 +71,9 @@ class Statuses:
                 opened = all(opening >= least for opening in self.seen.opening.values())
                 return opened == (condition.args[0] == OPEN)
             case "reachable":
-                return known and self._in_reach(condition.object)
+                return known and self._in_reach(name)
             case "clear":
-                return known and not any(
-                    self._rests_on(other, condition.object, self.seen.poses) for other in self._sizes
-                )
+                return known and not any(self._rests_on(other, name, self.seen.poses) for other in self._sizes)
             case "reached":
                 return condition.args[0] in self.context.reached
         raise ValueError(f"{condition} is no condition")
@@ -98,9 +96,11 @@ class Statuses:
     def _is_at(self, at: Behavior) -> bool:
         """Is the object where it should be? Not where one of them is in the hand and not seen."""
         poses = self.seen.poses
-        if at.object not in poses or at.frame not in (self.task.robot_frame, *poses):
+        if at.object is None or at.frame is None or at.object not in poses:
             return False
-        frame = RigidTransform.identity() if at.frame == self.task.robot_frame else poses[at.frame]
+        frame = RigidTransform.identity() if at.frame == self.task.robot_frame else poses.get(at.frame)
+        if frame is None:
+            return False
         return is_at(poses[at.object].translation, frame.apply(at.position), self.task.episode.tolerance)
 
     def _in_reach(self, name: str) -> bool:
@@ -114,7 +114,9 @@ class Statuses:
     def _may_be_covered(self, lower: str) -> bool:
         """Could a box out of sight stand on it, since it did when it was seen last, or never was seen?"""
         last, seen = self.context.last, self.seen.poses
-        hidden = [] if last is None else [name for name in self._sizes if name not in (*seen, self.seen.holding)]
+        if last is None:
+            return False
+        hidden = [name for name in self._sizes if name not in (*seen, self.seen.holding)]
         return any(name not in last or self._rests_on(name, lower, {**last, **seen}) for name in hidden)
 
     def _rests_on(self, upper: str, lower: str, poses: Mapping[str, RigidTransform]) -> bool:

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+from typing import Any
 
 import numpy as np
 from google.protobuf.message import DecodeError
 
 from bt_jax.deploy.link.egm_messages import EgmRobot, EgmSensor
+from bt_jax.deploy.yumi import Joints, PoseRow
 
 __all__ = ["CYCLE", "EXTERNAL", "Feedback", "Mci", "Setpoint"]
 
@@ -37,12 +39,12 @@ class Feedback:
 
     sequence: int
     time: float  # seconds of the controller's clock
-    joints: np.ndarray  # [7] measured
-    planned: np.ndarray | None  # [7] what the controller is about to reach, where it is told
+    joints: Joints  # measured
+    planned: Joints | None  # what the controller is about to reach, where it is told
     motors_on: bool
     mci: Mci
     rapid_running: bool
-    flange: np.ndarray | None = None  # [7] position [m] and quaternion (x, y, z, w) in the base frame, where it is told
+    flange: PoseRow | None = None  # position [m] and quaternion (x, y, z, w) in the base frame, where it is told
 
     @property
     def running(self) -> bool:
@@ -94,7 +96,7 @@ class Setpoint:
 
     sequence: int
     time: float  # seconds of the feedback that it answers
-    joints: np.ndarray  # [7]
+    joints: Joints
 
     def encode(self) -> bytes:
         """The message EgmSensor."""
@@ -111,26 +113,26 @@ class Setpoint:
         return Setpoint(message.header.seqno, message.header.tm / 1000, _read_joints(message.planned))
 
 
-def _parse(message, data: bytes) -> None:
+def _parse(message: Any, data: bytes) -> None:
     try:
         message.ParseFromString(data)
     except DecodeError as error:
         raise ValueError(f"not an EGM message: {error}") from error
 
 
-def _header(header, sequence: int, time: float, kind: int) -> None:
+def _header(header: Any, sequence: int, time: float, kind: int) -> None:
     header.seqno = sequence % _SEQUENCE
     header.tm = round(1000 * time) % _SEQUENCE
     header.mtype = kind
 
 
-def _write_joints(part, joints: np.ndarray) -> None:
+def _write_joints(part: Any, joints: Joints) -> None:
     degrees = np.degrees(joints).tolist()
     part.externalJoints.joints.append(degrees.pop(EXTERNAL))
     part.joints.joints.extend(degrees)
 
 
-def _read_pose(part) -> np.ndarray | None:
+def _read_pose(part: Any) -> PoseRow | None:
     position, turn = part.cartesian.pos, part.cartesian.orient
     quaternion = np.array([turn.u1, turn.u2, turn.u3, turn.u0])
     if not 0.99 < np.linalg.norm(quaternion) < 1.01:  # Euler angles were asked for, or nothing
@@ -138,7 +140,7 @@ def _read_pose(part) -> np.ndarray | None:
     return np.concatenate([np.array([position.x, position.y, position.z]) / 1000, quaternion])
 
 
-def _read_joints(part) -> np.ndarray:
+def _read_joints(part: Any) -> Joints:
     six, one = part.joints.joints, part.externalJoints.joints
     if len(six) != 6 or len(one) < 1:
         raise ValueError(f"expected 6 joints and an external one, found {len(six)} and {len(one)}")

@@ -8,6 +8,7 @@ import time
 from collections.abc import Mapping
 
 import numpy as np
+from jaxtyping import Float
 
 from bt_jax.deploy.link.realtime import CONTEXT
 
@@ -68,8 +69,9 @@ class LoopTimer:
         written = self._written.value
         rows = self._view()[np.arange(max(0, written - KEPT), written) % KEPT].tolist()
         return [
-            LateRound(*row[:3], int(row[3]), int(row[4]), dict(zip(self.parts, row[5:], strict=True))) for row in rows
+            LateRound(now, late, slack, int(faults), int(forced), dict(zip(self.parts, took, strict=True)))
+            for now, late, slack, faults, forced, *took in rows
         ]
 
-    def _view(self) -> np.ndarray:
+    def _view(self) -> Float[np.ndarray, "rows columns"]:
         return np.frombuffer(self._rows).reshape(KEPT, self._width)

@@ -10,6 +10,7 @@ import time
 from multiprocessing.connection import Connection
 
 import numpy as np
+from jaxtyping import Float
 
 from bt_jax.deploy.link.egm import CYCLE, Feedback, Setpoint
 from bt_jax.deploy.link.loop_timing import LoopTimer
@@ -17,6 +18,7 @@ from bt_jax.deploy.link.realtime import CONTEXT, Snapshot, take_priority
 from bt_jax.deploy.link.safety import Rules, Supervisor
 from bt_jax.deploy.link.settings import LinkTiming
 from bt_jax.deploy.planning.trajectory import Follower, Trajectory
+from bt_jax.deploy.yumi import JointRows, Joints
 
 __all__ = ["ARM_FIELDS", "COUNTERS", "HISTORY", "LinkStart", "SharedState", "serve"]
 
@@ -58,8 +60,8 @@ class _ArmSession:
     socket: socket.socket
     feedback: Feedback | None = None
     address: tuple | None = None
-    commanded: np.ndarray | None = None
-    velocity: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(7))
+    commanded: Joints | None = None
+    velocity: Joints = dataclasses.field(default_factory=lambda: np.zeros(7))
     follower: Follower | None = None
     motion: int = 0
     answers: int = 0
@@ -138,15 +140,15 @@ class _LinkLoop:
 
     def tell(self) -> None:
         """Lets everybody know of a stop that was latched."""
-        if self.supervisor.reason != self.told:
+        if self.supervisor.reason is not None and self.supervisor.reason != self.told:
             self.told = self.supervisor.reason
             self.blocks.reason.value = self.told.encode()[:511]
             self.blocks.stopped.value = True
 
     def receive(self, name: str) -> None:
         """Takes all messages that wait, answers the newest."""
-        arm, newest = self.arms[name], False
-        count = 0
+        arm, count = self.arms[name], 0
+        newest: Feedback | None = None
         while True:
             try:
                 data, address = arm.socket.recvfrom(4096)
@@ -163,15 +165,14 @@ class _LinkLoop:
                 continue
             if before is not None and feedback.time > before.time:
                 arm.velocity = (feedback.joints - before.joints) / (feedback.time - before.time)
-            arm.feedback, arm.address, newest = feedback, address, True
+            arm.feedback, arm.address, newest = feedback, address, feedback
             count += 1
         self.late += max(count - 1, 0)
-        if newest:
-            self.answer(name, arm)
+        if newest is not None:
+            self.answer(name, arm, newest)
 
-    def answer(self, name: str, arm: _ArmSession) -> None:
-        feedback = arm.feedback
-        assert feedback is not None
+    def answer(self, name: str, arm: _ArmSession, feedback: Feedback) -> None:
+        """Send the arm's next setpoint, checked by the supervisor."""
         self.cycles += 1
         if arm.commanded is None or not self.answering:
             arm.commanded = feedback.joints.copy()
@@ -186,9 +187,9 @@ class _LinkLoop:
             self.supervisor.keep_clear(setpoints, moving=arm.follower is not None)
         if self.supervisor.reason is not None or (arm.follower is not None and arm.follower.done):
             arm.follower = None
-        self.publish(name, arm)
-        self.record(name, arm)
-        if self.answering and np.all(np.isfinite(arm.commanded)):
+        self.publish(name, arm, feedback, arm.commanded)
+        self.record(name, feedback, arm.commanded)
+        if self.answering and arm.address is not None and np.all(np.isfinite(arm.commanded)):
             arm.answers += 1
             message = Setpoint(arm.answers, feedback.time, arm.commanded).encode()
             try:
@@ -196,23 +197,23 @@ class _LinkLoop:
             except OSError:
                 self.missed += 1
 
-    def publish(self, name: str, arm: _ArmSession) -> None:
-        feedback, follower = arm.feedback, arm.follower
+    def publish(self, name: str, arm: _ArmSession, feedback: Feedback, commanded: Joints) -> None:
+        """Write the state that the program above reads."""
+        follower = arm.follower
         remaining = 0.0 if follower is None else follower.remaining
         motion = [follower is not None, arm.motion, remaining, feedback.running, 1.0]
         flange = [np.nan] * 7 if feedback.flange is None else feedback.flange
-        state = [feedback.time, *feedback.joints, *arm.velocity, *arm.commanded, *flange, *motion]
+        state = [feedback.time, *feedback.joints, *arm.velocity, *commanded, *flange, *motion]
         self.blocks.arms[name].write(np.array(state, float))
         supervisor = self.supervisor
         counters = (self.cycles, self.missed, self.late, supervisor.lost, supervisor.reordered, supervisor.clipped)
         self.blocks.counters.write(np.array(counters, float))
 
-    def record(self, name: str, arm: _ArmSession) -> None:
-        """Keeps this cycle for the log."""
-        feedback = arm.feedback
+    def record(self, name: str, feedback: Feedback, commanded: Joints) -> None:
+        """Keep this cycle for the log."""
         row = self.blocks.written.value % HISTORY
         index = list(self.arms).index(name)
-        self.history[row] = [index, feedback.time, *arm.commanded, *feedback.joints, feedback.sequence]
+        self.history[row] = [index, feedback.time, *commanded, *feedback.joints, feedback.sequence]
         self.blocks.written.value += 1
 
     def command(self) -> bool:
@@ -227,26 +228,27 @@ class _LinkLoop:
     def reply(self, problem: str | None = None) -> None:
         self.pipe.send(problem)
 
-    def do_follow(self, name: str, times: np.ndarray, joints: np.ndarray, motion: int) -> None:
+    def do_follow(self, name: str, times: Float[np.ndarray, " n"], joints: JointRows, motion: int) -> None:
         arm = self.arms[name]
         trajectory = Trajectory(times, joints)
         if self.supervisor.reason is not None:
             self.reply(f"{name}: stopped ({self.supervisor.reason})")
         elif self.blocks.interrupted.value:
             self.reply(f"{name}: interrupted")
-        elif not self.enabled or arm.commanded is None:
+        elif not self.enabled or arm.commanded is None or arm.feedback is None:
             self.reply(f"{name}: the robot was not started")
         elif np.max(np.abs(joints[0] - arm.commanded)) > self.start.rules.start:
             self.reply(f"{name}: the path begins elsewhere than the arm is by now")
         else:
             arm.follower, arm.motion = Follower(trajectory), motion
             self.blocks.alive.value = time.monotonic()
-            self.publish(name, arm)
+            self.publish(name, arm, arm.feedback, arm.commanded)
             self.reply()
 
     def do_halt(self, name: str) -> None:
-        if self.arms[name].follower is not None:
-            self.arms[name].follower.halt()
+        follower = self.arms[name].follower
+        if follower is not None:
+            follower.halt()
         self.reply()
 
     def do_stop(self, reason: str) -> None:
@@ -273,13 +275,18 @@ class _LinkLoop:
 
     def do_enable(self) -> None:
         """From now on the robot must be running, and the executor must show that it is alive."""
-        silent = [name for name, arm in self.arms.items() if not self.fresh(name, arm) or not arm.feedback.running]
+        silent = [
+            name
+            for name, arm in self.arms.items()
+            if arm.feedback is None or not self.fresh(name, arm) or not arm.feedback.running
+        ]
         if silent:
             self.reply(f"{' and '.join(silent)}: not running")
             return
         for name, arm in self.arms.items():
             if (
                 arm.commanded is None
+                or arm.feedback is None
                 or not np.max(np.abs(arm.feedback.joints - arm.commanded)) <= self.start.rules.start
             ):
                 self.reply(f"{name}: not where it was when the start was asked for")

@@ -6,11 +6,17 @@ import dataclasses
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy.planning.trajectory import Trajectory
+from bt_jax.deploy.yumi import Joints
 
-__all__ = ["ArmState", "ControllerGone", "Counters", "RobotLink", "SimulatedController"]
+__all__ = ["ArmState", "ControllerGone", "Counters", "Records", "RobotLink", "SimulatedController"]
+
+
+Records = Float[np.ndarray, "n 17"]
+"""Cycles for the log, one a row: arm, time [s], setpoint [7], measured [7], sequence number; joints in rad."""
 
 
 class ControllerGone(Exception):
@@ -19,12 +25,12 @@ class ControllerGone(Exception):
 
 @dataclasses.dataclass(frozen=True)
 class ArmState:
-    """One arm; joints in chain order [7], rad."""
+    """One arm; joints in chain order."""
 
     time: float  # of the controller's clock, s
-    joints: np.ndarray  # measured
-    velocity: np.ndarray  # rad/s
-    commanded: np.ndarray  # the last setpoint
+    joints: Joints  # measured
+    velocity: Joints  # rad/s
+    commanded: Joints  # the last setpoint
     moving: bool  # follows a path
     motion: int  # number of the path that was accepted last
     remaining: float  # seconds to the end of the path

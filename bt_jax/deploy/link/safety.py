@@ -15,12 +15,13 @@ import numpy as np
 
 from bt_jax.deploy.link.egm import CYCLE, Feedback
 from bt_jax.deploy.planning.trajectory import Trajectory
+from bt_jax.deploy.yumi import Joints, Point
 
 __all__ = ["Clearance", "Points", "Rejected", "Rules", "Supervisor", "check_setpoint", "check_trajectory"]
 
-Points = Callable[[str, np.ndarray], Mapping[str, np.ndarray]]
+Points = Callable[[str, Joints], Mapping[str, Point]]
 """points(arm, joints [7]) -> {"tcp": xyz, "elbow": xyz, ...} in the robot's base frame [m]."""
-Clearance = Callable[[np.ndarray, np.ndarray], float]
+Clearance = Callable[[Joints, Joints], float]
 """clearance(left [7], right [7]) -> smallest distance [m] between the arms, and to tables and fixtures."""
 
 SEEN_EVERY = 0.02  # seconds of a trajectory between two looks at clearance
@@ -53,7 +54,7 @@ class Rules:
     clearance_of: Callable[[], Clearance] | None = None  # called once in each process that checks
 
 
-def check_setpoint(rules: Rules, arm: str, joints: np.ndarray) -> None:
+def check_setpoint(rules: Rules, arm: str, joints: Joints) -> None:
     """Raises Rejected where one configuration [7] breaks a rule that needs neither history nor the other arm."""
     if not np.all(np.isfinite(joints)):
         raise Rejected(f"{arm}: a joint is not a number")
@@ -77,8 +78,8 @@ def check_trajectory(
     arm: str,
     trajectory: Trajectory,
     *,
-    commanded: np.ndarray,
-    other: np.ndarray,
+    commanded: Joints,
+    other: Joints,
     clearance: Clearance | None,
 ) -> Trajectory:
     """The trajectory as it may run, slowed down to `rules.override`.
@@ -118,7 +119,7 @@ class Supervisor:
         self.lost = self.reordered = self.clipped = 0
         self._sequence: dict[str, int] = {}
         self._heard: dict[str, float] = {}
-        self._hold: dict[str, np.ndarray] = {}  # where each arm was measured when the stop was latched
+        self._hold: dict[str, Joints] = {}  # where each arm was measured when the stop was latched
         self._clearance = rules.clearance_of() if rules.clearance_of is not None else None
 
     def stop(self, reason: str) -> None:
@@ -160,7 +161,7 @@ class Supervisor:
         if now - alive > (self.rules.overrun if moving else self.rules.idle):
             self.stop(f"the executor gave no sign of life for {now - alive:.1f} s; a tick takes too long")
 
-    def admit(self, arm: str, target: np.ndarray, *, commanded: np.ndarray, measured: np.ndarray) -> np.ndarray:
+    def admit(self, arm: str, target: Joints, *, commanded: Joints, measured: Joints) -> Joints:
         """The setpoint [7] to send for a target: itself, or less far from `commanded` where the step is too large. Where
         the target breaks a rule, or the arm lags behind, latches and gives the measured joints; `commanded` where they are
         not known."""
@@ -182,7 +183,7 @@ class Supervisor:
         self.clipped += not np.array_equal(clipped, target)
         return clipped
 
-    def keep_clear(self, setpoints: Mapping[str, np.ndarray], *, moving: bool) -> None:
+    def keep_clear(self, setpoints: Mapping[str, Joints], *, moving: bool) -> None:
         """Latches where moving arms, as they are sent now, come too near to each other or to anything fixed."""
         if self._clearance is None or not moving or len(setpoints) < 2:
             return

@@ -19,7 +19,7 @@ from bt_jax.deploy import yumi
 from bt_jax.deploy.link.egm import CYCLE
 from bt_jax.deploy.link.loop_timing import LateRound
 from bt_jax.deploy.link.process import COUNTERS, HISTORY, RECORD, LinkStart, SharedState, serve
-from bt_jax.deploy.link.protocol import ArmState, ControllerGone, Counters, SimulatedController
+from bt_jax.deploy.link.protocol import ArmState, ControllerGone, Counters, Records, SimulatedController
 from bt_jax.deploy.link.rapid_program import RapidProgram
 from bt_jax.deploy.link.realtime import CONTEXT
 from bt_jax.deploy.link.rws import ControllerState
@@ -27,6 +27,7 @@ from bt_jax.deploy.link.safety import Rejected, Rules, check_trajectory
 from bt_jax.deploy.link.settings import LinkConfig
 from bt_jax.deploy.planning.clearance import SafetyClearance
 from bt_jax.deploy.planning.trajectory import Trajectory
+from bt_jax.deploy.yumi import PoseRow
 from bt_jax.tasks import Task
 
 __all__ = ["YumiLink", "yumi_rules"]
@@ -40,13 +41,12 @@ class YumiLink:
     def __init__(self, config: LinkConfig, rules: Rules, controller: SimulatedController | None = None) -> None:
         self.config, self.rules, self.arms = config, rules, tuple(config.ports)
         self._timing = config.timing
-        self._controller = controller
-        self._lockstep = controller is not None and not controller.realtime
+        self._simulated = None if controller is None or controller.realtime else controller
         self._clearance = rules.clearance_of() if rules.clearance_of is not None else None
         self._blocks = SharedState(self.arms)
         self._pipe, theirs = CONTEXT.Pipe()
         start = LinkStart(
-            _address(config.host), dict(config.ports), rules, not self._lockstep, config.motion, config.timing
+            _address(config.host), dict(config.ports), rules, self._simulated is None, config.motion, config.timing
         )
         self._process = CONTEXT.Process(target=serve, args=(start, self._blocks, theirs), daemon=True)
         self._theirs = theirs
@@ -79,7 +79,7 @@ class YumiLink:
             self.close()
             raise
         self._target |= self._program.openings
-        if not self._lockstep:
+        if self._simulated is None:
             self._poller = threading.Thread(target=self._poll, daemon=True)
             self._poller.start()
         return self
@@ -111,8 +111,8 @@ class YumiLink:
         problem = "silent"
         deadline = time.monotonic() + self._timing.guided
         while problem is not None and time.monotonic() < deadline:
-            if self._lockstep:
-                self._controller.advance(self.now() + CYCLE)
+            if self._simulated is not None:
+                self._simulated.advance(self.now() + CYCLE)
             time.sleep(0.005)
             problem = self._program.ask_to_follow() or self._ask("enable")
         if problem is not None:
@@ -150,17 +150,17 @@ class YumiLink:
         self._program.close()
 
     def now(self) -> float:
-        return self._controller.state()[0] if self._lockstep else time.monotonic()
+        return time.monotonic() if self._simulated is None else self._simulated.state()[0]
 
     def wait(self, until: float) -> None:
         self._blocks.alive.value = time.monotonic()
-        if not self._lockstep:
+        if self._simulated is None:
             time.sleep(max(0.0, until - time.monotonic()))
             self._blocks.alive.value = time.monotonic()
             return
         try:
             self._stop_if_dead()
-            self._controller.advance(until)
+            self._simulated.advance(until)
             self._program.read_openings()
         except ControllerGone as gone:
             self.stop(str(gone))
@@ -253,7 +253,7 @@ class YumiLink:
     def _ramp_out(self) -> None:
         """End guided motion as the robot's program does it: smoothly, while the arms are still held."""
         self._program.end_guided_motion()
-        if not self._lockstep:
+        if self._simulated is None:
             time.sleep(self._timing.ramp)
 
     def _stop_program(self) -> None:
@@ -271,13 +271,13 @@ class YumiLink:
         """Return what was counted; the last known numbers where the link process has died while it told them."""
         with contextlib.suppress(UserError):
             self._counted = [int(count) for count in self._blocks.counters.read()]
-        return Counters(*self._counted, self._rejected)
+        return Counters(**dict(zip(COUNTERS, self._counted, strict=True)), rejected=self._rejected)
 
     def late_rounds(self) -> list[LateRound]:
         """When the link process was not there in time, lately; a message may have waited meanwhile."""
         return self._blocks.watch.read()
 
-    def drain(self) -> np.ndarray:
+    def drain(self) -> Records:
         """The records since the last call, [n, 17]: arm, time, setpoint [7], measured [7], sequence number."""
         written = self._blocks.written.value
         rows = np.frombuffer(self._blocks.history).reshape(HISTORY, RECORD)
@@ -292,7 +292,7 @@ class YumiLink:
             try:
                 if not self._hangs:
                     self._pipe.send(message)
-                    if self._pipe.poll(self._timing.startup if self._lockstep else self._timing.answer):
+                    if self._pipe.poll(self._timing.startup if self._simulated is not None else self._timing.answer):
                         return self._pipe.recv()
             except (OSError, EOFError) as error:
                 raise UserError(f"{ENDED}; start again") from error
@@ -340,7 +340,7 @@ def _address(host: str) -> str:
         raise UserError(f"the controller {host} is unknown ({error}); give its address with --robot") from error
 
 
-def _pose(values: np.ndarray) -> RigidTransform | None:
+def _pose(values: PoseRow) -> RigidTransform | None:
     """From position and quaternion (x, y, z, w); None where they are not numbers."""
     if not np.all(np.isfinite(values)):
         return None

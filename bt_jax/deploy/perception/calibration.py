@@ -106,7 +106,7 @@ def marker_centres(image: np.ndarray) -> dict[int, np.ndarray]:
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     quads, ids, _ = cv2.aruco.ArucoDetector(marker_dictionary(), parameters).detectMarkers(gray)
-    numbers = [] if ids is None else np.ravel(ids).tolist()
+    numbers = [] if ids is None else [int(number) for number in np.ravel(ids)]
     return {
         number: _crossing(np.asarray(quad, float).reshape(4, 2))
         for number, quad in zip(numbers, quads, strict=True)
@@ -206,5 +206,5 @@ def _crossing(corners: np.ndarray) -> np.ndarray:
 def _ray_distances(points: np.ndarray, pixels: np.ndarray, lens: Intrinsics) -> np.ndarray:
     flat = cv2.undistortPoints(pixels.reshape(-1, 1, 2), lens.matrix, lens.distortion).reshape(-1, 2)
     rays = np.column_stack([flat, np.ones(len(flat))])
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
     return np.linalg.norm(points - np.sum(points * rays, axis=1, keepdims=True) * rays, axis=1)

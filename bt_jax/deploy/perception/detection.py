@@ -107,14 +107,16 @@ class Detector:
     def _corners(self, gray: np.ndarray) -> dict[int, np.ndarray]:
         """Corners f64[4, 2] [px] of the markers seen, by id. An id seen twice is no one's."""
         quads, ids, _ = self._aruco.detectMarkers(gray)
-        numbers = [] if ids is None else np.ravel(ids).tolist()
+        numbers = [] if ids is None else [int(number) for number in np.ravel(ids)]
         return {
             number: np.asarray(quad, float).reshape(4, 2)
             for number, quad in zip(numbers, quads, strict=True)
             if number in self._markers and numbers.count(number) == 1
         }
 
-    def _confirm(self, body: str, seen: dict[int, np.ndarray], view: ImageSampler, known) -> Detection | None:
+    def _confirm(
+        self, body: str, seen: dict[int, np.ndarray], view: ImageSampler, known: Mapping[str, RigidTransform]
+    ) -> Detection | None:
         """The body where it is known to be, if the image agrees and no marker read elsewhere speaks against it."""
         if body not in known:
             return None

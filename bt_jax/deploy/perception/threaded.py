@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping
+from typing import Generic, TypeVar
 
 from scipy.spatial.transform import RigidTransform
 
@@ -12,20 +13,21 @@ from bt_jax.deploy.execution.observer import Perceiving
 __all__ = ["BackgroundPerception"]
 
 FIRST = 30.0  # seconds for the first image
+P = TypeVar("P", bound=Perceiving)
 
 
-class BackgroundPerception:
+class BackgroundPerception(Generic[P]):
     """Looks without a pause. `make` is called in the thread, since a renderer belongs to the thread that made it; `close` is
     given back what was made. Use it as a context manager."""
 
-    def __init__(self, make: Callable[[], Perceiving], close: Callable[[Perceiving], None] = lambda made: None) -> None:
+    def __init__(self, make: Callable[[], P], close: Callable[[P], None] = lambda made: None) -> None:
         self._make, self._close = make, close
-        self._perception: Perceiving | None = None
+        self._perception: P | None = None
         self._problem: BaseException | None = None
         self._ready, self._closing = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="perception", daemon=True)
 
-    def __enter__(self) -> BackgroundPerception:
+    def __enter__(self) -> BackgroundPerception[P]:
         self._thread.start()
         self._ready.wait(FIRST)
         self.update()

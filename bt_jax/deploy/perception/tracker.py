@@ -93,7 +93,7 @@ class Tracker:
         if suspected is not None and time <= suspected.time:
             return
         recent = suspected is not None and time - suspected.time <= self.settings.max_age
-        if recent and self._agree(suspected, time, pose):
+        if suspected is not None and recent and self._agree(suspected, time, pose):
             self._absorb(suspected, time, pose, sigma)
         else:
             repeated = recent and name in self._known

@@ -6,14 +6,16 @@ Pairs that are meant to touch (a finger and the box that it grasps, a box and wh
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import coal
 import numpy as np
 import pinocchio as pin
+from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy import yumi
+from bt_jax.deploy.yumi import Joints
 from bt_jax.tasks import Task
 
 __all__ = ["Carried", "CellClearance", "SafetyClearance"]
@@ -93,32 +95,32 @@ class CellClearance:
                 )
                 change(k)
 
-    def distance(self, left: np.ndarray, right: np.ndarray, *, opening: float = yumi.OPENING) -> float:
+    def distance(self, left: Joints, right: Joints, *, opening: float = yumi.OPENING) -> float:
         """The least distance [m], negative where something overlaps; inf where there are no pairs."""
         return self._least(left, right, opening)[0]
 
-    def slack(self, left: np.ndarray, right: np.ndarray, *, opening: float = yumi.OPENING) -> float:
+    def slack(self, left: Joints, right: Joints, *, opening: float = yumi.OPENING) -> float:
         """The least of each pair's distance less the margin that it should keep [m]."""
         return self._least(left, right, opening)[1]
 
-    def slacks(self, left: np.ndarray, right: np.ndarray, *, opening: float = yumi.OPENING) -> np.ndarray:
+    def slacks(self, left: Joints, right: Joints, *, opening: float = yumi.OPENING) -> Float[np.ndarray, " pairs"]:
         """Each pair's distance less the margin that it should keep [m]; inf where a pair does not count."""
         return self._distances(left, right, opening) - self._margins
 
-    def nearest(self, left: np.ndarray, right: np.ndarray, *, opening: float = yumi.OPENING) -> str:
+    def nearest(self, left: Joints, right: Joints, *, opening: float = yumi.OPENING) -> str:
         """Which two shapes are nearest to what they may be, for messages."""
         _, slack, pair = self._least(left, right, opening)
         i, j = self._pairs[pair]
         names = [self._geometry.geometryObjects[k].name.rsplit(":", 1)[0] for k in (i, j)]
         return f"{names[0]} and {names[1]} ({1000 * slack:.0f} mm)"
 
-    def _least(self, left, right, opening) -> tuple[float, float, int]:
+    def _least(self, left: Joints, right: Joints, opening: float) -> tuple[float, float, int]:
         found = self._distances(left, right, opening)
         slack = found - self._margins
         worst = int(np.argmin(slack))
         return float(found.min()), float(slack[worst]), worst
 
-    def _distances(self, left: np.ndarray, right: np.ndarray, opening: float) -> np.ndarray:
+    def _distances(self, left: Joints, right: Joints, opening: float) -> Float[np.ndarray, " pairs"]:
         for arm, joints in (("left", left), ("right", right)):
             self._q[self._columns[arm]] = (*joints, opening / 2, opening / 2)
         pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._geometry_data, self._q)
@@ -130,7 +132,9 @@ class CellClearance:
     def _column(self, joint: str) -> int:
         return self._model.joints[self._model.getJointId(joint)].idx_q
 
-    def _add(self, name: str, frame: int, placement: RigidTransform, shape, kind: tuple[str, int]) -> int:
+    def _add(
+        self, name: str, frame: int, placement: RigidTransform, shape: coal.ShapeBase, kind: tuple[str, int]
+    ) -> int:
         joint = self._model.frames[frame].parentJoint
         inside = self._model.frames[frame].placement * _se3(placement)
         self._kind.append(kind)
@@ -142,7 +146,7 @@ class CellClearance:
                 if shape.link == 0 and arm != yumi.ARMS[0]:
                     continue
                 name = yumi.link_name(arm, shape.link)
-                index = CHAIN.get(shape.link, shape.link)
+                index = shape.link if isinstance(shape.link, int) else CHAIN[shape.link]
                 kind = ("body", 0) if shape.link == 0 else (arm, index)
                 self._add(f"{name}:{i}", self._model.getFrameId(name), shape.placement, _shape(shape), kind)
 
@@ -156,7 +160,7 @@ class CellClearance:
         root, kit = self._model.getFrameId(yumi.BODY), self.task.kit
         half, high = kit.size / 2, kit.thickness / 2 + kit.wall_height / 2
         edge = half - kit.wall_thickness / 2
-        parts = [((0, 0, 0), (kit.size, kit.size, kit.thickness))]
+        parts: list[tuple[yumi.Vec3, yumi.Vec3]] = [((0, 0, 0), (kit.size, kit.size, kit.thickness))]
         parts += [((s * edge, 0, high), (kit.wall_thickness, kit.size, kit.wall_height)) for s in (-1, 1)]
         parts += [((0, s * edge, high), (kit.size, kit.wall_thickness, kit.wall_height)) for s in (-1, 1)]
         things = {kit.name: parts} | {box.name: [((0, 0, 0), (box.size,) * 3)] for box in self.task.boxes}
@@ -212,11 +216,11 @@ class SafetyClearance:
 
     task: Task
 
-    def __call__(self):
+    def __call__(self) -> Callable[..., float]:
         return CellClearance(self.task, movable=False).distance
 
 
-def _shape(shape: yumi.LinkShape):
+def _shape(shape: yumi.LinkShape) -> coal.ShapeBase:
     return coal.Box(*shape.end) if shape.kind == "box" else coal.Capsule(shape.radius, shape.length)
 
 

@@ -71,24 +71,30 @@ def build_scene(task: Task, seed: int | list[int]) -> TwinScene:
 def _mjcf(task: Task, kit: np.ndarray) -> tuple[dict[str, bytes], str]:
     """The files that the model names, and its text."""
     root, markers = ET.fromstring(build_mjcf(task)), marker_scene(task)
-    root.find("compiler").set("angle", "radian")
-    option = root.find("option")
+    _found(root, "compiler").set("angle", "radian")
+    option = _found(root, "option")
     for key, value in {"timestep": STEP, "cone": "elliptic", "impratio": 10, "integrator": "implicitfast"}.items():
         option.set(key, str(value))
-    root.find("visual/quality").set("offsamples", "0")
+    _found(root, "visual/quality").set("offsamples", "0")
     for geom in root.iter("geom"):
         geom.attrib.pop("solref", None)
-    assets = root.find("asset")
+    assets = _found(root, "asset")
     assets.extend(ET.fromstring(f"<asset>{markers.assets_xml}{SHELL}</asset>"))
-    body = root.find(f"worldbody/body[@name='{task.kit.name}']")
+    body = _found(root, f"worldbody/body[@name='{task.kit.name}']")
     body.set("pos", " ".join(map(repr, map(float, kit))))
     body.extend(ET.fromstring(f"<body>{markers.kit_xml}</body>"))
     for box in task.boxes:
-        root.find(f".//geom[@name='{box.name}']").set("material", f"{box.name}_markers")
-    root.find("worldbody").append(ET.fromstring(cell_camera(task).mjcf(CAMERA)))
-    root.find("worldbody").append(ET.fromstring(_film_camera(task)))
+        _found(root, f".//geom[@name='{box.name}']").set("material", f"{box.name}_markers")
+    _found(root, "worldbody").append(ET.fromstring(cell_camera(task).mjcf(CAMERA)))
+    _found(root, "worldbody").append(ET.fromstring(_film_camera(task)))
     yumi.add_to_mjcf(root, task.robot_position)
     return markers.files, ET.tostring(root, encoding="unicode")
+
+
+def _found(root: ET.Element, path: str) -> ET.Element:
+    found = root.find(path)
+    assert found is not None, f"the scene has no {path}"
+    return found
 
 
 def _film_camera(task: Task) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -130,7 +131,7 @@ class Controller:
         if problem is not None:
             raise UserError(f"the twin's controller refuses {name}: {problem}; fix the call")
 
-    def _receive(self) -> object:
+    def _receive(self) -> Any:
         try:
             if self._pipe.poll(TIMING.process):
                 return self._pipe.recv()

@@ -58,7 +58,7 @@ class Network:
 
     def receive(self, now: float) -> list[bytes]:
         """The messages that have arrived, as far as the faults permit."""
-        found = []
+        found: list[bytes] = []
         while True:
             try:
                 message = self._socket.recv(4096)

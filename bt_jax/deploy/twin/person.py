@@ -50,9 +50,10 @@ class Person:
                 return self._lay(now, "return", box, spot)
         if not self._times or now < self._times[0]:
             return None
-        box = self._free_box(hands())
-        if box is None:
+        free = self._free_box(hands())
+        if free is None:
             return None
+        box = free
         if self.rng.random() < 0.4:
             self._times.pop(0)
             self._gone[box] = now + self.rng.uniform(*GONE)

@@ -153,8 +153,8 @@ def _perception(scene: TwinScene, controller: Controller, *, background: bool) -
         return Perception(scene.task, RenderedCamera(scene.model, controller.state, CAMERA), pose)
 
     if background:
-        with BackgroundPerception(make, lambda made: made.camera.close()) as perception:
-            yield perception
+        with BackgroundPerception(make, lambda made: made.camera.close()) as looking:
+            yield looking
         return
     perception = make()
     try:
