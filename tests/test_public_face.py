@@ -18,6 +18,12 @@ FACES = {
         "Leaf", "Node", "Parser", "Symbol", "Token", "Tree", "Vocabulary", "check_names", "expand", "gene_pool",
         "parse_behavior", "subgoal_conditions",
     ],
+    "bt_jax.deploy": [
+        "ArmState", "Executor", "Exit", "GraspSettings", "Limits", "LinkConfig", "LinkTiming", "Log",
+        "MotionSettings", "Observation", "Observer", "Perception", "Program", "Rejected", "RobotLink",
+        "Rules", "RunOutcome", "Skills", "Supervisor", "TickReport", "TwinRun", "YumiLink", "YumiSkills",
+        "load_program", "read_log", "replay", "run_twin", "yumi_rules",
+    ],
     "bt_jax.encoding": [
         "MAX_NODES", "JumpTable", "Status", "Ticked", "TreeTick", "Trees", "children", "decode", "depth", "draw_text",
         "encode", "encode_all", "format_tree", "from_xml", "jump_table", "leaves", "length", "one_line", "parse_tree",
