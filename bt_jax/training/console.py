@@ -53,13 +53,14 @@ class TrainingDisplay:
         folder = escape(str(self.folder))
         if session.stopped:
             self.console.print(f"stopped after generation {result.generations}; go on with --resume {folder}")
+        layouts = self.training.settings.layouts
+        each = f" ({sum(result.trees_measured):,} trees in {layouts} layouts each)" if layouts > 1 else ""
         success = result.success_rate * len(result.test.solved)
         self.console.print(
             f"fitness      [bold]{result.fitness:.1f}[/]\n"
             f"success      [bold]{success:.0f} of {len(result.test.solved)}[/] unseen layouts, "
             f"fitness there {result.test.fitness.mean():.1f} ± {result.test.fitness.std():.1f}\n"
-            f"evolution    {result.generations} generations, {sum(result.trees_measured):,} distinct trees, "
-            f"{sum(result.episodes):,} episodes; this session "
+            f"evolution    {result.generations} generations, {sum(result.episodes):,} episodes{each}; this session "
             f"{session.seconds:.1f} s, {session.compile_seconds:.1f} s of it compiling\n"
             f"{self._simulated()}"
             f"results      {folder}",
