@@ -18,6 +18,7 @@ import inspect
 import os
 import pickle
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -35,6 +36,9 @@ __all__ = ["keep_compiled", "kept_jit"]
 NOT_COMPILED = ("app", "deploy")  # parts of the package that nothing compiled depends on
 LIBRARIES = ("jax", "jaxlib", "mujoco", "mujoco-mjx")  # compiled code depends on their versions
 LOAD_EVENT = "/bt_jax/load_executable_duration"
+WAIT_EVENT = "/bt_jax/wait_for_executable_duration"
+
+_Key = tuple[tuple[Any, ...], Any, tuple[Any, ...]]  # static arguments, structure, shapes and types of the others
 
 
 class _Store:
@@ -50,42 +54,79 @@ def keep_compiled(folder: Path) -> None:
 
 def kept_jit(
     function: Callable | None = None, *, static_argnames: tuple[str, ...] = (), donate_argnums: tuple[int, ...] = ()
-) -> Callable:
+) -> Any:
     """`jax.jit` whose executables outlive the process once `keep_compiled` was called.
 
     It works on functions without keyword-only parameters whose dynamic arguments are pytrees of arrays. Executables are kept
     if the static arguments are numbers, strings, enums, module-level functions, tuples and dataclasses of these, or their
     methods; with other ones (a closure means nothing in another process), and inside another traced function, it is
     `jax.jit`.
+    The method `prepare` of such a function compiles ahead in the background.
     """
     if function is None:
         return functools.partial(kept_jit, static_argnames=static_argnames, donate_argnums=donate_argnums)
-    jitted = jax.jit(function, static_argnames=static_argnames, donate_argnums=donate_argnums)
-    signature = inspect.signature(function)
-    static_at = [i for i, name in enumerate(signature.parameters) if name in static_argnames]
-    dynamic_at = [i for i, name in enumerate(signature.parameters) if name not in static_argnames]
-    loaded: dict[Any, Callable] = {}
+    return _Kept(function, static_argnames, donate_argnums)
 
-    @functools.wraps(function)
-    def call(*args: Any, **kwargs: Any) -> Any:
+
+class _Kept:
+    """A function made by `kept_jit`."""
+
+    def __init__(self, function: Callable, static_argnames: tuple[str, ...], donate_argnums: tuple[int, ...]) -> None:
+        functools.update_wrapper(self, function)
+        self._name = f"{function.__module__}.{function.__qualname__}"
+        self._jitted = jax.jit(function, static_argnames=static_argnames, donate_argnums=donate_argnums)
+        self._signature = inspect.signature(function)
+        self._static_at = [i for i, name in enumerate(self._signature.parameters) if name in static_argnames]
+        self._dynamic_at = [i for i, name in enumerate(self._signature.parameters) if name not in static_argnames]
+        self._ready: dict[_Key, Callable] = {}
+        self._prepared: dict[_Key, Future[Callable]] = {}
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
         if _Store.folder is None:
-            return jitted(*args, **kwargs)
-        if kwargs or len(args) < len(signature.parameters):
-            bound = signature.bind(*args, **kwargs)
+            return self._jitted(*args, **kwargs)
+        if kwargs or len(args) < len(self._signature.parameters):
+            bound = self._signature.bind(*args, **kwargs)
             bound.apply_defaults()
             args = tuple(bound.arguments.values())
-        dynamic = [args[i] for i in dynamic_at]
+        dynamic = [args[i] for i in self._dynamic_at]
         leaves, structure = jax.tree.flatten(dynamic)
-        key = (tuple([args[i] for i in static_at]), structure, tuple([(leaf.shape, leaf.dtype) for leaf in leaves]))
         if any([isinstance(leaf, jax.core.Tracer) for leaf in leaves]):
-            return jitted(*args)
-        executable = loaded.get(key)
+            return self._jitted(*args)
+        key = self._key(args, leaves, structure)
+        executable = self._ready.get(key)
         if executable is None:
-            name = f"{function.__module__}.{function.__qualname__}"
-            executable = loaded[key] = _load(_Store.folder, name, key, lambda: jitted.lower(*args).compile())
+            executable = self._ready[key] = self._awaited(key) if key in self._prepared else self._loaded(key, args)
         return executable(*dynamic)
 
-    return call
+    def prepare(self, *args: Any) -> None:
+        """Begin to load or compile, in another thread, what a call with such arguments needs: all of them, arrays may be
+        `jax.ShapeDtypeStruct`. That call waits for it, and raises what went wrong. Do nothing unless `keep_compiled` was
+        called."""
+        if _Store.folder is None:
+            return
+        key = self._key(args, *jax.tree.flatten([args[i] for i in self._dynamic_at]))
+        if key not in self._ready and key not in self._prepared:
+            self._prepared[key] = _background().submit(self._loaded, key, args)
+
+    def _key(self, args: tuple[Any, ...], leaves: list[Any], structure: Any) -> _Key:
+        shapes = tuple([(leaf.shape, leaf.dtype) for leaf in leaves])
+        return tuple([args[i] for i in self._static_at]), structure, shapes
+
+    def _loaded(self, key: _Key, args: tuple[Any, ...]) -> Callable:
+        return _load(_Store.folder, self._name, key, lambda: self._jitted.lower(*args).compile())
+
+    def _awaited(self, key: _Key) -> Callable:
+        began = perf_counter()
+        executable = self._prepared[key].result()
+        del self._prepared[key]
+        jax.monitoring.record_event_duration_secs(WAIT_EVENT, perf_counter() - began)
+        return executable
+
+
+@functools.cache
+def _background() -> ThreadPoolExecutor:
+    """The threads that compile ahead; they are joined when the process ends."""
+    return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="compile")
 
 
 def _described(value: Any) -> Any:
@@ -105,8 +146,10 @@ def _described(value: Any) -> Any:
     raise TypeError(f"{value!r} does not say what it is")
 
 
-def _load(folder: Path, name: str, key: tuple[tuple[Any, ...], Any, Any], compile_: Callable[[], Any]) -> Callable:
+def _load(folder: Path | None, name: str, key: _Key, compile_: Callable[[], Any]) -> Callable:
     """Return the executable from the store, or a new one that is put there."""
+    if folder is None:
+        return compile_()
     static, structure, leaves = key
     try:
         identity = "\n".join([name, repr(_described(static)), repr((structure, leaves)), _environment()])

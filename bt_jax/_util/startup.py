@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
@@ -52,13 +53,15 @@ def exit_code(command: Callable[[], int | None]) -> int:
 
 
 class CompileClock:
-    """As a context, adds up the time that JAX spends on tracing, lowering and compiling (or loading compiled code)."""
+    """As a context, adds up the time that its thread spends on tracing, lowering and compiling (or loading compiled code),
+    or on waiting for another thread that does."""
 
     EVENTS = (
         "jaxpr_trace_duration",
         "jaxpr_to_mlir_module_duration",
         "backend_compile_duration",
         "load_executable_duration",
+        "wait_for_executable_duration",
     )
 
     seconds = 0.0
@@ -66,6 +69,7 @@ class CompileClock:
     def __enter__(self) -> CompileClock:
         from jax import monitoring  # heavy
 
+        self._thread = threading.get_ident()
         monitoring.register_event_duration_secs_listener(self._add)
         return self
 
@@ -75,5 +79,5 @@ class CompileClock:
         monitoring.unregister_event_duration_listener(self._add)
 
     def _add(self, event: str, duration_secs: float, **_: str | int) -> None:
-        if event.endswith(self.EVENTS):
+        if event.endswith(self.EVENTS) and threading.get_ident() == self._thread:
             self.seconds += duration_secs

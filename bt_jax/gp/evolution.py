@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -110,6 +111,7 @@ class Evolution:
         """Return the offspring [R, M, N] to measure next: those of a state, or for None the first, random populations
         [R, P, N], in which the baseline, if any, takes the place of individual 0."""
         if state is None:
+            self._prepare()
             rates = EditRates.of(self.alphabet, growth(gene_under_fallback=self.config.gene_under_fallback))
             trees = first_trees(self.keys, self._alphabet, rates, self._static)
             return self._with_baseline(trees, np.zeros(self.config.runs, int))
@@ -124,6 +126,23 @@ class Evolution:
             self.baseline,
             state.baseline_fitness,
         )
+
+    def _prepare(self) -> None:
+        """Begin to compile the steps that the first population is not made with."""
+
+        def population(count: int) -> Population:
+            def shaped(dtype: type, *more: int) -> Any:
+                return jax.ShapeDtypeStruct((self.config.runs, count, *more), dtype)
+
+            trees = Trees(shaped(np.int16, self.config.max_nodes), shaped(np.uint8, self.config.max_nodes))
+            return Population(trees, shaped(np.float32), shaped(np.int32) if self.config.niches else None)
+
+        now = np.int32(1)
+        old, offspring = population(self.config.population), population(self.config.num_offspring)
+        fitness = jax.ShapeDtypeStruct((self.config.runs,), np.float32)
+        offspring_of.prepare(self.keys, now, old, self._alphabet, self._rates, self._static, self.baseline, fitness)
+        diversity_of.prepare(self.keys, now, old)
+        survivors_of.prepare(self.keys, now, old, offspring, self._static)
 
     def tell(self, state: State | None, offspring: Trees, fitness: Fitness | Niched) -> State:
         """Return the state after the offspring that `ask` gave for `state` were measured: who survives."""
@@ -160,8 +179,10 @@ class Evolution:
     ) -> State:
         """Return the state that begins with a population; the individuals at `places` give the fitness of the baseline."""
         nothing = (np.empty(0, np.uint64),) * self.config.runs
-        baseline_fitness = population.fitness[np.arange(len(places)), places]
-        return State(population, generation, baseline_fitness, _now_seen(nothing, population.trees), earlier)
+        baseline_fitness = np.asarray(population.fitness)[np.arange(len(places)), places]
+        return State(
+            population, generation, jnp.asarray(baseline_fitness), _now_seen(nothing, population.trees), earlier
+        )
 
     def _population(self, trees: Trees, fitness: Fitness | Niched) -> Population:
         """Return trees with what was measured of them."""

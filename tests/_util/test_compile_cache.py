@@ -2,11 +2,15 @@ import dataclasses
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
+import jax
+import numpy as np
 import pytest
 
-from bt_jax._util.compile_cache import _described
+from bt_jax._util import compile_cache
+from bt_jax._util.compile_cache import _described, kept_jit
 from bt_jax.tasks import load_task
 
 FACTORIZE = """
@@ -48,3 +52,33 @@ def test_the_key_says_all_of_a_static_argument():
 def test_closures_have_no_key():
     with pytest.raises(TypeError):
         _described(lambda: Path())
+
+
+def test_a_prepared_function_is_compiled_once_and_in_another_thread(tmp_path, monkeypatch):
+    traced = []
+
+    @kept_jit
+    def double(x):
+        traced.append(threading.current_thread())
+        return 2 * x
+
+    shape = jax.ShapeDtypeStruct((3,), np.float32)
+    double.prepare(shape)
+    assert not traced, "a process that keeps nothing is left alone"
+    monkeypatch.setattr(compile_cache._Store, "folder", tmp_path)
+    double.prepare(shape)
+    double.prepare(shape)
+    assert double(np.ones(3, np.float32)).tolist() == [2, 2, 2]
+    assert len(traced) == 1
+    assert threading.current_thread() not in traced
+
+
+def test_what_goes_wrong_in_the_background_is_raised_by_the_call(tmp_path, monkeypatch):
+    @kept_jit
+    def wrong(x):
+        raise ValueError("no such tree")
+
+    monkeypatch.setattr(compile_cache._Store, "folder", tmp_path)
+    wrong.prepare(jax.ShapeDtypeStruct((3,), np.float32))
+    with pytest.raises(ValueError, match="no such tree"):
+        wrong(np.ones(3, np.float32))
