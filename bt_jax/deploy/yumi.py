@@ -51,7 +51,7 @@ Joints = Float[np.ndarray, " 7"]
 JointRows = Float[np.ndarray, "n 7"]
 """Configurations of one arm, one a row."""
 PoseRow = Float[np.ndarray, " 7"]
-"""Position [m] and quaternion, as on the wire or in a model; the field that holds it says the order of the quaternion."""
+"""Position [m] and quaternion wxyz."""
 Point = Float[np.ndarray, " 3"]
 """A position, m."""
 

@@ -16,7 +16,9 @@ from rich.table import Table
 
 from bt_jax._util.errors import UserError
 from bt_jax.deploy.commands.arguments import CalibrateArguments
+from bt_jax.deploy.perception.arrays import ColorImage, Pixel
 from bt_jax.deploy.perception.calibration import (
+    BoardView,
     board_corners,
     calibrate_lens,
     charuco_board,
@@ -44,7 +46,7 @@ def _lens(arguments: CalibrateArguments, console: Console) -> int:
     if not 0 < arguments.square < 1:
         raise UserError(f"--square {arguments.square} is no size in metres; measure a square of the print")
     board = charuco_board(arguments.square)
-    views: list[tuple[np.ndarray, np.ndarray]] = []
+    views: list[BoardView] = []
     size: tuple[int, int] | None = None
     live = not Path(arguments.camera).is_dir()
     with Progress(console=console, transient=True) as progress:
@@ -78,7 +80,7 @@ def _place(arguments: CalibrateArguments, console: Console) -> int:
             "the places of the markers are missing; give --points FILE with a line 'ID: [x, y, z]' for each"
         )
     known = _known_points(arguments.points)
-    seen: dict[int, list[np.ndarray]] = {}
+    seen: dict[int, list[Pixel]] = {}
     for _, image in zip(range(IMAGES), _images(arguments), strict=False):
         if image.shape[:2] != (lens.height, lens.width):
             raise UserError(
@@ -106,7 +108,7 @@ def _place(arguments: CalibrateArguments, console: Console) -> int:
     return 0
 
 
-def _images(arguments: CalibrateArguments) -> Iterator[np.ndarray]:
+def _images(arguments: CalibrateArguments) -> Iterator[ColorImage]:
     folder = Path(arguments.camera)
     if folder.is_dir():
         for path in sorted(folder.iterdir()):
@@ -130,7 +132,7 @@ def _images(arguments: CalibrateArguments) -> Iterator[np.ndarray]:
         camera.close()
 
 
-def _alike(view: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray], size: tuple[int, int]) -> bool:
+def _alike(view: BoardView, other: BoardView, size: tuple[int, int]) -> bool:
     """Do two views show the board from nearly the same side? They differ once a common corner moved by 5 % of the width."""
     there = {tuple(point): pixel for point, pixel in zip(*other, strict=True)}
     moved = [np.linalg.norm(pixel - there[tuple(p)]) for p, pixel in zip(*view, strict=True) if tuple(p) in there]

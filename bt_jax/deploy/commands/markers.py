@@ -20,6 +20,7 @@ from bt_jax.deploy.commands.arguments import MarkersArguments
 from bt_jax.deploy.perception.calibration import BOARD, SQUARE, charuco_board
 from bt_jax.deploy.perception.markers import MODULES, Marker, marker_image, task_markers
 from bt_jax.deploy.twin.marker_scene import tint
+from bt_jax.deploy.yumi import Point
 from bt_jax.tasks import Task, load_task
 
 __all__ = ["markers_command", "sheet_pages"]
@@ -122,7 +123,8 @@ def _sticker(paint: Axes, marker: Marker, left: float, top: float, color: tuple[
     )
 
 
-def _axis(direction: np.ndarray) -> str:
+def _axis(direction: Point) -> str:
+    """Return the axis that a direction of the box's frame is along, as "+X"."""
     index = int(np.argmax(np.abs(direction)))
     return "+-"[int(direction[index] < 0)] + "XYZ"[index]
 

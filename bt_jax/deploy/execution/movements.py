@@ -24,6 +24,7 @@ from bt_jax.deploy.planning.paths import Pace, timed
 from bt_jax.deploy.planning.planner import JointPath, Planner, Surroundings
 from bt_jax.deploy.planning.process import PlanningProcess
 from bt_jax.deploy.planning.trajectory import Trajectory
+from bt_jax.deploy.yumi import JointRows, Joints
 from bt_jax.tasks import Task
 
 __all__ = ["Failed", "Moved", "Movements", "Poses", "Routine"]
@@ -67,18 +68,18 @@ class Movements:
         return {arm: carried.box for arm, carried in self.carried.items()}
 
     def take(self, seen: Observation) -> None:
-        """What is seen now."""
+        """Take note of what is seen now."""
         self.seen = seen
         self.known.update(seen.poses)
 
     def halt(self) -> None:
-        """Brings the arms to rest on their paths."""
+        """Bring the arms to rest on their paths."""
         for arm in self.link.arms:
             if self.link.stopped() is None and self.link.arm(arm).moving:
                 self.link.halt(arm)
 
     def planned(self, plan: Callable[..., Result], *arguments: object) -> Generator[None, None, Result]:
-        """What a method of the planner gives. Raises what it raises."""
+        """Return what a method of the planner returns. Raise what it raises."""
         if self._background is None:
             return plan(*arguments)
         try:
@@ -107,19 +108,22 @@ class Movements:
         yield from self.go_home([other for other in self.link.arms if other != arm])
 
     def follow(self, path: JointPath, *, aim: str = "", held: str | None = None) -> Moved:
-        """Move freely along a path. Return True, at rest on it, where something that it was planned among, above all what it
-        aims at, is seen to have left its pose. Raises where what is held is lost, or the arm is halted by something else."""
+        """Move freely along a path. Return True, at rest on it, if something that it was planned among, above all what it
+        aims at, is seen to have left its pose.
+
+        Raise Failed if what is held is lost, or the arm is halted by something else.
+        """
         trajectory = yield from self.planned(self.planner.timed, path, self._pace)
         return (yield from self._move(path.arm, trajectory, path.among.poses, aim, held))
 
     def straight(
-        self, arm: str, line: np.ndarray, *, watch: Poses = NOWHERE, aim: str = "", held: str | None = None
+        self, arm: str, line: JointRows, *, watch: Poses = NOWHERE, aim: str = "", held: str | None = None
     ) -> Moved:
-        """The same slowly, along a straight line of the tool."""
+        """Move in the same way, slowly, along a straight line of the tool."""
         return (yield from self._move(arm, timed(line, self._pace.slowed(self.motion.straight), arm), watch, aim, held))
 
-    def back(self, arm: str, line: np.ndarray) -> Routine:
-        """To the top of a straight line [m, 7] down, from wherever on it the arm was halted."""
+    def back(self, arm: str, line: JointRows) -> Routine:
+        """Move to the top of a straight line down, from wherever on it the arm was halted."""
         here = self.link.arm(arm).commanded
         above = [row for row in line[::-1] if _height(arm, row) > _height(arm, here)]
         if above:
@@ -144,8 +148,10 @@ class Movements:
         return False
 
     def fingers(self, arm: str, *, at_least: float | None = None) -> Routine:
-        """Until the fingers are as far apart, or rest: told by readings that are apart in time and later than the command.
-        Raises where that takes too long."""
+        """Wait until the fingers are as far apart, or rest, by readings that are apart in time and later than the command.
+
+        Raise Failed if that takes too long.
+        """
         began = self.link.now()
         earlier: list[tuple[float, float]] = []
         while True:
@@ -161,7 +167,10 @@ class Movements:
                 raise Failed(f"the {arm} fingers do not move as they should")
 
     def found(self, name: str) -> Routine:
-        """Until something is seen, with both arms out of the camera's way where it is not. Raises where it does not show."""
+        """Wait until something is seen, with both arms out of the camera's way if it is not.
+
+        Raise Failed if it is not seen in time.
+        """
         if name in self.seen.poses:
             return
         yield from self.go_home(yumi.ARMS)
@@ -177,7 +186,7 @@ class Movements:
         return state.grip_target < size and abs(state.opening - size) <= self.grasp.fit
 
     def forget_lost(self) -> None:
-        """Of what was grasped, keeps what is held, or still between fingers by their readings."""
+        """Keep, of what was grasped, what is held or still between the fingers by their readings."""
         self.carried = {
             arm: carried
             for arm, carried in self.carried.items()
@@ -188,11 +197,12 @@ class Movements:
         """Return what a motion is planned among now, with nothing carried."""
         return Surroundings(self.obstacles(), self.joints())
 
-    def joints(self) -> dict[str, np.ndarray]:
+    def joints(self) -> dict[str, Joints]:
+        """Return the last setpoints of each arm."""
         return {arm: self.link.arm(arm).commanded for arm in self.link.arms}
 
     def obstacles(self) -> dict[str, RigidTransform]:
-        """What is known of the cell, without what is in a hand."""
+        """Return what is known of the cell, without what is in a hand."""
         held = set(self.grasped.values())
         return {name: pose for name, pose in self.known.items() if name not in held}
 
@@ -210,6 +220,6 @@ class Movements:
         )
 
 
-def _height(arm: str, joints: np.ndarray) -> float:
-    """Of the tool, m."""
+def _height(arm: str, joints: Joints) -> float:
+    """Return the height of the tool over the base, m."""
     return float(yumi.forward(arm, joints).translation[2])

@@ -43,7 +43,7 @@ class Observation:
 
 
 def pose_to_list(pose: RigidTransform) -> list[float]:
-    """Return a pose as logs have it, since the first format: position [m] and quaternion xyzw."""
+    """Return a pose as the file format of logs has it: position [m] and quaternion xyzw."""
     return [*pose.translation.tolist(), *pose.rotation.as_quat().tolist()]
 
 

@@ -12,6 +12,7 @@ from scipy.spatial.transform import RigidTransform
 from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.settings import GraspSettings
 from bt_jax.deploy.link.protocol import RobotLink
+from bt_jax.deploy.yumi import Joints, Point
 from bt_jax.tasks import Task
 
 __all__ = ["Observer", "Perceiving"]
@@ -47,14 +48,14 @@ class Observer:
         link: RobotLink,
         perception: Perceiving,
         grasped: Callable[[], Mapping[str, str]],
-        tcp: Callable[[str, np.ndarray], RigidTransform],
+        tcp: Callable[[str, Joints], RigidTransform],
         grasp: GraspSettings | None = None,
     ) -> None:
         self.grasp = grasp or GraspSettings()
         self.link, self.perception, self.grasped, self.tcp = link, perception, grasped, tcp
         self._sizes = {box.name: box.size for box in task.boxes}
         self._before: dict[str, float] = {}
-        self._trails: dict[str, deque[tuple[float, np.ndarray]]] = {arm: deque() for arm in link.arms}
+        self._trails: dict[str, deque[tuple[float, Point]]] = {arm: deque() for arm in link.arms}
 
     def __call__(self) -> Observation:
         self.perception.update()

@@ -25,6 +25,7 @@ from bt_jax.deploy.link.realtime import may_take_priority
 from bt_jax.deploy.link.rws import ControllerState
 from bt_jax.deploy.link.safety import Rules
 from bt_jax.deploy.link.settings import LinkConfig
+from bt_jax.deploy.yumi import Joints
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import prefix
 
@@ -70,7 +71,7 @@ class Equipment:
 
     program: Program
     link: CheckedLink
-    flange: Callable[[str, np.ndarray], RigidTransform]  # our forward kinematics: arm, joints [7] -> tool0 in the base
+    flange: Callable[[str, Joints], RigidTransform]  # our forward kinematics: arm, joints -> tool0 in the base
     perception: Perceiving | None
     intrinsics_error: float | None  # pixels
     camera_residual: float | None  # metres

@@ -40,11 +40,11 @@ class Feedback:
     sequence: int
     time: float  # seconds of the controller's clock
     joints: Joints  # measured
-    planned: Joints | None  # what the controller is about to reach, where it is told
+    planned: Joints | None  # what the controller is about to reach; None if it does not send it
     motors_on: bool
     mci: Mci
     rapid_running: bool
-    flange: PoseRow | None = None  # position [m] and quaternion (x, y, z, w) in the base frame, where it is told
+    flange: PoseRow | None = None  # in the base frame; None if the controller does not send it
 
     @property
     def running(self) -> bool:
@@ -52,7 +52,7 @@ class Feedback:
         return self.motors_on and self.rapid_running and self.mci == Mci.RUNNING
 
     def encode(self) -> bytes:
-        """The message EgmRobot."""
+        """Return the message EgmRobot."""
         message = EgmRobot()
         _header(message.header, self.sequence, self.time, DATA)
         seconds = int(self.time)
@@ -65,7 +65,7 @@ class Feedback:
             pose = message.feedBack.cartesian
             pose.pos.x, pose.pos.y, pose.pos.z = (1000 * self.flange[:3]).tolist()
             turn = pose.orient
-            turn.u1, turn.u2, turn.u3, turn.u0 = self.flange[3:].tolist()
+            turn.u0, turn.u1, turn.u2, turn.u3 = self.flange[3:].tolist()
         message.motorState.state = 1 if self.motors_on else 2
         message.mciState.state = int(self.mci)
         message.rapidExecState.state = 2 if self.rapid_running else 1
@@ -75,7 +75,7 @@ class Feedback:
 
     @staticmethod
     def decode(data: bytes) -> Feedback:
-        """Reads EgmRobot. Raises ValueError where it is none, or is not about seven axes."""
+        """Read EgmRobot. Raise ValueError if it is not one, or not about seven axes."""
         message = EgmRobot()
         _parse(message, data)
         return Feedback(
@@ -99,7 +99,7 @@ class Setpoint:
     joints: Joints
 
     def encode(self) -> bytes:
-        """The message EgmSensor."""
+        """Return the message EgmSensor."""
         message = EgmSensor()
         _header(message.header, self.sequence, self.time, CORRECTION)
         _write_joints(message.planned, self.joints)
@@ -107,7 +107,7 @@ class Setpoint:
 
     @staticmethod
     def decode(data: bytes) -> Setpoint:
-        """Reads EgmSensor. Raises ValueError where it is none, or is not about seven axes."""
+        """Read EgmSensor. Raise ValueError if it is not one, or not about seven axes."""
         message = EgmSensor()
         _parse(message, data)
         return Setpoint(message.header.seqno, message.header.tm / 1000, _read_joints(message.planned))
@@ -134,7 +134,7 @@ def _write_joints(part: Any, joints: Joints) -> None:
 
 def _read_pose(part: Any) -> PoseRow | None:
     position, turn = part.cartesian.pos, part.cartesian.orient
-    quaternion = np.array([turn.u1, turn.u2, turn.u3, turn.u0])
+    quaternion = np.array([turn.u0, turn.u1, turn.u2, turn.u3])
     if not 0.99 < np.linalg.norm(quaternion) < 1.01:  # Euler angles were asked for, or nothing
         return None
     return np.concatenate([np.array([position.x, position.y, position.z]) / 1000, quaternion])

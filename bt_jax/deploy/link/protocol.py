@@ -60,32 +60,34 @@ class RobotLink(Protocol):
     arms: tuple[str, ...]
 
     def now(self) -> float:
-        """Time, s."""
+        """Return the time, s."""
 
     def wait(self, until: float) -> None:
-        """Lets time pass, and says to the robot that the program is alive."""
+        """Let time pass until then [s], and tell the robot that the program is alive."""
 
-    def arm(self, arm: str) -> ArmState: ...
+    def arm(self, arm: str) -> ArmState:
+        """Return the newest state of an arm."""
 
     def stopped(self) -> str | None:
         """Return why a protective stop was latched, None if none was."""
 
     def follow(self, arm: str, trajectory: Trajectory) -> int:
-        """Starts a path at once and gives its number. Raises Rejected where it breaks a rule; then nothing moves."""
+        """Start a path at once and return its number. Raise Rejected if it breaks a rule; then nothing moves."""
 
     def halt(self, arm: str) -> None:
-        """Brings an arm smoothly to rest on its path."""
+        """Bring an arm smoothly to rest on its path."""
 
     def interrupt(self) -> None:
-        """Brings all arms to rest on their paths, for good; may be called from a signal handler."""
+        """Bring all arms to rest on their paths, for good; may be called from a signal handler."""
 
     def grip(self, arm: str, opening: float, force: float = 10.0) -> None:
-        """Moves a gripper's fingers to a distance [m] from each other, with a force up to 20 N."""
+        """Move a gripper's fingers to a distance [m] from each other, with a force up to 20 N."""
 
     def stop(self, reason: str) -> None:
-        """Protective stop: the arms hold and stay so."""
+        """Latch a protective stop: the arms hold from now on."""
 
-    def counters(self) -> Counters: ...
+    def counters(self) -> Counters:
+        """Return what was counted so far."""
 
 
 @runtime_checkable
@@ -95,7 +97,7 @@ class SimulatedController(Protocol):
     realtime: bool
 
     def advance(self, until: float) -> None:
-        """Lets the controller's time pass [s]. Raises ControllerGone where its process has ended."""
+        """Let the controller's time pass [s]. Raise ControllerGone if its process has ended."""
 
-    def state(self) -> tuple[float, np.ndarray]:
-        """The controller's time [s] and its latest state."""
+    def state(self) -> tuple[float, Float[np.ndarray, " nq"]]:
+        """Return the controller's time [s] and its latest state."""

@@ -341,7 +341,7 @@ def _address(host: str) -> str:
 
 
 def _pose(values: PoseRow) -> RigidTransform | None:
-    """From position and quaternion (x, y, z, w); None where they are not numbers."""
+    """Return the transform; None if the numbers are not finite."""
     if not np.all(np.isfinite(values)):
         return None
-    return RigidTransform.from_components(values[:3], Rotation.from_quat(values[3:]))
+    return RigidTransform.from_components(values[:3], Rotation.from_quat(values[3:], scalar_first=True))

@@ -1,4 +1,4 @@
-"""Refines a pose on the image itself: every edge inside a marker counts, not only its four corners.
+"""Refine a pose on the image itself: every edge inside a marker counts, not only its four corners.
 
 Direct alignment by Gauss-Newton (Lucas and Kanade 1981; Baker and Matthews 2004): points of the printed pattern are
 projected into the image, and the pose changes until the brightness there is that of the print, up to a gain and an
@@ -15,8 +15,11 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
+from jaxtyping import Float
 
+from bt_jax.deploy.perception.arrays import Matrix3, PixelRows, PointRows, Print
 from bt_jax.deploy.perception.markers import MODULES, Marker, marker_image
+from bt_jax.deploy.yumi import Point
 
 __all__ = ["Alignment", "ImageSampler", "align", "correlations"]
 
@@ -38,37 +41,39 @@ HIDDEN = (
 
 @dataclasses.dataclass(frozen=True)
 class Alignment:
-    """`rotation` f64[3, 3] and `position` f64[3] [m]: the body's frame in the camera's; `residual`: root mean square, as a
-    share of the contrast; `sigma`: standard deviation of the position that follows from it, were points independent, and
-    from coarse pixels [m]. Both are inf where the image shows nothing."""
+    """A body's frame in the camera's, and how well the image fits; both measures are inf if the image shows nothing."""
 
-    rotation: np.ndarray
-    position: np.ndarray
-    residual: float
-    sigma: float
+    rotation: Matrix3
+    position: Point
+    residual: float  # root mean square, as a share of the contrast
+    sigma: (
+        float  # standard deviation of the position, from the residual of independent points and from coarse pixels, m
+    )
 
 
 class ImageSampler:
-    """An image f32[h, w] of a camera without distortion, with its `matrix` f[3, 3] and derivatives."""
+    """An image of a camera without distortion, with its derivatives."""
 
-    def __init__(self, image: np.ndarray, matrix: np.ndarray) -> None:
+    def __init__(self, image: Float[np.ndarray, "H W"], matrix: Matrix3) -> None:
         self.image, self.matrix = image, matrix
         across = cv2.Scharr(image, cv2.CV_32F, 1, 0, scale=1 / 32)
         down = cv2.Scharr(image, cv2.CV_32F, 0, 1, scale=1 / 32)
         self.focal, self._centre = np.diag(matrix)[:2].copy(), matrix[:2, 2].copy()
         self._fields = cv2.merge([image, across, down])
 
-    def project(self, points: np.ndarray) -> np.ndarray:
-        """Pixels f64[n, 2] of points f64[n, 3] in the camera's frame."""
+    def project(self, points: PointRows) -> PixelRows:
+        """Return where the image shows points of the camera's frame."""
         return points[:, :2] / points[:, 2:] * self.focal + self._centre
 
-    def brightness(self, pixels: np.ndarray) -> np.ndarray:
-        """f64[m, n]: bilinear, at pixels f64[m, n, 2]."""
+    def brightness(self, pixels: Float[np.ndarray, "m p 2"]) -> Float[np.ndarray, "m p"]:
+        """Return the brightness at pixels, interpolated bilinearly."""
         return _sampled(self.image, pixels)
 
-    def linearized(self, placed: np.ndarray, arms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Brightness f64[n] at points f64[n, 3] in the camera's frame, and its derivatives f64[n, 6] by a turn of the
-        `arms` f64[n, 3] and by a shift."""
+    def linearized(
+        self, placed: PointRows, arms: PointRows
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 6"]]:
+        """Return the brightness at points of the camera's frame, and its derivatives by a turn of the `arms`, which lead
+        from the body's origin to the points, and by a shift."""
         x, y, z = placed.T
         seen, across, down = _sampled(self._fields, self.project(placed)[None])[0].T
         by_x, by_y = across * self.focal[0] / z, down * self.focal[1] / z
@@ -79,10 +84,10 @@ class ImageSampler:
 
 
 def align(
-    view: ImageSampler, rotation: np.ndarray, position: np.ndarray, markers: Sequence[Marker], *, near: bool = False
+    view: ImageSampler, rotation: Matrix3, position: Point, markers: Sequence[Marker], *, near: bool = False
 ) -> Alignment:
-    """The pose near a given one at which `markers`, all of one body, look most like the image; `near` says that it is off by
-    less than a pixel or so."""
+    """Return the pose, near a given one of a body in the camera's frame, at which its `markers` look most like the image;
+    `near` says that the given one is off by less than a pixel or so."""
     points = np.concatenate([_points(marker) for marker in markers])
     for blur, iterations in list(zip(BLUR, ITERATIONS, strict=True))[near:]:
         patterns = np.stack([_pattern(marker.id, blur) for marker in markers])
@@ -108,9 +113,9 @@ def align(
 
 
 def _coarseness(
-    view: ImageSampler, rotation: np.ndarray, position: np.ndarray, markers: Sequence[Marker]
-) -> np.ndarray:
-    """Covariance f64[6, 6] of turn and shift where every corner is off by BIAS."""
+    view: ImageSampler, rotation: Matrix3, position: Point, markers: Sequence[Marker]
+) -> Float[np.ndarray, "6 6"]:
+    """Return the covariance of turn [rad] and shift [m] if every corner is off by BIAS."""
     arms = np.concatenate([marker.corners for marker in markers]) @ rotation.T
     x, y, z = (arms + position).T
     one, none = np.ones_like(z), np.zeros_like(z)
@@ -122,10 +127,10 @@ def _coarseness(
 
 
 def correlations(
-    view: ImageSampler, rotation: np.ndarray, position: np.ndarray, markers: Sequence[Marker], ids: Sequence[int]
-) -> tuple[np.ndarray, np.ndarray]:
-    """How the image correlates with each marker's pattern where the pose has it, and at most with another one: that of any
-    of the `ids`, turned by any quarter. Both f64[m] in -1..1; the first is -1 where the marker is out of the image."""
+    view: ImageSampler, rotation: Matrix3, position: Point, markers: Sequence[Marker], ids: Sequence[int]
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+    """Return how the image correlates with each marker's pattern where the pose has it, and at most with another pattern:
+    that of any of the `ids`, turned by any quarter. Both are in -1..1; the first is -1 for a marker out of the image."""
     points = np.concatenate([_points(marker) for marker in markers])
     pixels = view.project(points @ rotation.T + position).reshape(len(markers), -1, 2)
     seen = view.brightness(pixels)
@@ -141,10 +146,13 @@ def correlations(
 
 
 def _normalized(
-    seen: np.ndarray, jacobian: np.ndarray, patterns: np.ndarray, weights: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals f64[m * n], as shares of each marker's contrast, and their derivatives f64[m * n, 6]; what gain and offset
-    explain, of the points that count by `weights` f64[m * n], is taken out of both."""
+    seen: Float[np.ndarray, " n"],
+    jacobian: Float[np.ndarray, "n 6"],
+    patterns: Float[np.ndarray, "m p"],
+    weights: Float[np.ndarray, " n"],
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 6"]]:
+    """Return the residuals of n = m * p points, as shares of each marker's contrast, and their derivatives, both without
+    what gain and offset explain of the points that count by `weights`."""
     values = np.concatenate([seen[:, None], jacobian], axis=1).reshape(*patterns.shape, 7)
     shares = weights.reshape(patterns.shape)
     shares = shares / np.maximum(shares.sum(axis=1, keepdims=True), 1e-9)
@@ -158,29 +166,29 @@ def _normalized(
     return values[:, 0], values[:, 1:]
 
 
-def _sampled(field: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """f64[m, n(, c)]: bilinear values of a field f32[h, w(, c)] at pixels f64[m, n, 2]."""
+def _sampled(field: Float[np.ndarray, "H W *c"], pixels: Float[np.ndarray, "m p 2"]) -> Float[np.ndarray, "m p *c"]:
+    """Return the values of a field at pixels, interpolated bilinearly."""
     maps = pixels.astype(np.float32)
     return cv2.remap(field, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(float)
 
 
 @functools.cache
-def _grid() -> np.ndarray:
-    """f64[n, 2]: where a marker is looked at, modules from its centre, x to the right and y up, rows from the top."""
+def _grid() -> Float[np.ndarray, "p 2"]:
+    """Return where a marker is looked at, modules from its centre, x to the right and y up, rows from the top."""
     half = MODULES / 2 + MARGIN
     line = (np.arange(round(2 * half * PER_MODULE)) + 0.5) / PER_MODULE - half
     x, y = np.meshgrid(line, -line)
     return np.stack([x.ravel(), y.ravel()], axis=1)
 
 
-def _points(marker: Marker) -> np.ndarray:
-    """f64[n, 3]: those places in the body's frame, m."""
+def _points(marker: Marker) -> PointRows:
+    """Return those places in the body's frame."""
     return marker.place(_grid() * marker.size / MODULES)
 
 
 @functools.lru_cache(maxsize=256)
-def _pattern(number: int, blur: float) -> np.ndarray:
-    """f64[n] in 0..1: brightness of the print there, blurred by a Gaussian of `blur` modules."""
+def _pattern(number: int, blur: float) -> Print:
+    """Return the brightness of the print there in 0..1, blurred by a Gaussian of `blur` modules."""
     fine = 4 * PER_MODULE
     image = cv2.GaussianBlur(marker_image(number, 1, fine).astype(np.float32) / 255, (0, 0), blur * fine)
     column, row = (_grid() * (1, -1) + MODULES / 2 + 1).T * fine - 0.5
@@ -188,8 +196,8 @@ def _pattern(number: int, blur: float) -> np.ndarray:
 
 
 @functools.lru_cache(maxsize=16)
-def _turned(ids: tuple[int, ...]) -> np.ndarray:
-    """f64[4 * len(ids), n]: every pattern in its four orientations, without mean and of length 1."""
+def _turned(ids: tuple[int, ...]) -> Float[np.ndarray, "rows p"]:
+    """Return every pattern in its four orientations, without mean and of length 1."""
     side = math.isqrt(len(_grid()))
     images = [_pattern(number, BLUR[-1]).reshape(side, side) for number in ids]
     rows = np.stack([np.rot90(image, quarter).ravel() for image in images for quarter in range(4)])

@@ -1,7 +1,7 @@
 """Calibration of the cell's camera: its lens from pictures of a ChArUco board, its place from markers whose places in the
 robot's base frame are known, for instance because an arm's tip was led to their centres.
 
-Both results live in one YAML file; lengths are metres, quaternions (x, y, z, w).
+Both results live in one YAML file; its lengths are metres, and the quaternion is xyzw, as its key says.
 """
 
 from __future__ import annotations
@@ -14,14 +14,26 @@ from typing import Any
 import cv2
 import numpy as np
 import yaml
+from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
+from bt_jax.deploy.perception.arrays import (
+    ColorImage,
+    Corners,
+    Distortion,
+    GrayImage,
+    Matrix3,
+    Pixel,
+    PixelRows,
+    PointRows,
+)
 from bt_jax.deploy.perception.markers import marker_dictionary
 
 __all__ = [
     "BOARD",
+    "BoardView",
     "CameraPose",
     "Intrinsics",
     "board_corners",
@@ -37,18 +49,19 @@ __all__ = [
 BOARD = (5, 7)  # squares across and down; on A4
 SQUARE = 0.035  # edge of one as printed, m
 LEAST_CORNERS, LEAST_VIEWS, LEAST_POINTS = 8, 6, 4
+BoardView = tuple[PointRows, PixelRows]
+"""Corners of the board: in its own frame, and where one image shows them."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Intrinsics:
-    """`matrix` f64[3, 3] and `distortion` f64[5] as OpenCV has them, for images of this size; `error` is the root mean
-    square reprojection error of the calibration, px."""
+    """A lens, for images of this size."""
 
-    matrix: np.ndarray
-    distortion: np.ndarray
-    width: int
+    matrix: Matrix3
+    distortion: Distortion
+    width: int  # px
     height: int
-    error: float
+    error: float  # root mean square reprojection error of the calibration, px
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,14 +75,13 @@ class CameraPose:
 
 
 def charuco_board(square: float = SQUARE) -> cv2.aruco.CharucoBoard:
-    """The board to print; its markers are from another dictionary than those of the boxes."""
+    """Return the board to print; its markers are from another dictionary than those of the boxes."""
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_50)
     return cv2.aruco.CharucoBoard(BOARD, square, 0.75 * square, dictionary)
 
 
-def board_corners(image: np.ndarray, board: cv2.aruco.CharucoBoard) -> tuple[np.ndarray, np.ndarray] | None:
-    """Points f32[n, 3] of the board [m] and pixels f32[n, 2] where an image u8[h, w(, 3)] shows them; None where too few are
-    seen to be of use."""
+def board_corners(image: ColorImage | GrayImage, board: cv2.aruco.CharucoBoard) -> BoardView | None:
+    """Return the board's corners that an image shows, None if they are too few to be of use."""
     gray = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(gray)
     if ids is None or len(ids) < LEAST_CORNERS:
@@ -81,10 +93,12 @@ def board_corners(image: np.ndarray, board: cv2.aruco.CharucoBoard) -> tuple[np.
 
 
 def calibrate_lens(
-    views: Sequence[tuple[np.ndarray, np.ndarray]], width: int, height: int
-) -> tuple[Intrinsics, np.ndarray]:
-    """The lens from several views of the board (as `board_corners` gives them), and each view's root mean square error
-    f64[n] [px]. Raises UserError where there are too few views."""
+    views: Sequence[BoardView], width: int, height: int
+) -> tuple[Intrinsics, Float[np.ndarray, " views"]]:
+    """Return the lens from several views of the board, and each view's root mean square error [px].
+
+    Raise UserError if there are too few views.
+    """
     if len(views) < LEAST_VIEWS:
         raise UserError(
             f"the board was seen in {len(views)} images and {LEAST_VIEWS} are needed; take more, each from another side"
@@ -100,8 +114,8 @@ def calibrate_lens(
     return Intrinsics(matrix, np.ravel(distortion)[:5], width, height, float(error)), np.array(errors)
 
 
-def marker_centres(image: np.ndarray) -> dict[int, np.ndarray]:
-    """Pixel f64[2] of the centre, where the diagonals meet, of every marker of the cell's dictionary in an image."""
+def marker_centres(image: ColorImage | GrayImage) -> dict[int, Pixel]:
+    """Return the centre, where the diagonals meet, of every marker of the cell's dictionary in an image, by id."""
     gray = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
@@ -114,9 +128,9 @@ def marker_centres(image: np.ndarray) -> dict[int, np.ndarray]:
     }
 
 
-def locate_camera(points: np.ndarray, pixels: np.ndarray, lens: Intrinsics) -> tuple[CameraPose, np.ndarray]:
-    """The camera's place from points f64[n, 3] in the base frame [m] and the pixels f64[n, 2] where they are seen, and the
-    distance f64[n] [m] of each point from its ray. Raises UserError where there are too few or they lie on a line."""
+def locate_camera(points: PointRows, pixels: PixelRows, lens: Intrinsics) -> tuple[CameraPose, Float[np.ndarray, " n"]]:
+    """Return the camera's place, from points in the base frame and where they are seen, and the distance [m] of each point
+    from its ray. Raise UserError if they are too few or lie on a line."""
     points, pixels = np.ascontiguousarray(points, float), np.ascontiguousarray(pixels, float)
     if len(points) < LEAST_POINTS:
         raise UserError(
@@ -138,7 +152,7 @@ def locate_camera(points: np.ndarray, pixels: np.ndarray, lens: Intrinsics) -> t
 
 
 def save_camera(path: Path, lens: Intrinsics, place: CameraPose | None = None) -> None:
-    """Writes what `load_camera` reads."""
+    """Write what `load_camera` reads."""
     data: dict[str, Any] = {
         "intrinsics": {
             "width": lens.width,
@@ -159,7 +173,7 @@ def save_camera(path: Path, lens: Intrinsics, place: CameraPose | None = None) -
 
 
 def load_intrinsics(path: Path) -> Intrinsics:
-    """The lens alone. Raises UserError where the file has none."""
+    """Read the lens alone. Raise UserError if the file has none."""
     data = _section(path, "intrinsics", "calibrate intrinsics")
     try:
         matrix, distortion = np.array(data["matrix"], float).reshape(3, 3), np.array(data["distortion"], float).ravel()
@@ -172,7 +186,7 @@ def load_intrinsics(path: Path) -> Intrinsics:
 
 
 def load_camera(path: Path) -> tuple[Intrinsics, CameraPose]:
-    """Lens and place of a calibrated camera. Raises UserError where one of them is missing or makes no sense."""
+    """Read lens and place of a calibrated camera. Raise UserError if one of them is missing or invalid."""
     lens = load_intrinsics(path)
     data = _section(path, "pose_in_base", "calibrate base")
     try:
@@ -197,13 +211,15 @@ def _section(path: Path, key: str, remedy: str) -> Mapping[str, Any]:
     return data[key]
 
 
-def _crossing(corners: np.ndarray) -> np.ndarray:
+def _crossing(corners: Corners) -> Pixel:
+    """Return where the diagonals meet."""
     a, b, c, d = corners
     share = np.linalg.solve(np.stack([c - a, b - d], axis=1), b - a)[0]
     return a + share * (c - a)
 
 
-def _ray_distances(points: np.ndarray, pixels: np.ndarray, lens: Intrinsics) -> np.ndarray:
+def _ray_distances(points: PointRows, pixels: PixelRows, lens: Intrinsics) -> Float[np.ndarray, " n"]:
+    """Return how far points of the camera's frame are from the rays on which they are seen, m."""
     flat = cv2.undistortPoints(pixels.reshape(-1, 1, 2), lens.matrix, lens.distortion).reshape(-1, 2)
     rays = np.column_stack([flat, np.ones(len(flat))])
     rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)

@@ -19,6 +19,7 @@ import numpy as np
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
+from bt_jax.deploy.perception.arrays import ColorImage, Distortion, Matrix3
 from bt_jax.deploy.perception.calibration import Intrinsics
 
 __all__ = ["Camera", "CameraError", "CameraFrame", "RecordedCamera", "Recorder", "UvcCamera", "open_camera"]
@@ -30,12 +31,12 @@ class CameraError(RuntimeError):
 
 @dataclasses.dataclass(frozen=True)
 class CameraFrame:
-    """`image` u8[h, w, 3] RGB, taken at `time` [s]; `matrix` f64[3, 3] and `distortion` f64[n] as OpenCV has them."""
+    """An image, when it was taken [s], and the lens that took it."""
 
-    image: np.ndarray
+    image: ColorImage
     time: float
-    matrix: np.ndarray
-    distortion: np.ndarray
+    matrix: Matrix3
+    distortion: Distortion
 
 
 @runtime_checkable
@@ -43,11 +44,11 @@ class Camera(Protocol):
     """A source of images."""
 
     def read(self) -> CameraFrame:
-        """Return the newest image, at once; its time says how old it is. Raises CameraError if there is none."""
+        """Return the newest image, at once; its time says how old it is. Raise CameraError if there is none."""
         ...
 
     def close(self) -> None:
-        """Gives the device back."""
+        """Give the device back."""
         ...
 
 
@@ -58,14 +59,14 @@ class UvcCamera:
     def __init__(
         self,
         source: int | str,
-        matrix: np.ndarray,
-        distortion: np.ndarray,
+        matrix: Matrix3,
+        distortion: Distortion,
         *,
         width: int,
         height: int,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Raises UserError where the camera cannot be opened or has no such size."""
+        """Raise UserError if the camera cannot be opened or has no such size."""
         self._capture = cv2.VideoCapture(source)
         if not self._capture.isOpened():
             raise UserError(
@@ -87,14 +88,14 @@ class UvcCamera:
         self._thread.start()
 
     def read(self) -> CameraFrame:
-        """The newest image. Raises CameraError once the camera gives no more."""
+        """Return the newest image. Raise CameraError once the camera sends no more."""
         if self._lost:
             raise CameraError("the camera gives no more images")
         image, taken = self._newest
         return CameraFrame(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), taken, self._matrix, self._distortion)
 
     def close(self) -> None:
-        """Ends the thread and gives the device back."""
+        """End the thread and give the device back."""
         self._closing = True
         self._thread.join(timeout=2)
         self._capture.release()
@@ -135,7 +136,7 @@ class RecordedCamera:
     time, counted from the first, has come."""
 
     def __init__(self, folder: Path, clock: Callable[[], float] | None = None) -> None:
-        """Raises UserError where the folder holds no recording."""
+        """Raise UserError if the folder holds no recording."""
         self._frames = [_recorded(path) for path in sorted(folder.glob("*.json"))]
         if not self._frames:
             raise UserError(f"{folder} holds no recorded images; give a folder that was written with --record")
@@ -143,7 +144,7 @@ class RecordedCamera:
         self._began = clock() if clock else 0.0
 
     def read(self) -> CameraFrame:
-        """Raises CameraError at the end of the recording."""
+        """Return the next image. Raise CameraError at the end of the recording."""
         if self._clock is None:
             if self._next == len(self._frames):
                 raise CameraError("the recording is at its end")
@@ -154,7 +155,7 @@ class RecordedCamera:
         return self._load(due[-1] if due else 0, shift)
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing: no file is held open."""
 
     def _load(self, index: int, shift: float) -> CameraFrame:
         path, taken, matrix, distortion = self._frames[index]
@@ -172,8 +173,8 @@ def open_camera(
     height: int = 480,
     clock: Callable[[], float] = time.monotonic,
 ) -> Camera:
-    """The camera that a user names: a number or an address, or a folder with a recording, which plays in real time. `lens`
-    is None while it is not calibrated; else it tells the size of the images. Raises UserError."""
+    """Open the camera that a user names: a number or an address, or a folder with a recording, which plays in real time.
+    `lens` is None before the calibration; else it says how large the images are. Raise UserError if it cannot be opened."""
     if Path(source).is_dir():
         return RecordedCamera(Path(source), clock)
     if lens is None:
@@ -182,7 +183,8 @@ def open_camera(
     return UvcCamera(device, lens.matrix, lens.distortion, width=lens.width, height=lens.height, clock=clock)
 
 
-def _recorded(path: Path) -> tuple[Path, float, np.ndarray, np.ndarray]:
+def _recorded(path: Path) -> tuple[Path, float, Matrix3, Distortion]:
+    """Return what a recording says of one image: its file, when it was taken [s], and the lens."""
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
         matrix, distortion = np.array(data["matrix"], float), np.array(data["distortion"], float)

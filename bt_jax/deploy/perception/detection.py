@@ -18,7 +18,9 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.deploy.perception.alignment import ImageSampler, align, correlations
+from bt_jax.deploy.perception.arrays import ColorImage, Corners, Distortion, GrayImage, Matrix3
 from bt_jax.deploy.perception.markers import Marker, marker_dictionary, square
+from bt_jax.deploy.yumi import Point
 
 __all__ = ["Detection", "Detector", "Gates"]
 
@@ -28,6 +30,9 @@ DOUBT = 3.0  # how much worse the corners may fit a second pose for the image to
 NUDGE = np.array([[0.013, -0.007], [-0.005, 0.011], [0.009, 0.017], [-0.019, 0.003]])
 """Pixels added to corners: OpenCV's closed form divides by zero where a square is seen as an exact trapezium, as one that
 stands square to the camera is. Only starts depend on it."""
+
+Seen = dict[int, Corners]
+"""The corners of markers by their ids."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,7 +69,7 @@ class Detection:
 
 
 class Detector:
-    """Finds the bodies that carry `markers`."""
+    """Find the bodies that carry `markers`."""
 
     def __init__(self, markers: Sequence[Marker], gates: Gates | None = None) -> None:
         self.gates = gates or Gates()
@@ -84,19 +89,19 @@ class Detector:
 
     def __call__(
         self,
-        image: np.ndarray,
-        matrix: np.ndarray,
-        distortion: np.ndarray,
+        image: ColorImage | GrayImage,
+        matrix: Matrix3,
+        distortion: Distortion,
         known: Mapping[str, RigidTransform] = MappingProxyType({}),
     ) -> list[Detection]:
-        """Bodies in an image u8[h, w, 3] (RGB) or u8[h, w]; `matrix` f[3, 3] and `distortion` f[n] as OpenCV has them.
-        A body is absent where none of its markers is seen or its pose fails a gate. What is `known`, by body and in the
-        camera's frame, is looked for there first: a marker covered in part can confirm it, though none could be read."""
+        """Return the bodies that an image shows. A body is absent if none of its markers is seen or its pose fails a gate.
+        What is `known`, by body and in the camera's frame, is looked for there first: a marker covered in part can confirm
+        it, though none could be read."""
         gray = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         if np.any(distortion):
             gray = cv2.undistort(gray, matrix, distortion)
         view = ImageSampler(gray.astype(np.float32), matrix)
-        bodies: dict[str, dict[int, np.ndarray]] = {body: {} for body in known}
+        bodies: dict[str, Seen] = {body: {} for body in known}
         for number, corners in self._corners(gray).items():
             bodies.setdefault(self._markers[number].body, {})[number] = corners
         fits = (
@@ -104,8 +109,8 @@ class Detector:
         )
         return [detection for detection in fits if detection is not None]
 
-    def _corners(self, gray: np.ndarray) -> dict[int, np.ndarray]:
-        """Corners f64[4, 2] [px] of the markers seen, by id. An id seen twice is no one's."""
+    def _corners(self, gray: GrayImage) -> Seen:
+        """Return the markers that are seen once; an id that is seen twice tells nothing."""
         quads, ids, _ = self._aruco.detectMarkers(gray)
         numbers = [] if ids is None else [int(number) for number in np.ravel(ids)]
         return {
@@ -115,9 +120,9 @@ class Detector:
         }
 
     def _confirm(
-        self, body: str, seen: dict[int, np.ndarray], view: ImageSampler, known: Mapping[str, RigidTransform]
+        self, body: str, seen: Seen, view: ImageSampler, known: Mapping[str, RigidTransform]
     ) -> Detection | None:
-        """The body where it is known to be, if the image agrees and no marker read elsewhere speaks against it."""
+        """Return the body where it is known to be, if the image agrees and no marker read elsewhere contradicts it."""
         if body not in known:
             return None
         start = _Fit(known[body].rotation.as_matrix(), known[body].translation)
@@ -141,7 +146,7 @@ class Detector:
         error = self._error(fit, list(seen), seen, view) if seen else 0.0
         return Detection(body, fit.pose, None, error, alignment.sigma, tuple(marker.id for marker in kept))
 
-    def _locate(self, body: str, seen: dict[int, np.ndarray], view: ImageSampler) -> Detection | None:
+    def _locate(self, body: str, seen: Seen, view: ImageSampler) -> Detection | None:
         rivals = self._by_corners(seen, view)
         fits = [fit for rival in rivals if (fit := self._by_image(body, rival, seen, view))]
         fits.sort(key=lambda fit: (-len(fit.markers), fit.residual))
@@ -154,8 +159,8 @@ class Detector:
                 alternative = fit.pose
         return Detection(body, best.pose, alternative, best.error, best.sigma, best.markers)
 
-    def _by_corners(self, seen: dict[int, np.ndarray], view: ImageSampler) -> list[_Fit]:
-        """The pose that most markers agree with, and another one where the corners leave a doubt."""
+    def _by_corners(self, seen: Seen, view: ImageSampler) -> list[_Fit]:
+        """Return the pose that most markers agree with, and others if the corners leave a doubt."""
         fits: list[_Fit] = []
         for start in self._starts(seen, view):
             agreeing = self._agreeing(start, seen, view, 4 * self.gates.marker)
@@ -186,7 +191,7 @@ class Detector:
         ]
         return fits[:1] + others[: RIVALS if one else 1]
 
-    def _starts(self, seen: dict[int, np.ndarray], view: ImageSampler) -> Iterator[_Fit]:
+    def _starts(self, seen: Seen, view: ImageSampler) -> Iterator[_Fit]:
         for number, corners in seen.items():
             marker = self._markers[number]
             nudged = corners + NUDGE
@@ -199,8 +204,8 @@ class Detector:
                 rotation = cv2.Rodrigues(turn)[0] @ marker.axes.T
                 yield _Fit(rotation, np.ravel(position) - rotation @ marker.pose.translation)
 
-    def _by_image(self, body: str, start: _Fit, seen: dict[int, np.ndarray], view: ImageSampler) -> _Fit | None:
-        """The pose refined on the image with every face that should be and is visible."""
+    def _by_image(self, body: str, start: _Fit, seen: Seen, view: ImageSampler) -> _Fit | None:
+        """Return the pose refined on the image with every face that should be visible and is."""
         facing = [marker for marker in self._bodies[body] if self._faces(start, marker)]
         visible = self._correlating(start, facing, view, self.gates.correlation - 0.25)
         if not visible:
@@ -235,16 +240,16 @@ class Detector:
         outward = fit.rotation @ marker.axes[:, 2]
         return bool(position[2] > 0 and -outward @ position > self.gates.facing * math.sqrt(position @ position))
 
-    def _agreeing(self, fit: _Fit, seen: dict[int, np.ndarray], view: ImageSampler, limit: float) -> list[int]:
-        """Markers that appear within `limit` pixels of where the pose has them."""
+    def _agreeing(self, fit: _Fit, seen: Seen, view: ImageSampler, limit: float) -> list[int]:
+        """Return the markers that appear within `limit` pixels of where the pose has them."""
         return [
             number
             for number in seen
             if self._faces(fit, self._markers[number]) and self._error(fit, [number], seen, view) < limit
         ]
 
-    def _error(self, fit: _Fit, numbers: Sequence[int], seen: dict[int, np.ndarray], view: ImageSampler) -> float:
-        """Root mean square distance of the corners as detected from where the pose has them, px."""
+    def _error(self, fit: _Fit, numbers: Sequence[int], seen: Seen, view: ImageSampler) -> float:
+        """Return the root mean square distance of the corners as detected from where the pose has them, px."""
         points = np.concatenate([self._markers[number].corners for number in numbers])
         pixels = np.concatenate([seen[number] for number in numbers])
         offsets = view.project(points @ fit.rotation.T + fit.position) - pixels
@@ -253,10 +258,10 @@ class Detector:
 
 @dataclasses.dataclass(frozen=True)
 class _Fit:
-    """A pose under way, f64[3, 3] and f64[3], and what speaks for it."""
+    """A pose under way, of a body in the camera's frame, and what speaks for it."""
 
-    rotation: np.ndarray
-    position: np.ndarray
+    rotation: Matrix3
+    position: Point
     error: float = math.inf
     markers: tuple[int, ...] = ()
     residual: float = math.inf
@@ -268,5 +273,5 @@ class _Fit:
 
 
 def _angle(a: _Fit, b: _Fit) -> float:
-    """Between two rotations, rad."""
+    """Return the angle between two rotations, rad."""
     return math.acos(max(-1.0, min(1.0, (float(np.sum(a.rotation * b.rotation)) - 1) / 2)))

@@ -10,9 +10,11 @@ import functools
 
 import cv2
 import numpy as np
+from jaxtyping import Float, UInt8
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax._util.errors import UserError
+from bt_jax.deploy.perception.arrays import Matrix3, PointRows
 from bt_jax.tasks import Task
 
 __all__ = ["DICTIONARY", "FACES", "MODULES", "Marker", "marker_dictionary", "marker_image", "square", "task_markers"]
@@ -46,17 +48,17 @@ class Marker:
     quiet: int
 
     @functools.cached_property
-    def axes(self) -> np.ndarray:
-        """f64[3, 3]: right, up and out of the surface, as columns, in the body's frame."""
+    def axes(self) -> Matrix3:
+        """Right, up and out of the surface, as columns, in the body's frame."""
         return self.pose.rotation.as_matrix()
 
     @functools.cached_property
-    def corners(self) -> np.ndarray:
-        """f64[4, 3] in the body's frame [m], clockwise from the top left as OpenCV gives them."""
+    def corners(self) -> Float[np.ndarray, "4 3"]:
+        """In the body's frame [m], clockwise from the top left, the order of OpenCV."""
         return self.place(square(self.size)[:, :2])
 
-    def place(self, flat: np.ndarray) -> np.ndarray:
-        """f64[n, 3]: points f64[n, 2] of the marker's plane [m] in the body's frame."""
+    def place(self, flat: Float[np.ndarray, "n 2"]) -> PointRows:
+        """Return points of the marker's plane [m] in the body's frame."""
         return flat @ self.axes[:, :2].T + self.pose.translation
 
     @property
@@ -67,9 +69,9 @@ class Marker:
 
 @functools.lru_cache(maxsize=16)
 def task_markers(task: Task) -> tuple[Marker, ...]:
-    """All markers of a task: those of the boxes in its order, then those of the kit.
+    """Return all markers of a task: those of the boxes in its order, then those of the kit.
 
-    Raises UserError where the dictionary has too few of them.
+    Raise UserError if the dictionary has too few.
     """
     needed = len(FACES) * len(task.boxes) + 4
     available = len(marker_dictionary().bytesList)
@@ -81,19 +83,19 @@ def task_markers(task: Task) -> tuple[Marker, ...]:
     return (*boxes, *_on_kit(task, len(boxes)))
 
 
-def square(size: float) -> np.ndarray:
-    """f64[4, 3]: corners of a square around the origin, clockwise from the top left with y up."""
+def square(size: float) -> Float[np.ndarray, "4 3"]:
+    """Return the corners of a square around the origin, clockwise from the top left with y up."""
     half = size / 2
     return np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
 
 
 def marker_dictionary() -> cv2.aruco.Dictionary:
-    """The dictionary that all markers are from."""
+    """Return the dictionary that all markers are from."""
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARY))
 
 
-def marker_image(number: int, quiet: int, module: int) -> np.ndarray:
-    """u8[n, n], n = (6 + 2 * quiet) * module: a marker in its bright margin, 0 black and 255 bright; `module` in px."""
+def marker_image(number: int, quiet: int, module: int) -> UInt8[np.ndarray, "edge edge"]:
+    """Return a marker in its bright margin, 0 black and 255 bright; its edge is (6 + 2 * quiet) * `module` [px]."""
     black = cv2.aruco.generateImageMarker(marker_dictionary(), number, MODULES * module)
     return np.pad(black, quiet * module, constant_values=255)
 

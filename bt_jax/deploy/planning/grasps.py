@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from bt_jax.deploy.yumi import Point
+
 __all__ = ["carried_pose", "grasp_poses", "put_poses", "raised", "yaw_of"]
 
 DOWN = Rotation.from_euler("x", np.pi)  # z of the tool towards the floor
@@ -12,23 +14,23 @@ TURNS = np.arange(4) * np.pi / 2
 
 
 def yaw_of(rotation: Rotation) -> float:
-    """Angle [rad] about the vertical, in 0..pi/2, of the horizontal edges of a cube that lies on any of its faces."""
+    """Return the angle [rad] about the vertical, in 0..pi/2, of the horizontal edges of a cube that lies on a face."""
     axes = rotation.as_matrix()
     level = axes[:, int(np.argmin(np.abs(axes[2])))]
     return float(np.arctan2(level[1], level[0]) % (np.pi / 2))
 
 
 def grasp_poses(box: RigidTransform) -> list[RigidTransform]:
-    """The four poses of the TCP from which a cube at `box` can be grasped from above; all in the base frame."""
+    """Return the four poses of the TCP from which a cube at `box` can be grasped from above; all in the base frame."""
     yaw = yaw_of(box.rotation)
     return [
         RigidTransform.from_components(box.translation, Rotation.from_euler("z", yaw + turn) * DOWN) for turn in TURNS
     ]
 
 
-def put_poses(position: np.ndarray, yaw: float, held: RigidTransform) -> list[RigidTransform]:
-    """The four poses of the TCP with which a box that is at `held` in its frame has its centre at `position` [3] and edges
-    along `yaw`."""
+def put_poses(position: Point, yaw: float, held: RigidTransform) -> list[RigidTransform]:
+    """Return the four poses of the TCP with which a box that is at `held` in its frame has its centre at `position` and
+    its edges along `yaw` [rad]."""
     poses = []
     offset = yaw_of(DOWN * held.rotation)
     for turn in TURNS:
@@ -38,7 +40,7 @@ def put_poses(position: np.ndarray, yaw: float, held: RigidTransform) -> list[Ri
 
 
 def carried_pose(tcp: RigidTransform, box: RigidTransform) -> RigidTransform:
-    """The box in the TCP's frame once the fingers have closed: they centre it between them and align it with themselves."""
+    """Return the box in the TCP's frame once the fingers have closed: they centre it and align it with themselves."""
     held = tcp.inv() * box
     turn = held.rotation.as_matrix()
     nearest = np.round(turn)  # a cube fits in 24 ways
@@ -47,5 +49,5 @@ def carried_pose(tcp: RigidTransform, box: RigidTransform) -> RigidTransform:
 
 
 def raised(pose: RigidTransform, height: float) -> RigidTransform:
-    """The same, `height` metres above."""
+    """Return the same pose, `height` metres above."""
     return RigidTransform.from_components(pose.translation + np.array([0, 0, height]), pose.rotation)

@@ -14,6 +14,7 @@ import pinocchio as pin
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy import yumi
+from bt_jax.deploy.yumi import JointRows, Joints
 
 __all__ = ["MARGIN", "ArmKinematics", "arm_kinematics"]
 
@@ -38,12 +39,12 @@ class ArmKinematics:
         self._tcp = self._model.getFrameId(f"{arm}_tcp")
         self._middle, self._half = (self.lower + self.upper) / 2, (self.upper - self.lower) / 2
 
-    def descend(self, target: RigidTransform, start: np.ndarray, iterations: int = ITERATIONS) -> np.ndarray | None:
-        """The solution to which damped least squares come from `start`, None where they find none."""
+    def descend(self, target: RigidTransform, start: Joints, iterations: int = ITERATIONS) -> Joints | None:
+        """Return the solution that damped least squares reach from `start`, None if they find none."""
         goal = pin.SE3(target.rotation.as_matrix(), np.array(target.translation))
         return self._descend(goal, start, iterations)
 
-    def _descend(self, goal: pin.SE3, start: np.ndarray, iterations: int) -> np.ndarray | None:
+    def _descend(self, goal: pin.SE3, start: Joints, iterations: int) -> Joints | None:
         model, data, q = self._model, self._data, np.clip(start, self.lower, self.upper)
         best = np.inf
         for i in range(iterations):
@@ -62,9 +63,9 @@ class ArmKinematics:
         return None
 
     def solutions(
-        self, target: RigidTransform, near: np.ndarray, *, seed: int = 0, starts: int = STARTS
-    ) -> Iterator[np.ndarray]:
-        """Solutions, the one found from `near` first, then those from random starts that grow in distance from it."""
+        self, target: RigidTransform, near: Joints, *, seed: int = 0, starts: int = STARTS
+    ) -> Iterator[Joints]:
+        """Yield solutions, the one found from `near` first, then those from random starts that grow in distance from it."""
         rng, goal = np.random.default_rng(seed), pin.SE3(target.rotation.as_matrix(), np.array(target.translation))
         for i in range(starts):
             spread = min(1.0, 0.15 * i)
@@ -73,7 +74,7 @@ class ArmKinematics:
             if found is not None:
                 yield found
 
-    def solve(self, target: RigidTransform, near: np.ndarray, *, enough: int = 1, seed: int = 0) -> np.ndarray | None:
+    def solve(self, target: RigidTransform, near: Joints, *, enough: int = 1, seed: int = 0) -> Joints | None:
         """Return the best of the first `enough` solutions, None if there is none."""
         found = []
         for solution in self.solutions(target, near, seed=seed):
@@ -82,14 +83,14 @@ class ArmKinematics:
                 break
         return min(found, key=lambda q: self.cost(q, near), default=None)
 
-    def cost(self, joints: np.ndarray, near: np.ndarray) -> float:
-        """How undesirable a solution is: weighted distance [rad] from `near`, and nearness to the limits."""
+    def cost(self, joints: Joints, near: Joints) -> float:
+        """Return how undesirable a solution is: weighted distance [rad] from `near`, and nearness to the limits."""
         share = np.abs(joints - self._middle) / self._half
         return float(np.linalg.norm(WEIGHTS * (joints - near)) + LIMITS * np.sum(share**8))
 
-    def line(self, target: RigidTransform, start: np.ndarray, steps: int) -> np.ndarray | None:
-        """Joints [steps + 1, 7] along which the TCP moves straight from where it is at `start` to `target`, turning evenly;
-        None where it cannot."""
+    def line(self, target: RigidTransform, start: Joints, steps: int) -> JointRows | None:
+        """Return steps + 1 configurations along which the TCP moves straight from where it is at `start` to `target`,
+        turning evenly; None if it cannot."""
         here = yumi.forward(self.arm, start)
         turn = (here.rotation.inv() * target.rotation).as_rotvec()
         rows = [np.asarray(start, float)]
@@ -105,5 +106,5 @@ class ArmKinematics:
 
 @functools.lru_cache(maxsize=2)
 def arm_kinematics(arm: str) -> ArmKinematics:
-    """Of "left" or "right"; kept."""
+    """Return the kinematics of the "left" or "right" arm; the same object at every call."""
     return ArmKinematics(arm)

@@ -12,9 +12,11 @@ import itertools
 from collections.abc import Callable
 
 import numpy as np
+from jaxtyping import Float
 
 from bt_jax.deploy import yumi
 from bt_jax.deploy.planning.trajectory import Trajectory
+from bt_jax.deploy.yumi import JointRows, Joints
 
 __all__ = ["Pace", "connect", "densified", "timed"]
 
@@ -24,8 +26,10 @@ GROW = 0.25  # rad by which a search tree grows at once
 TRIES = 400
 SHORTCUTS = 40
 
-Free = Callable[[np.ndarray], bool]
-"""free(joints [7]): may the arm be there?"""
+Free = Callable[[Joints], bool]
+"""free(joints): may the arm be there?"""
+Tree = list[tuple[Joints, int]]
+"""Configurations, each with the index of its parent; the root's is -1."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,12 +41,12 @@ class Pace:
     tool: float = 0.5
 
     def slowed(self, factor: float) -> Pace:
-        """All speeds `factor` times as high; accelerations follow."""
+        """Return the pace with all speeds `factor` times as high; accelerations follow."""
         return Pace(self.share * factor, self.acceleration * factor, self.tool * factor)
 
 
-def timed(path: np.ndarray, pace: Pace, arm: str) -> Trajectory:
-    """A path [n, 7] as a trajectory that starts and ends at rest and keeps the pace at every point."""
+def timed(path: JointRows, pace: Pace, arm: str) -> Trajectory:
+    """Return a path as a trajectory that starts and ends at rest and keeps the pace at every point."""
     path = np.asarray(path, float)
     steps = np.abs(np.diff(path, axis=0))
     path = densified(np.concatenate([path[:1], path[1:][steps.max(axis=1) > 1e-9]]))
@@ -67,15 +71,15 @@ def timed(path: np.ndarray, pace: Pace, arm: str) -> Trajectory:
     return Trajectory(PERIOD * np.arange(len(rows)), rows).slowed(max(1.0, fastest / pace.tool))
 
 
-def _averaged(rows: np.ndarray, width: int) -> np.ndarray:
-    """Moving average of rows that rest at both ends before and after; `width` - 1 rows longer."""
+def _averaged(rows: JointRows, width: int) -> Float[np.ndarray, "m 7"]:
+    """Return the moving average of rows that rest at both ends before and after; `width` - 1 rows longer."""
     padded = np.concatenate([np.repeat(rows[:1], width - 1, 0), rows, np.repeat(rows[-1:], width - 1, 0)])
     sums = np.cumsum(np.concatenate([np.zeros((1, 7)), padded]), axis=0)
     return (sums[width:] - sums[:-width]) / width
 
 
-def densified(path: np.ndarray, resolution: float = RESOLUTION) -> np.ndarray:
-    """The same path with no joint step above `resolution`."""
+def densified(path: JointRows, resolution: float = RESOLUTION) -> Float[np.ndarray, "m 7"]:
+    """Return the same path with no joint step above `resolution`."""
     rows = [path[:1]]
     for a, b in itertools.pairwise(path):
         count = max(1, int(np.ceil(np.abs(b - a).max() / resolution)))
@@ -83,16 +87,16 @@ def densified(path: np.ndarray, resolution: float = RESOLUTION) -> np.ndarray:
     return np.concatenate(rows)
 
 
-def connect(start: np.ndarray, goal: np.ndarray, free: Free, *, seed: int = 0, tries: int = TRIES) -> np.ndarray | None:
-    """A free polyline [n, 7] from `start` to `goal`: straight where that is free, else by RRT-Connect (Kuffner and LaValle
-    2000) and shortcuts; None where none was found."""
+def connect(start: Joints, goal: Joints, free: Free, *, seed: int = 0, tries: int = TRIES) -> JointRows | None:
+    """Return a free polyline from `start` to `goal`: straight if that is free, else by RRT-Connect (Kuffner and LaValle
+    2000) and shortcuts; None if none was found."""
     direct = np.stack([start, goal])
     if not (free(start) and free(goal)):
         return None
     if _clear(direct, free):
         return direct
     rng = np.random.default_rng(seed)
-    trees = ([(start, -1)], [(goal, -1)])
+    trees: tuple[Tree, Tree] = ([(start, -1)], [(goal, -1)])
     for i in range(tries):
         a, b = trees[i % 2], trees[1 - i % 2]
         reach = rng.uniform(0.3, 1.0)
@@ -110,12 +114,12 @@ def connect(start: np.ndarray, goal: np.ndarray, free: Free, *, seed: int = 0, t
     return None
 
 
-def _clear(path: np.ndarray, free: Free) -> bool:
+def _clear(path: JointRows, free: Free) -> bool:
     return all(free(joints) for joints in densified(path)[1:])
 
 
-def _grow(tree: list[tuple[np.ndarray, int]], toward: np.ndarray, free: Free) -> int | None:
-    """Index of the node by which the tree has grown."""
+def _grow(tree: Tree, toward: Joints, free: Free) -> int | None:
+    """Grow a tree towards a configuration; return the index of the new node, None if the way is not free."""
     nearest = int(np.argmin([np.linalg.norm(node - toward) for node, _ in tree]))
     step = toward - tree[nearest][0]
     if np.abs(step).max() < 1e-12:
@@ -127,8 +131,8 @@ def _grow(tree: list[tuple[np.ndarray, int]], toward: np.ndarray, free: Free) ->
     return len(tree) - 1
 
 
-def _branch(tree: list[tuple[np.ndarray, int]], node: int) -> list[np.ndarray]:
-    """From a node to the root."""
+def _branch(tree: Tree, node: int) -> list[Joints]:
+    """Return the configurations from a node to the root."""
     rows = []
     while node >= 0:
         joints, node = tree[node]
@@ -136,7 +140,7 @@ def _branch(tree: list[tuple[np.ndarray, int]], node: int) -> list[np.ndarray]:
     return rows
 
 
-def _shortened(path: np.ndarray, free: Free, rng: np.random.Generator) -> np.ndarray:
+def _shortened(path: JointRows, free: Free, rng: np.random.Generator) -> Float[np.ndarray, "m 7"]:
     for _ in range(SHORTCUTS):
         if len(path) < 3:
             break

@@ -5,8 +5,10 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+from jaxtyping import Float
 
 from bt_jax._util.errors import UserError
+from bt_jax.deploy.yumi import JointRows, Joints
 
 __all__ = ["HALT", "Follower", "Trajectory"]
 
@@ -15,13 +17,10 @@ HALT = 0.3  # seconds in which a halted motion comes to rest
 
 @dataclasses.dataclass(frozen=True)
 class Trajectory:
-    """Where the joints of one arm are at which time; straight in joint space in between.
+    """Where the joints of one arm are at which time; straight in joint space in between."""
 
-    `times` [n] ascends from 0 [s], `joints` is [n, 7] in chain order [rad].
-    """
-
-    times: np.ndarray
-    joints: np.ndarray
+    times: Float[np.ndarray, " n"]  # ascending from 0, s
+    joints: Float[np.ndarray, "n 7"]  # chain order, rad
 
     def __post_init__(self) -> None:
         times, joints = np.asarray(self.times, float), np.asarray(self.joints, float)
@@ -39,20 +38,20 @@ class Trajectory:
     def duration(self) -> float:
         return float(self.times[-1])
 
-    def at(self, time: float) -> np.ndarray:
-        """Joints [7] at a time; the ends beyond."""
+    def at(self, time: float) -> Joints:
+        """Return the joints at a time [s]; before the start and after the end, those of the ends."""
         i = int(np.searchsorted(self.times, time, side="right"))
         if i == 0 or i == len(self.times):
             return self.joints[min(i, len(self.times) - 1)].copy()
         part = (time - self.times[i - 1]) / (self.times[i] - self.times[i - 1])
         return (1 - part) * self.joints[i - 1] + part * self.joints[i]
 
-    def speeds(self) -> np.ndarray:
-        """Joint speeds between the points, [n - 1, 7], rad/s."""
+    def speeds(self) -> JointRows:
+        """Return the joint speeds between the points, rad/s; one row fewer than there are points."""
         return np.diff(self.joints, axis=0) / np.diff(self.times)[:, None]
 
     def slowed(self, factor: float) -> Trajectory:
-        """The same path in `factor` times the time."""
+        """Return the same path in `factor` times the time."""
         return Trajectory(self.times * factor, self.joints)
 
 
@@ -77,8 +76,8 @@ class Follower:
         """Come to rest within `HALT`, on the path."""
         self._halting = True
 
-    def advance(self, seconds: float) -> np.ndarray:
-        """Joints [7] for the next cycle, `seconds` later."""
+    def advance(self, seconds: float) -> Joints:
+        """Return the joints for the next cycle, `seconds` later."""
         if self._halting:
             self._rate = max(0.0, self._rate - seconds / HALT)
         self._time = min(self._time + self._rate * seconds, self.trajectory.duration)

@@ -7,17 +7,22 @@ import xml.etree.ElementTree as ET
 
 import mujoco
 import numpy as np
+from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.deploy import yumi
 from bt_jax.deploy.twin.controller import CellModel
 from bt_jax.deploy.twin.marker_scene import marker_scene
 from bt_jax.deploy.twin.rendered_camera import cell_camera
+from bt_jax.deploy.yumi import Point
 from bt_jax.mjx_env.scene.mjcf import build_mjcf
 from bt_jax.mjx_env.scene.placement import draw_kit_table, draw_places
 from bt_jax.tasks import Task
 
 __all__ = ["CAMERA", "FILM", "TwinScene", "box_poses", "build_scene", "solved", "target_distances"]
+
+Qpos = Float[np.ndarray, " nq"]
+"""A state of the twin's model: positions of joints, m and rad; free bodies by position and quaternion wxyz."""
 
 CAMERA, FILM = "cell", "film"
 STEP = 0.002  # seconds of physics
@@ -26,7 +31,7 @@ SHELL = '<material name="shell" rgba=".88 .88 .86 1" specular=".3" shininess=".4
 
 @dataclasses.dataclass(frozen=True)
 class TwinScene:
-    """A cell for the twin's controller, its compiled model, and the world poses of the boxes at the start."""
+    """A cell for the twin's controller, its compiled model, and the pose of the kit in the world."""
 
     task: Task
     cell: CellModel
@@ -35,7 +40,7 @@ class TwinScene:
 
 
 def build_scene(task: Task, seed: int | list[int]) -> TwinScene:
-    """The cell of a task with boxes at random places and turned at random; the same for the same seed."""
+    """Return the cell of a task with boxes at random places and turned at random; the same for the same seed."""
     rng = np.random.default_rng(seed)
     table = task.tables[draw_kit_table(task, rng)]
     index = task.tables.index(table)
@@ -68,8 +73,8 @@ def build_scene(task: Task, seed: int | list[int]) -> TwinScene:
     return TwinScene(task, cell, model, RigidTransform.from_translation(kit))
 
 
-def _mjcf(task: Task, kit: np.ndarray) -> tuple[dict[str, bytes], str]:
-    """The files that the model names, and its text."""
+def _mjcf(task: Task, kit: Point) -> tuple[dict[str, bytes], str]:
+    """Return the files that the model names, and its text."""
     root, markers = ET.fromstring(build_mjcf(task)), marker_scene(task)
     _found(root, "compiler").set("angle", "radian")
     option = _found(root, "option")
@@ -98,7 +103,7 @@ def _found(root: ET.Element, path: str) -> ET.Element:
 
 
 def _film_camera(task: Task) -> str:
-    """A camera that sees robot and tables from the front left."""
+    """Return a camera that sees robot and tables from the front left."""
     base = np.array(task.robot_position)
     tables = np.mean([[*table.position[:2], table.top] for table in task.tables], axis=0)
     target = 0.35 * base + 0.65 * tables + [0, 0, 0.16]
@@ -109,8 +114,8 @@ def _film_camera(task: Task) -> str:
     return f'<camera name="{FILM}" pos="{" ".join(map(repr, map(float, eye)))}" xyaxes="{axes}" fovy="44"/>'
 
 
-def box_poses(scene: TwinScene, qpos: np.ndarray) -> dict[str, RigidTransform]:
-    """True poses of the boxes in the world, from a state of the model."""
+def box_poses(scene: TwinScene, qpos: Qpos) -> dict[str, RigidTransform]:
+    """Return the true poses of the boxes in the world, from a state of the model."""
     poses = {}
     for name in scene.task.box_names:
         at = scene.model.jnt_qposadr[scene.model.body(name).jntadr[0]]
@@ -120,8 +125,8 @@ def box_poses(scene: TwinScene, qpos: np.ndarray) -> dict[str, RigidTransform]:
     return poses
 
 
-def target_distances(scene: TwinScene, qpos: np.ndarray) -> list[float]:
-    """How far each target's object truly is from its place, m."""
+def target_distances(scene: TwinScene, qpos: Qpos) -> list[float]:
+    """Return how far each target's object truly is from its place, m."""
     poses = box_poses(scene, qpos) | {
         scene.task.kit.name: scene.kit,
         scene.task.robot_frame: RigidTransform.from_translation(scene.task.robot_position),
@@ -132,6 +137,6 @@ def target_distances(scene: TwinScene, qpos: np.ndarray) -> list[float]:
     ]
 
 
-def solved(scene: TwinScene, qpos: np.ndarray) -> bool:
+def solved(scene: TwinScene, qpos: Qpos) -> bool:
     """Is every object where its target is, within the task's tolerance?"""
     return all(distance < scene.task.episode.tolerance for distance in target_distances(scene, qpos))

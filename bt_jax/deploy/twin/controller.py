@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax._util.errors import UserError
@@ -54,7 +55,7 @@ class Controller:
         self.rws_port = rws_port
 
     def start(self) -> Controller:
-        """Starts the process and waits until it is there. Raises UserError where the cell cannot be simulated."""
+        """Start the process and wait until it is ready. Raise UserError if the cell cannot be simulated."""
         self._process.start()
         self._theirs.close()
         kind, value = self._receive()
@@ -64,7 +65,7 @@ class Controller:
         return self
 
     def stop(self) -> None:
-        """Ends the process."""
+        """End the process."""
         if self._process.is_alive():
             with contextlib.suppress(ControllerGone):
                 self._ask("close")
@@ -72,7 +73,7 @@ class Controller:
         self.kill()
 
     def kill(self) -> None:
-        """Ends the process at once, as a power cut would."""
+        """End the process at once, as a power cut would."""
         if self._process.pid is not None:
             self._process.kill()
             self._process.join()
@@ -90,35 +91,34 @@ class Controller:
     def pid(self) -> int | None:
         return self._process.pid
 
-    def state(self) -> tuple[float, np.ndarray]:
-        """Time [s] (monotonic, or simulated in lock-step) and qpos, a copy; never waits for the simulation."""
+    def state(self) -> tuple[float, Float[np.ndarray, " nq"]]:
+        """Return the time [s] (monotonic, or simulated in lock-step) and a copy of qpos; never wait for the simulation."""
         values = self._state.read()
         return float(values[0]), values[1:]
 
     def stats(self) -> ControllerStats:
-        """See `ControllerStats`."""
+        """Return what the process has counted so far."""
         cycles, missed, unanswered, worst, busy = self._stats.read()
         return ControllerStats(int(cycles), int(missed), int(unanswered), float(worst), float(busy))
 
     def late_cycles(self) -> list[LateRound]:
-        """The last cycles that began late in real time."""
+        """Return the last cycles that began late in real time."""
         return self._watch.read()
 
     def advance(self, until: float) -> None:
-        """Lock-step: simulates until that time. Raises ControllerGone where the process is no more."""
+        """Simulate until that time [s], in lock-step only. Raise ControllerGone if the process has ended."""
         self._ask("advance", until)
 
     def put(self, body: str, pose: RigidTransform) -> None:
-        """Moves a free body there, at rest; what a person's hand does. `pose` in the world of the model."""
-        x, y, z, w = pose.rotation.as_quat()
-        self._ask("put", body, np.array([*pose.translation, w, x, y, z]))
+        """Move a free body to a pose in the world of the model, at rest, as a person's hand does."""
+        self._ask("put", body, np.array([*pose.translation, *pose.rotation.as_quat(scalar_first=True)]))
 
-    def push(self, body: str, force: np.ndarray, seconds: float) -> None:
-        """Pulls at a body with a force [3] in N for some time."""
+    def push(self, body: str, force: Float[np.ndarray, " 3"], seconds: float) -> None:
+        """Pull at a body with a force [N] in the world for some time."""
         self._ask("push", body, np.asarray(force, float), seconds)
 
     def fault(self, kind: str, **details: float) -> None:
-        """Breaks something: `drop` (share, in both directions), `delay` (seconds), `reorder` (share), `silence` (seconds),
+        """Break something: `drop` (share, in both directions), `delay` (seconds), `reorder` (share), `silence` (seconds),
         `motors_off`, `emergency_stop`, `heal` (the network)."""
         self._ask("fault", kind, details)
 

@@ -11,6 +11,7 @@ from multiprocessing.connection import Connection
 
 import mujoco
 import numpy as np
+from jaxtyping import Float
 
 from bt_jax.deploy.link.egm import CYCLE, Feedback, Mci, Setpoint
 from bt_jax.deploy.link.loop_timing import LoopTimer
@@ -18,6 +19,7 @@ from bt_jax.deploy.link.realtime import Snapshot, sleep_until, take_priority
 from bt_jax.deploy.link.rws import EGM_MOTION, GRIP_ACTUAL, GRIP_FORCE, GRIP_TARGET, Motion, symbol
 from bt_jax.deploy.twin.network import Network
 from bt_jax.deploy.twin.rws_server import serve_rws
+from bt_jax.deploy.yumi import PoseRow
 
 __all__ = ["PARTS", "STATS", "TIMING", "CellModel", "ControllerSpec", "serve"]
 
@@ -49,7 +51,7 @@ class CellModel:
 
     xml: str
     assets: Mapping[str, bytes]
-    qpos: np.ndarray
+    qpos: Float[np.ndarray, " nq"]
     joints: Mapping[str, tuple[str, ...]]
     actuators: Mapping[str, tuple[str, ...]]
     finger_joints: Mapping[str, tuple[str, ...]]
@@ -104,7 +106,7 @@ class SimulatedRobot:
         self.model.opt.timestep = CYCLE / self.substeps
         self.arms = [SimulatedArm(self.model, cell, name, port) for name, port in spec.ports.items()]
         self.control, self.mode, self.cycle, self.unanswered = "motoron", "AUTO", 0, 0
-        self.pushes: list[tuple[int, np.ndarray, float]] = []  # body, force, until
+        self.pushes: list[tuple[int, Float[np.ndarray, " 3"], float]] = []  # body, force, until
         for arm in self.arms:
             self.data.ctrl[arm.actuators] = self.data.qpos[arm.joints]
             self.data.ctrl[arm.finger_actuators] = self.data.qpos[arm.fingers]
@@ -169,10 +171,10 @@ class SimulatedRobot:
             )
             arm.network.send(message.encode(), self.time)
 
-    def _flange(self, arm: SimulatedArm) -> np.ndarray:
+    def _flange(self, arm: SimulatedArm) -> PoseRow:
         quaternion = np.zeros(4)
         mujoco.mju_mat2Quat(quaternion, self.data.site_xmat[arm.flange])
-        return np.concatenate([self.data.site_xpos[arm.flange], np.roll(quaternion, -1)])
+        return np.concatenate([self.data.site_xpos[arm.flange], quaternion])
 
     def listen(self, arm: SimulatedArm, patience: float) -> None:
         """Takes what was answered; for at most `patience` seconds waits for the answer to the last message."""
@@ -221,7 +223,7 @@ class SimulatedRobot:
         mujoco.mj_step(self.model, self.data, self.substeps)
         self.cycle += 1
 
-    def put(self, body: str, pose: np.ndarray) -> None:
+    def put(self, body: str, pose: PoseRow) -> None:
         joint = self.model.body(body).jntadr[0]
         if joint < 0 or self.model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_FREE:
             raise ValueError(f"{body} cannot be moved by hand")
@@ -337,10 +339,10 @@ class _ControllerLoop:
             self.cycle()
         self.busy += time.monotonic() - began
 
-    def do_put(self, body: str, pose: np.ndarray) -> None:
+    def do_put(self, body: str, pose: PoseRow) -> None:
         self.robot.put(body, pose)
 
-    def do_push(self, body: str, force: np.ndarray, seconds: float) -> None:
+    def do_push(self, body: str, force: Float[np.ndarray, " 3"], seconds: float) -> None:
         self.robot.pushes.append((self.robot.model.body(body).id, force, self.robot.time + seconds))
 
     def do_fault(self, kind: str, details: Mapping[str, float]) -> None:

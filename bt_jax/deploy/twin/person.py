@@ -6,11 +6,13 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
+from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.deploy import yumi
 from bt_jax.deploy.twin.cell import TwinScene, box_poses
 from bt_jax.deploy.twin.controller import Controller
+from bt_jax.deploy.yumi import Point
 
 __all__ = ["Person", "Touch", "hands_of"]
 
@@ -33,7 +35,7 @@ class Touch:
 
 
 class Person:
-    """Touches a box at each of `times` [s], the first moment from then on at which one is free; never one that is in or near
+    """Touch a box at each of `times` [s], the first moment from then on at which one is free; never one that is in or near
     a hand, nor one with another on top."""
 
     def __init__(self, scene: TwinScene, controller: Controller, rng: np.random.Generator, times: list[float]) -> None:
@@ -42,8 +44,8 @@ class Person:
         self._times = sorted(times)
         self._gone: dict[str, float] = {}  # box -> when it comes back
 
-    def __call__(self, now: float, hands: Callable[[], list[np.ndarray]]) -> Touch | None:
-        """What the person does now; `hands` gives the TCPs [3] in the world."""
+    def __call__(self, now: float, hands: Callable[[], list[Point]]) -> Touch | None:
+        """Return what the person does now, None if nothing; `hands` returns the TCPs in the world."""
         for box, until in list(self._gone.items()):
             if now >= until and (spot := self._spot(box, hands())) is not None:
                 del self._gone[box]
@@ -70,14 +72,14 @@ class Person:
         """Will there be nothing more?"""
         return not self._times and not self._gone
 
-    def _lay(self, now: float, what: str, box: str, spot: np.ndarray) -> Touch:
+    def _lay(self, now: float, what: str, box: str, spot: Point) -> Touch:
         turn = Rotation.from_euler("z", self.rng.uniform(-np.pi, np.pi))
         self.controller.put(box, RigidTransform.from_components(spot, turn))
         touch = Touch(now, what, box)
         self.touches.append(touch)
         return touch
 
-    def _free_box(self, hands: list[np.ndarray]) -> str | None:
+    def _free_box(self, hands: list[Point]) -> str | None:
         poses = self._poses()
         free = [
             name
@@ -88,12 +90,12 @@ class Person:
         ]
         return str(self.rng.choice(free)) if free else None
 
-    def _over(self, upper: np.ndarray, lower: np.ndarray, name: str) -> bool:
+    def _over(self, upper: Point, lower: Point, name: str) -> bool:
         size = self._size(name)
         return bool(np.linalg.norm(upper[:2] - lower[:2]) < size and 0.5 * size < upper[2] - lower[2] < 1.5 * size)
 
-    def _spot(self, box: str, hands: list[np.ndarray]) -> np.ndarray | None:
-        """A free place on a table without the kit, away from other boxes and from the hands."""
+    def _spot(self, box: str, hands: list[Point]) -> Point | None:
+        """Return a free place on a table without the kit, away from other boxes and from the hands."""
         task, size = self.scene.task, self._size(box)
         others = [pose.translation for name, pose in self._poses().items() if name != box]
         kit = self.scene.kit.translation
@@ -114,8 +116,8 @@ class Person:
         return next(box.size for box in self.scene.task.boxes if box.name == name)
 
 
-def hands_of(scene: TwinScene, qpos: np.ndarray) -> list[np.ndarray]:
-    """The points between the fingers [3] in the world, from a state of the model."""
+def hands_of(scene: TwinScene, qpos: Float[np.ndarray, " nq"]) -> list[Point]:
+    """Return the points between the fingers in the world, from a state of the model."""
     base = RigidTransform.from_translation(scene.task.robot_position)
     return [
         (

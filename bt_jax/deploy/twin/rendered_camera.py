@@ -8,8 +8,10 @@ from collections.abc import Callable
 
 import mujoco
 import numpy as np
+from jaxtyping import Float, Int
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from bt_jax.deploy.perception.arrays import Matrix3
 from bt_jax.deploy.perception.camera import CameraError, CameraFrame
 from bt_jax.mjx_env.render.offscreen import View
 from bt_jax.tasks import Task
@@ -20,6 +22,7 @@ WIDTH, HEIGHT = 640, 480
 DISTANCE = 0.95  # from the camera to the middle of the tables' tops, as a share of the row's length
 ELEVATION = math.radians(48)  # over the kit's wall, and flat enough to see the sides of a twisted stack
 ROOM = 1.06  # of the picture's width, for boxes that stand at an edge
+Indices = Int[np.ndarray, " n"]
 OPENCV = np.diag([1.0, -1.0, -1.0])  # MuJoCo's cameras look along -z with y up
 
 
@@ -34,13 +37,13 @@ class CameraPlacement:
     height: int = HEIGHT
 
     @property
-    def matrix(self) -> np.ndarray:
-        """f64[3, 3]; the centre of the first pixel is (0, 0)."""
+    def matrix(self) -> Matrix3:
+        """The camera matrix; the centre of the first pixel is (0, 0)."""
         focal = self.height / 2 / math.tan(math.radians(self.fovy) / 2)
         return np.array([[focal, 0, (self.width - 1) / 2], [0, focal, (self.height - 1) / 2], [0, 0, 1]])
 
     def mjcf(self, name: str) -> str:
-        """The <camera> element for a worldbody."""
+        """Return the <camera> element for a worldbody."""
         axes = self.pose.rotation.as_matrix() @ OPENCV
         numbers = " ".join(f"{x:.9g}" for x in (*axes[:, 0], *axes[:, 1]))
         position = " ".join(f"{x:.9g}" for x in self.pose.translation)
@@ -48,8 +51,8 @@ class CameraPlacement:
 
 
 def cell_camera(task: Task) -> CameraPlacement:
-    """Where a camera of 640 x 480 sees all tables of a robot cell as large as it can: across the tables from the robot, and
-    looking down at it, so that an arm that reaches for a box from above hides little."""
+    """Return where a camera of 640 x 480 sees all tables of a robot cell as large as it can: across the tables from the
+    robot, and looking down at it, so that an arm that reaches for a box from above hides little."""
     positions = np.array([table.position for table in task.tables])
     halves = np.array([table.size for table in task.tables]) / 2
     low, high = (positions - halves).min(axis=0), (positions + halves).max(axis=0)
@@ -71,13 +74,13 @@ def cell_camera(task: Task) -> CameraPlacement:
 
 
 class RenderedCamera:
-    """Renders a camera of a model; `state` gives time [s] and qpos, as they are now, from wherever the model is simulated.
+    """Render a camera of a model; `state` returns time [s] and qpos, as they are now, from wherever the model is simulated.
     Made and read in one thread, that of its OpenGL context. `freeze`, `lose` and `cover` are faults to be tried."""
 
     def __init__(
         self,
         model: mujoco.MjModel,
-        state: Callable[[], tuple[float, np.ndarray]],
+        state: Callable[[], tuple[float, Float[np.ndarray, " nq"]]],
         name: str = "cell",
         *,
         width: int = WIDTH,
@@ -90,10 +93,10 @@ class RenderedCamera:
         self._matrix = CameraPlacement(RigidTransform.identity(), fovy, width, height).matrix
         self._frozen: CameraFrame | None = None
         self._lost = False
-        self._covered: dict[str, tuple[np.ndarray, np.ndarray]] = {}  # body -> its geoms and their materials
+        self._covered: dict[str, tuple[Indices, Indices]] = {}  # body -> its geoms and their materials
 
     def read(self) -> CameraFrame:
-        """The scene as it is now. Raises CameraError after `lose`."""
+        """Return the scene as it is now. Raise CameraError after `lose`."""
         if self._lost:
             raise CameraError("the camera gives no more images")
         if self._frozen is not None:
@@ -104,24 +107,24 @@ class RenderedCamera:
         return CameraFrame(self._view(self._data), float(time), self._matrix, np.zeros(5))
 
     def freeze(self) -> None:
-        """From now on the image stays what it is."""
+        """Keep the image as it is from now on."""
         self._frozen = self.read()
 
     def lose(self) -> None:
-        """From now on there is no image."""
+        """Send no image from now on."""
         self._lost = True
 
     def cover(self, body: str) -> None:
-        """From now on a body has no markers."""
+        """Take the markers off a body."""
         geoms = np.flatnonzero(self._model.geom_bodyid == self._model.body(body).id)
         self._covered.setdefault(body, (geoms, self._model.geom_matid[geoms].copy()))
         self._model.geom_matid[geoms] = -1
 
     def uncover(self, body: str) -> None:
-        """Its markers are there again."""
+        """Put its markers back."""
         geoms, materials = self._covered.pop(body)
         self._model.geom_matid[geoms] = materials
 
     def close(self) -> None:
-        """Gives the OpenGL context back."""
+        """Give the OpenGL context back."""
         self._view.close()

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax._util.errors import UserError
@@ -49,7 +50,7 @@ class TwinTick:
     """One tick of a run, for displays and films: the executor's own view, the true state, and what a person just did."""
 
     shown: TickReport
-    qpos: np.ndarray
+    qpos: Float[np.ndarray, " nq"]
     touch: Touch | None
 
 
@@ -68,7 +69,7 @@ class TwinRun:
 
     @property
     def exit_code(self) -> int:
-        """The executor's: FAILED also where the tree believes what is not so."""
+        """That of the executor; FAILED also if the tree succeeds and an object is not where its target is."""
         return self.outcome.exit_code
 
 
@@ -84,8 +85,10 @@ def run_twin(
     on_tick: Callable[[TwinTick], None] | None = None,
     prepare: Callable[[Controller, Perceiving], None] | None = None,
 ) -> TwinRun:
-    """Runs a tree in one layout. `prepare` may break things before the run begins. Raises UserError where nothing can be
-    drawn here, so that the camera would be blind."""
+    """Run a tree in one layout. `prepare` may break things before the run begins.
+
+    Raise UserError if nothing can be rendered here, so that the camera would see nothing.
+    """
     began = time.monotonic()
     scene, ports = build_scene(program.task, seed), _free_ports()
     rng = np.random.default_rng([seed, 1])
@@ -168,7 +171,7 @@ def _settings(seed: int, realtime: bool, disturbances: int) -> dict[str, Any]:
 
 
 def _free_ports() -> dict[str, int]:
-    """Two UDP ports that nobody uses now."""
+    """Return two UDP ports that nobody uses now. Raise UserError if there are none."""
     with contextlib.ExitStack() as stack:
         sockets = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in yumi.ARMS]
         try:

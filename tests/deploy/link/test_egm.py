@@ -28,13 +28,14 @@ def test_setpoint_round_trip(joints, sequence):
 
 
 def test_the_flange_travels_in_millimetres_with_the_scalar_first():
-    flange = np.array([0.1, 0.2, 0.3, 0.5, 0.1, 0.1, 0.8544])
+    flange = np.array([0.1, 0.2, 0.3, 0.8544, 0.5, 0.1, 0.1])
     flange[3:] /= np.linalg.norm(flange[3:])
     sent = Feedback(1, 0.0, np.zeros(7), np.zeros(7), True, Mci.RUNNING, True, flange)
     message = EgmRobot()
     message.ParseFromString(sent.encode())
     assert message.feedBack.cartesian.pos.y == pytest.approx(200)
-    assert message.feedBack.cartesian.orient.u0 == flange[6]
+    assert message.feedBack.cartesian.orient.u0 == flange[3]
+    assert message.feedBack.cartesian.orient.u1 == flange[4]
     assert Feedback.decode(sent.encode()).flange == pytest.approx(flange)
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
@@ -11,7 +12,7 @@ from bt_jax.deploy.link.egm import CYCLE
 from bt_jax.deploy.link.protocol import RobotLink
 from bt_jax.deploy.link.safety import Rejected
 from bt_jax.deploy.planning.trajectory import Trajectory
-from tests.helpers.cells import ARMS, RULES, move, run_for, running
+from tests.helpers.cells import ARMS, RULES, XML, move, run_for, running
 
 
 @pytest.fixture(scope="module")
@@ -148,3 +149,16 @@ def test_clearance_is_watched_for_paths_and_while_moving():
         held = link.arm("left").commanded
         run_for(link, 0.3)
         np.testing.assert_array_equal(link.arm("left").commanded, held)
+
+
+def test_the_flange_is_told_as_the_arm_has_it():
+    with running(realtime=False) as (controller, link):
+        move(link, by=0.4)
+        run_for(link, 1.5)
+        model = mujoco.MjModel.from_xml_string(XML)
+        data = mujoco.MjData(model)
+        data.qpos[:] = controller.state()[1]
+        mujoco.mj_kinematics(model, data)
+        site, told = data.site("left_flange"), link.arm("left").flange
+        np.testing.assert_allclose(told.translation, site.xpos, atol=1e-3)
+        np.testing.assert_allclose(told.rotation.as_matrix(), site.xmat.reshape(3, 3), atol=1e-2)
