@@ -24,7 +24,7 @@ class Settings:
     backend: Backend = "auto"
     """engine of the physics level; auto takes mjx on a GPU and mujoco on a CPU"""
     implementation: Literal["jax", "warp"] = "jax"
-    """of mjx; warp needs an NVIDIA GPU and has never been tried"""
+    """of mjx; warp is meant for NVIDIA GPUs and was run only once, on a CPU"""
     evaluator: Evaluator = "table"
     """table: simulate each distinct transition once; rollout: simulate every transition, in one compiled loop (mjx or
     kinematic)"""

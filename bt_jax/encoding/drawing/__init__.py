@@ -1,0 +1,1 @@
+"""Trees drawn in the terminal and as SVG."""

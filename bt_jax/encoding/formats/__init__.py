@@ -1,0 +1,1 @@
+"""Trees read from and written to text, BehaviorTree.CPP XML, files and py_trees."""

@@ -1,0 +1,1 @@
+"""How well learning from demonstrations works: synthetic demonstrations with known intentions, and their assessment."""

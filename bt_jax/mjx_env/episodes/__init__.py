@@ -1,0 +1,1 @@
+"""Trees executed from layout to ending: evaluation of populations, playback of one episode, fitness."""

@@ -1,0 +1,1 @@
+"""What stands where: the MuJoCo model of a task, random layouts, places on surfaces."""
