@@ -6,6 +6,7 @@ import pinocchio as pin
 import pytest
 
 from bt_jax.deploy import yumi
+from bt_jax.deploy.yumi_models import add_to_mjcf, urdf
 
 ABB = {"left": [0, -130, 30, 0, 40, 0, 135], "right": [0, -130, 30, 0, 40, 0, -135]}  # calibration pose, axes 1 to 7
 
@@ -15,12 +16,12 @@ def mujoco_model():
         '<mujoco><compiler angle="radian"/><asset><material name="shell"/><material name="rubber"/></asset>'
         "<worldbody/></mujoco>"
     )
-    yumi.add_to_mjcf(root, (0.0, 0.0, 0.0))
+    add_to_mjcf(root, (0.0, 0.0, 0.0))
     return mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"))
 
 
 def test_urdf_mjcf_and_numpy_have_the_same_forward_kinematics():
-    model, rng = pin.buildModelFromXML(yumi.urdf()), np.random.default_rng(0)
+    model, rng = pin.buildModelFromXML(urdf()), np.random.default_rng(0)
     data, q = model.createData(), pin.neutral(model)
     twin = mujoco_model()
     state = mujoco.MjData(twin)

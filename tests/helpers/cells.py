@@ -2,6 +2,7 @@
 
 import contextlib
 import socket
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -12,7 +13,8 @@ from bt_jax.deploy.link.safety import Rejected, Rules
 from bt_jax.deploy.link.settings import LinkConfig
 from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.planning.trajectory import Trajectory
-from bt_jax.deploy.twin.controller import CellModel, Controller
+from bt_jax.deploy.twin.controller import Controller
+from bt_jax.deploy.twin.simulated_robot import CellModel
 
 ARMS = ("left", "right")
 STARVED = 0.05  # seconds; a cycle has 4 ms
@@ -86,15 +88,16 @@ def running(*, realtime: bool, rules: Rules = RULES, start: bool = True):
 
 
 @contextlib.contextmanager
-def skipped_where_starved(controller: Controller, link: YumiLink):
-    """Skips a test that fails while controller or link come too late. Where time is simulated, that never happens."""
+def skipped_where_starved(controller: Controller, *links: YumiLink, busy: Callable[[], str] = str):
+    """Skip a test that fails while controller or links come too late, or `busy` says what else did. Where time is simulated,
+    that never happens."""
     try:
         yield
     except (AssertionError, TypeError, ControllerGone, Rejected, UserError, pytest.fail.Exception) as failure:
         stats = controller.stats()
-        worst = max([stats.worst, *(late.late for late in link.late_rounds())])
-        if controller.realtime and (worst > STARVED or stats.missed > 0.02 * stats.cycles):
-            pytest.skip(f"this machine is too busy for real time, {1000 * worst:.0f} ms late: {failure}")
+        worst = max([stats.worst, *(late.late for link in links for late in link.late_rounds())])
+        if controller.realtime and (worst > STARVED or stats.missed > 0.02 * stats.cycles or busy()):
+            pytest.skip(f"this machine is too busy for real time, {1000 * worst:.0f} ms late {busy()}: {failure}")
         raise
 
 

@@ -13,34 +13,14 @@ import numpy as np
 from jaxtyping import Float
 
 from bt_jax.deploy.link.egm import CYCLE, Feedback, Setpoint
-from bt_jax.deploy.link.loop_timing import LoopTimer
-from bt_jax.deploy.link.realtime import CONTEXT, Snapshot, take_priority
+from bt_jax.deploy.link.realtime import take_priority
 from bt_jax.deploy.link.safety import Rules, Supervisor
 from bt_jax.deploy.link.settings import LinkTiming
+from bt_jax.deploy.link.shared_state import MotionState, SharedState
 from bt_jax.deploy.planning.trajectory import Follower, Trajectory
 from bt_jax.deploy.yumi import JointRows, Joints
 
-__all__ = ["ARM_FIELDS", "COUNTERS", "HISTORY", "LinkStart", "SharedState", "serve"]
-
-HISTORY = 8192  # cycles of one arm that are kept for the log
-RECORD = 17  # numbers of a record: arm, time, setpoint [7], measured [7], sequence
-ARM_FIELDS = 34  # time, joints, velocity, commanded [7 each], flange [7], moving, motion, remaining, running, known
-COUNTERS = ("cycles", "missed", "late", "lost", "reordered", "clipped")
-
-
-class SharedState:
-    """What the link process and the program share."""
-
-    def __init__(self, arms: tuple[str, ...]) -> None:
-        self.arms = {arm: Snapshot(ARM_FIELDS) for arm in arms}
-        self.counters = Snapshot(len(COUNTERS))
-        self.alive = CONTEXT.RawValue("d", 0.0)  # the executor's last sign of life, `time.monotonic()`
-        self.interrupted = CONTEXT.RawValue("b", 0)  # everything must come to rest
-        self.reason = CONTEXT.RawArray("c", 512)
-        self.stopped = CONTEXT.RawValue("b", 0)  # `reason` is complete
-        self.history = CONTEXT.RawArray("d", HISTORY * RECORD)
-        self.written = CONTEXT.RawValue("L", 0)  # records so far
-        self.watch = LoopTimer(("messages", "commands", "supervision"))
+__all__ = ["LinkStart", "serve"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,7 +48,7 @@ class _ArmSession:
 
 
 def open_socket(port: int) -> socket.socket:
-    """A UDP socket on every interface; the controller knows our port and speaks first."""
+    """Return a UDP socket on every interface; the controller knows our port and speaks first."""
     found = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         found.bind(("", port))
@@ -80,7 +60,7 @@ def open_socket(port: int) -> socket.socket:
 
 
 def serve(start: LinkStart, blocks: SharedState, pipe: Connection) -> None:
-    """Runs until the program above says so, or is gone."""
+    """Run until the program above says so, or is gone."""
     take_priority(realtime=start.realtime)
     try:
         arms = {arm: _ArmSession(open_socket(port)) for arm, port in start.ports.items()}
@@ -104,7 +84,6 @@ class _LinkLoop:
         self.enabled = False  # the robot was started and must be running from now on
         self.closing = False
         self.cycles = self.missed = self.late = 0
-        self.history = np.frombuffer(blocks.history).reshape(HISTORY, RECORD)
         self.told: str | None = None
 
     def run(self) -> None:
@@ -139,14 +118,13 @@ class _LinkLoop:
                 return
 
     def tell(self) -> None:
-        """Lets everybody know of a stop that was latched."""
+        """Publish a stop that was latched."""
         if self.supervisor.reason is not None and self.supervisor.reason != self.told:
             self.told = self.supervisor.reason
-            self.blocks.reason.value = self.told.encode()[:511]
-            self.blocks.stopped.value = True
+            self.blocks.tell_stop(self.told)
 
     def receive(self, name: str) -> None:
-        """Takes all messages that wait, answers the newest."""
+        """Take all messages that wait, and answer the newest."""
         arm, count = self.arms[name], 0
         newest: Feedback | None = None
         while True:
@@ -188,7 +166,7 @@ class _LinkLoop:
         if self.supervisor.reason is not None or (arm.follower is not None and arm.follower.done):
             arm.follower = None
         self.publish(name, arm, feedback, arm.commanded)
-        self.record(name, feedback, arm.commanded)
+        self.blocks.record(name, feedback, arm.commanded)
         if self.answering and arm.address is not None and np.all(np.isfinite(arm.commanded)):
             arm.answers += 1
             message = Setpoint(arm.answers, feedback.time, arm.commanded).encode()
@@ -199,25 +177,16 @@ class _LinkLoop:
 
     def publish(self, name: str, arm: _ArmSession, feedback: Feedback, commanded: Joints) -> None:
         """Write the state that the program above reads."""
-        follower = arm.follower
-        remaining = 0.0 if follower is None else follower.remaining
-        motion = [follower is not None, arm.motion, remaining, feedback.running, 1.0]
-        flange = [np.nan] * 7 if feedback.flange is None else feedback.flange
-        state = [feedback.time, *feedback.joints, *arm.velocity, *commanded, *flange, *motion]
-        self.blocks.arms[name].write(np.array(state, float))
+        motion = MotionState(
+            arm.follower is not None, arm.motion, 0.0 if arm.follower is None else arm.follower.remaining
+        )
+        self.blocks.write_arm(name, feedback, arm.velocity, commanded, motion)
         supervisor = self.supervisor
         counters = (self.cycles, self.missed, self.late, supervisor.lost, supervisor.reordered, supervisor.clipped)
         self.blocks.counters.write(np.array(counters, float))
 
-    def record(self, name: str, feedback: Feedback, commanded: Joints) -> None:
-        """Keep this cycle for the log."""
-        row = self.blocks.written.value % HISTORY
-        index = list(self.arms).index(name)
-        self.history[row] = [index, feedback.time, *commanded, *feedback.joints, feedback.sequence]
-        self.blocks.written.value += 1
-
     def command(self) -> bool:
-        """Does what the program above asks for and answers it. False where it is gone."""
+        """Do what the program above asks for and answer it. Return False if it is gone."""
         try:
             name, *arguments = self.pipe.recv()
             getattr(self, f"do_{name}")(*arguments)
@@ -263,7 +232,7 @@ class _LinkLoop:
         return self.supervisor.silence(name, time.monotonic()) < self.start.rules.stale / 2
 
     def do_answer(self) -> None:
-        """From now on setpoints are sent: that the arms hold where the next message finds them."""
+        """Send setpoints from now on: the arms hold where the next message finds them."""
         if not self.start.motion:
             self.reply("this link only listens")
             return
@@ -274,7 +243,7 @@ class _LinkLoop:
         self.reply()
 
     def do_enable(self) -> None:
-        """From now on the robot must be running, and the executor must show that it is alive."""
+        """Require from now on that the robot is running and the executor shows that it is alive."""
         silent = [
             name
             for name, arm in self.arms.items()
@@ -296,7 +265,7 @@ class _LinkLoop:
         self.reply()
 
     def do_disable(self) -> None:
-        """The arms are held, and the robot may end its guided motion."""
+        """Hold the arms; the robot may end its guided motion."""
         self.enabled = False
         self.reply()
 

@@ -12,22 +12,21 @@ import threading
 import time
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax._util.errors import UserError
 from bt_jax.deploy import yumi
 from bt_jax.deploy.link.egm import CYCLE
 from bt_jax.deploy.link.loop_timing import LateRound
-from bt_jax.deploy.link.process import COUNTERS, HISTORY, RECORD, LinkStart, SharedState, serve
+from bt_jax.deploy.link.process import LinkStart, serve
 from bt_jax.deploy.link.protocol import ArmState, ControllerGone, Counters, Records, SimulatedController
 from bt_jax.deploy.link.rapid_program import RapidProgram
 from bt_jax.deploy.link.realtime import CONTEXT
 from bt_jax.deploy.link.rws import ControllerState
 from bt_jax.deploy.link.safety import Rejected, Rules, check_trajectory
 from bt_jax.deploy.link.settings import LinkConfig
+from bt_jax.deploy.link.shared_state import COUNTERS, SharedState
 from bt_jax.deploy.planning.clearance import SafetyClearance
 from bt_jax.deploy.planning.trajectory import Trajectory
-from bt_jax.deploy.yumi import PoseRow
 from bt_jax.tasks import Task
 
 __all__ = ["YumiLink", "yumi_rules"]
@@ -63,7 +62,7 @@ class YumiLink:
         self._poller: threading.Thread | None = None
 
     def open(self) -> YumiLink:
-        """Starts the link process and reads the state. Raises UserError where a port is taken or nobody answers."""
+        """Start the link process and read the state. Raise UserError if a port is taken or nobody answers."""
         self._process.start()
         self._theirs.close()
         try:
@@ -90,10 +89,10 @@ class YumiLink:
         self.close()
 
     def start(self) -> None:
-        """Asks the robot's program, which is started where it does not run, for guided motion; from now on the arms hold,
+        """Ask the robot's program, which is started if it does not run, for guided motion; from now on the arms hold,
         follow paths, and must keep running.
 
-        Raises UserError where the controller is not ready or does not begin.
+        Raise UserError if the controller is not ready or does not begin.
         """
         if not self.config.motion:
             raise UserError("this link only listens; ask for motion to start the robot")
@@ -122,7 +121,7 @@ class YumiLink:
         self._enabled = True
 
     def close(self) -> None:
-        """Stops the robot's program where it was started, and ends the process."""
+        """Stop the robot's program if it was started, and end the process."""
         self._closing.set()
         with contextlib.ExitStack() as stack:  # each step is done whatever interrupts the one before
             stack.callback(self._end_process)
@@ -169,38 +168,23 @@ class YumiLink:
             self.stop(str(problem))
 
     def heard(self, arm: str) -> bool:
-        """Has the controller said anything of this arm yet?"""
+        """Has the controller sent anything about this arm yet?"""
         return bool(self._blocks.arms[arm].read()[-1])
 
     def arm(self, arm: str) -> ArmState:
-        values = self._blocks.arms[arm].read()
-        moving, motion, remaining, running, known = values[29:]
-        if not known:
+        state = self._blocks.read_arm(arm, opening=self._program.openings[arm], grip_target=self._target[arm])
+        if state is None:
             raise UserError(
                 f"no feedback came from the {arm} arm yet; check that EGM is set up to send to this machine"
             )
-        return ArmState(
-            float(values[0]),
-            values[1:8],
-            values[8:15],
-            values[15:22],
-            bool(moving),
-            int(motion),
-            float(remaining),
-            bool(running),
-            _pose(values[22:29]),
-            self._program.openings[arm],
-            self._target[arm],
-        )
+        return state
 
     def state(self) -> ControllerState:
         """Return the controller's state, asked for now."""
         return self._program.state()
 
     def stopped(self) -> str | None:
-        if self._blocks.stopped.value:
-            return self._blocks.reason.value.decode(errors="replace")
-        return self._reason or (ENDED if self._dead() else None)
+        return self._blocks.stop_reason() or self._reason or (ENDED if self._dead() else None)
 
     def follow(self, arm: str, trajectory: Trajectory) -> int:
         other = next((name for name in self.arms if name != arm), arm)
@@ -268,7 +252,7 @@ class YumiLink:
             self.stop(ENDED)
 
     def counters(self) -> Counters:
-        """Return what was counted; the last known numbers where the link process has died while it told them."""
+        """Return what was counted; the last known numbers if the link process died while it wrote them."""
         with contextlib.suppress(UserError):
             self._counted = [int(count) for count in self._blocks.counters.read()]
         return Counters(**dict(zip(COUNTERS, self._counted, strict=True)), rejected=self._rejected)
@@ -278,15 +262,12 @@ class YumiLink:
         return self._blocks.watch.read()
 
     def drain(self) -> Records:
-        """The records since the last call, [n, 17]: arm, time, setpoint [7], measured [7], sequence number."""
-        written = self._blocks.written.value
-        rows = np.frombuffer(self._blocks.history).reshape(HISTORY, RECORD)
-        first = max(self._drained, written - HISTORY + 64)
-        self._drained = written
-        return rows[np.arange(first, written) % HISTORY].copy()
+        """Return the records since the last call."""
+        rows, self._drained = self._blocks.records(self._drained)
+        return rows
 
     def _ask(self, *message: object) -> str | None:
-        """Gives what the process objects, None where it does as it was told. Raises UserError where it does not answer;
+        """Return what the process objects to, None if it does as it was told. Raise UserError if it does not answer;
         the robot's program is stopped then."""
         with self._pipe_lock:
             try:
@@ -303,7 +284,7 @@ class YumiLink:
         raise UserError(f"{HANGS}; start again")
 
     def _poll(self) -> None:
-        """Real time: looks at grippers and state. Runs in a thread."""
+        """Watch grippers and state in real time, in a thread."""
         answered = asked = time.monotonic()
         while not self._closing.wait(self._timing.poll):
             self._stop_if_dead()
@@ -333,15 +314,8 @@ def yumi_rules(task: Task, *, override: float = float("inf")) -> Rules:
 
 
 def _address(host: str) -> str:
-    """IPv4 address of a host. Raises UserError where it is unknown."""
+    """Return the IPv4 address of a host. Raise UserError if it is unknown."""
     try:
         return socket.gethostbyname(host)
     except OSError as error:
         raise UserError(f"the controller {host} is unknown ({error}); give its address with --robot") from error
-
-
-def _pose(values: PoseRow) -> RigidTransform | None:
-    """Return the transform; None if the numbers are not finite."""
-    if not np.all(np.isfinite(values)):
-        return None
-    return RigidTransform.from_components(values[:3], Rotation.from_quat(values[3:], scalar_first=True))

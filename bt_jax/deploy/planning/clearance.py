@@ -16,6 +16,7 @@ from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy import yumi
 from bt_jax.deploy.yumi import Joints
+from bt_jax.deploy.yumi_models import urdf
 from bt_jax.tasks import Task
 
 __all__ = ["Carried", "CellClearance", "SafetyClearance"]
@@ -41,7 +42,7 @@ class CellClearance:
 
     def __init__(self, task: Task, *, movable: bool = True) -> None:
         self.task = task
-        self._model = pin.buildModelFromXML(yumi.urdf())
+        self._model = pin.buildModelFromXML(urdf())
         self._data = self._model.createData()
         self._q = pin.neutral(self._model)
         self._columns = {

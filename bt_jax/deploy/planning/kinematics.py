@@ -15,6 +15,7 @@ from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy import yumi
 from bt_jax.deploy.yumi import JointRows, Joints
+from bt_jax.deploy.yumi_models import urdf
 
 __all__ = ["MARGIN", "ArmKinematics", "arm_kinematics"]
 
@@ -34,7 +35,7 @@ class ArmKinematics:
     def __init__(self, arm: str) -> None:
         self.arm = arm
         self.lower, self.upper = yumi.LOWER + MARGIN, yumi.UPPER - MARGIN
-        self._model = pin.buildModelFromXML(yumi.urdf((arm,), fingers=False))
+        self._model = pin.buildModelFromXML(urdf((arm,), fingers=False))
         self._data = self._model.createData()
         self._tcp = self._model.getFrameId(f"{arm}_tcp")
         self._middle, self._half = (self.lower + self.upper) / 2, (self.upper - self.lower) / 2

@@ -11,10 +11,11 @@ from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.deploy import yumi
-from bt_jax.deploy.twin.controller import CellModel
 from bt_jax.deploy.twin.marker_scene import marker_scene
 from bt_jax.deploy.twin.rendered_camera import cell_camera
+from bt_jax.deploy.twin.simulated_robot import CellModel
 from bt_jax.deploy.yumi import Point
+from bt_jax.deploy.yumi_models import add_to_mjcf
 from bt_jax.mjx_env.scene.mjcf import build_mjcf
 from bt_jax.mjx_env.scene.placement import draw_kit_table, draw_places
 from bt_jax.tasks import Task
@@ -92,7 +93,7 @@ def _mjcf(task: Task, kit: Point) -> tuple[dict[str, bytes], str]:
         _found(root, f".//geom[@name='{box.name}']").set("material", f"{box.name}_markers")
     _found(root, "worldbody").append(ET.fromstring(cell_camera(task).mjcf(CAMERA)))
     _found(root, "worldbody").append(ET.fromstring(_film_camera(task)))
-    yumi.add_to_mjcf(root, task.robot_position)
+    add_to_mjcf(root, task.robot_position)
     return markers.files, ET.tostring(root, encoding="unicode")
 
 

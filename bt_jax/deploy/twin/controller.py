@@ -19,9 +19,11 @@ from bt_jax._util.errors import UserError
 from bt_jax.deploy.link.loop_timing import LateRound, LoopTimer
 from bt_jax.deploy.link.protocol import ControllerGone
 from bt_jax.deploy.link.realtime import CONTEXT, Snapshot
-from bt_jax.deploy.twin.controller_process import PARTS, STATS, TIMING, CellModel, ControllerSpec, serve
+from bt_jax.deploy.twin.controller_process import PARTS, STATS, ControllerSpec, serve
+from bt_jax.deploy.twin.settings import TIMING
+from bt_jax.deploy.twin.simulated_robot import CellModel
 
-__all__ = ["CellModel", "Controller", "ControllerStats"]
+__all__ = ["Controller", "ControllerStats"]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,62 +1,27 @@
-"""What runs in the twin's controller process: MuJoCo, EGM for both arms, grippers and state; real time or lock-step."""
+"""What runs in the twin's controller process: the cycles of the simulated robot, in real time or in lock-step."""
 
 from __future__ import annotations
 
 import dataclasses
-import select
-import socket
 import time
 from collections.abc import Mapping
 from multiprocessing.connection import Connection
 
-import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from bt_jax.deploy.link.egm import CYCLE, Feedback, Mci, Setpoint
+from bt_jax.deploy.link.egm import CYCLE, Mci
 from bt_jax.deploy.link.loop_timing import LoopTimer
 from bt_jax.deploy.link.realtime import Snapshot, sleep_until, take_priority
-from bt_jax.deploy.link.rws import EGM_MOTION, GRIP_ACTUAL, GRIP_FORCE, GRIP_TARGET, Motion, symbol
-from bt_jax.deploy.twin.network import Network
 from bt_jax.deploy.twin.rws_server import serve_rws
+from bt_jax.deploy.twin.settings import TIMING
+from bt_jax.deploy.twin.simulated_robot import CellModel, SimulatedRobot
 from bt_jax.deploy.yumi import PoseRow
 
-__all__ = ["PARTS", "STATS", "TIMING", "CellModel", "ControllerSpec", "serve"]
+__all__ = ["PARTS", "STATS", "ControllerSpec", "serve"]
 
 PARTS = ("listen", "step", "speak", "commands")  # of a cycle
 STATS = 5  # cycles, missed, unanswered, worst, busy
-FINGER_SPEED = 0.025  # m/s of each finger of the Smart Gripper
-
-
-@dataclasses.dataclass(frozen=True)
-class ControllerTiming:
-    """How long the twin's controller waits for its client, and its handle for the process, in seconds."""
-
-    process: float = 30.0  # for the process to come up and to answer its handle
-    silence: float = 0.5  # without a setpoint after which the controller ends EGM
-    setpoint: float = 1.0  # by the clock for which lock-step waits for a setpoint
-    faulty: float = 0.01  # the same where setpoints may be lost
-    patience: float = 0.04  # simulated, of silence after which lock-step waits no more
-    catch_up: int = 12  # cycles that are made up for after a delay; the rest is lost
-
-
-TIMING = ControllerTiming()
-
-
-@dataclasses.dataclass(frozen=True)
-class CellModel:
-    """A MuJoCo model with two arms. Actuators are position servos: `actuators` of the joints in chain order [rad],
-    `finger_actuators` of each finger [m]. `flanges` are sites whose poses the controller tells, in the world of the model,
-    which is the robot's base frame."""
-
-    xml: str
-    assets: Mapping[str, bytes]
-    qpos: Float[np.ndarray, " nq"]
-    joints: Mapping[str, tuple[str, ...]]
-    actuators: Mapping[str, tuple[str, ...]]
-    finger_joints: Mapping[str, tuple[str, ...]]
-    finger_actuators: Mapping[str, tuple[str, ...]]
-    flanges: Mapping[str, str]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,184 +34,13 @@ class ControllerSpec:
     realtime: bool
 
 
-class SimulatedArm:
-    """One arm and its session."""
-
-    def __init__(self, model: mujoco.MjModel, cell: CellModel, name: str, port: int) -> None:
-        self.name = name
-        joints = [model.joint(joint).id for joint in cell.joints[name]]
-        fingers = [model.joint(joint).id for joint in cell.finger_joints[name]]
-        self.joints = model.jnt_qposadr[joints]
-        self.fingers = model.jnt_qposadr[fingers]
-        self.range = model.jnt_range[joints]
-        self.actuators = np.array([model.actuator(a).id for a in cell.actuators[name]])
-        self.finger_actuators = np.array([model.actuator(a).id for a in cell.finger_actuators[name]])
-        self.flange = model.site(cell.flanges[name]).id
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.bind(("127.0.0.1", 0))
-        self.socket.setblocking(False)
-        self.network = Network(self.socket, ("127.0.0.1", port))
-        self.sequence = 0
-        self.mci = Mci.STOPPED
-        self.silent = 0.0  # seconds since the last answer
-        self.heard = False  # was there ever one?
-        self.numbers = {GRIP_TARGET: 0.0, GRIP_FORCE: 10.0, EGM_MOTION: float(Motion.LISTEN)}  # of its RAPID program
-
-
-class SimulatedRobot:
-    """The cell and its controller. Requests of other threads only set flags and numbers."""
-
-    def __init__(self, spec: ControllerSpec) -> None:
-        cell = spec.cell
-        self.model = mujoco.MjModel.from_xml_string(cell.xml, dict(cell.assets))
-        self.data = mujoco.MjData(self.model)
-        self.data.qpos[:] = cell.qpos
-        mujoco.mj_forward(self.model, self.data)
-        self.substeps = max(1, round(CYCLE / self.model.opt.timestep))
-        self.model.opt.timestep = CYCLE / self.substeps
-        self.arms = [SimulatedArm(self.model, cell, name, port) for name, port in spec.ports.items()]
-        self.control, self.mode, self.cycle, self.unanswered = "motoron", "AUTO", 0, 0
-        self.pushes: list[tuple[int, Float[np.ndarray, " 3"], float]] = []  # body, force, until
-        for arm in self.arms:
-            self.data.ctrl[arm.actuators] = self.data.qpos[arm.joints]
-            self.data.ctrl[arm.finger_actuators] = self.data.qpos[arm.fingers]
-            arm.numbers[GRIP_TARGET] = 1000 * float(self.data.qpos[arm.fingers].mean())
-        self.rapid = False  # the program of both arms
-
-    @property
-    def time(self) -> float:
-        """Seconds that were simulated."""
-        return self.cycle * CYCLE
-
-    def start_rapid(self) -> bool:
-        if self.control != "motoron" or self.mode != "AUTO":
-            return False
-        if not self.rapid:
-            for arm in self.arms:
-                arm.numbers[EGM_MOTION], arm.mci = float(Motion.LISTEN), Mci.STOPPED
-            self.rapid = True
-        return True
-
-    def stop_rapid(self, mci: Mci = Mci.STOPPED) -> None:
-        self.rapid = False
-        for arm in self.arms:
-            arm.mci = mci
-
-    def number(self, url: str) -> float:
-        arm, name = self._symbol(url)
-        if name == GRIP_ACTUAL:
-            return 1000 * float(self.data.qpos[arm.fingers].mean())
-        return arm.numbers[name]
-
-    def set_number(self, url: str, value: float) -> None:
-        arm, name = self._symbol(url)
-        if name not in arm.numbers:
-            raise KeyError(url)
-        if name == EGM_MOTION and self.rapid:
-            arm.silent, arm.mci = 0.0, Mci.RUNNING if value == Motion.ASKED else Mci.STOPPED
-            value = float(Motion.GUIDED if value == Motion.ASKED else Motion.LISTEN)
-        arm.numbers[name] = value
-
-    def _symbol(self, url: str) -> tuple[SimulatedArm, str]:
-        name = url.rsplit("/", 1)[-1]
-        for arm in self.arms:
-            if name in (*arm.numbers, GRIP_ACTUAL) and url == symbol(arm.name, name):
-                return arm, name
-        raise KeyError(url)
-
-    def speak(self) -> None:
-        """Sends the feedback of all arms."""
-        on = self.control == "motoron"
-        for arm in self.arms:
-            arm.sequence += 1
-            message = Feedback(
-                arm.sequence,
-                self.time,
-                self.data.qpos[arm.joints],
-                self.data.ctrl[arm.actuators],
-                on,
-                arm.mci,
-                self.rapid,
-                self._flange(arm),
-            )
-            arm.network.send(message.encode(), self.time)
-
-    def _flange(self, arm: SimulatedArm) -> PoseRow:
-        quaternion = np.zeros(4)
-        mujoco.mju_mat2Quat(quaternion, self.data.site_xmat[arm.flange])
-        return np.concatenate([self.data.site_xpos[arm.flange], quaternion])
-
-    def listen(self, arm: SimulatedArm, patience: float) -> None:
-        """Takes what was answered; for at most `patience` seconds waits for the answer to the last message."""
-        newest: Setpoint | None = None
-        deadline = time.monotonic() + patience
-        while True:
-            for data in arm.network.receive(self.time):
-                try:
-                    setpoint = Setpoint.decode(data)
-                except ValueError:
-                    continue
-                if newest is None or setpoint.sequence > newest.sequence:
-                    newest = setpoint
-            left = deadline - time.monotonic()
-            if left <= 0 or (newest is not None and newest.time > self.time - CYCLE / 2):
-                break
-            select.select([arm.socket], [], [], left)
-        if newest is None:
-            self.unanswered += arm.mci == Mci.RUNNING
-            return
-        arm.silent, arm.heard = 0.0, True
-        if arm.mci == Mci.RUNNING and self.control == "motoron":
-            low, high = arm.range.T
-            if np.all((newest.joints >= low) & (newest.joints <= high)):
-                self.data.ctrl[arm.actuators] = newest.joints
-            else:
-                self.stop_rapid(Mci.ERROR)  # as a real controller does with a target out of range
-
-    def step(self) -> None:
-        """One cycle of physics, grippers and supervision."""
-        for arm in self.arms:
-            if arm.mci == Mci.RUNNING:
-                arm.silent += CYCLE
-                if arm.silent > TIMING.silence:
-                    self.stop_rapid(Mci.ERROR)
-            goal = np.clip(arm.numbers[GRIP_TARGET] / 1000, 0, 0.025)
-            reach = FINGER_SPEED * CYCLE
-            ctrl = self.data.ctrl[arm.finger_actuators]
-            self.data.ctrl[arm.finger_actuators] = ctrl + np.clip(goal - ctrl, -reach, reach)
-            force = np.clip(arm.numbers[GRIP_FORCE], 0, 20)
-            self.model.actuator_forcerange[arm.finger_actuators] = (-force, force)
-        self.data.xfrc_applied[:] = 0
-        self.pushes = [push for push in self.pushes if push[2] > self.time]
-        for body, force, _ in self.pushes:
-            self.data.xfrc_applied[body, :3] += force
-        mujoco.mj_step(self.model, self.data, self.substeps)
-        self.cycle += 1
-
-    def put(self, body: str, pose: PoseRow) -> None:
-        joint = self.model.body(body).jntadr[0]
-        if joint < 0 or self.model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_FREE:
-            raise ValueError(f"{body} cannot be moved by hand")
-        at, speed = self.model.jnt_qposadr[joint], self.model.jnt_dofadr[joint]
-        self.data.qpos[at : at + 7] = pose
-        self.data.qvel[speed : speed + 6] = 0
-
-    def fault(self, kind: str, details: Mapping[str, float]) -> None:
-        if kind in ("motors_off", "emergency_stop"):
-            self.control = {"motors_off": "motoroff", "emergency_stop": "emergencystop"}[kind]
-            self.stop_rapid()
-            return
-        for arm in self.arms:
-            arm.network.fault(kind, self.time, **details)
-
-
 def serve(spec: ControllerSpec, state: Snapshot, stats: Snapshot, watch: LoopTimer, pipe: Connection) -> None:
     """Runs until the program above closes the pipe or says so."""
     take_priority(
         realtime=spec.realtime
     )  # before the server's threads start: they inherit it, and never hold the interpreter while they wait
     try:
-        robot = SimulatedRobot(spec)
+        robot = SimulatedRobot(spec.cell, spec.ports)
         server = serve_rws(robot, spec.rws_port)
     except (ValueError, KeyError, OSError) as error:
         pipe.send(("failed", str(error)))

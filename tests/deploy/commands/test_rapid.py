@@ -17,7 +17,7 @@ from bt_jax.deploy.link.settings import LinkConfig, LinkTiming
 from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.planning.trajectory import Trajectory
 from bt_jax.deploy.twin.controller import Controller
-from tests.helpers.cells import ARMS, RULES, cell, free_ports, run_for
+from tests.helpers.cells import ARMS, RULES, cell, free_ports, run_for, skipped_where_starved
 
 CODE = "\n".join(re.sub(r'("[^"]*")|!.*', r"\1", line) for line in rapid_module().splitlines())  # without comments
 STATEMENT = re.sub(r"\s+", " ", CODE)
@@ -123,14 +123,15 @@ def test_where_it_cannot_be_written_a_sentence_says_so(tmp_path):
         rapid_command(RapidArguments(out=tmp_path / "file"), Console(file=io.StringIO()))
 
 
-@pytest.mark.parametrize("realtime", [True, False])
+@pytest.mark.parametrize("realtime", [pytest.param(True, marks=pytest.mark.realtime), False])
 def test_a_program_that_runs_already_is_asked_to_follow(realtime):
     ports = free_ports()
     with Controller(cell(), ports=ports, realtime=realtime) as controller:
         rws = Rws("127.0.0.1", controller.rws_port, "Default User", "robotics")
         rws.start()
         config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
-        with YumiLink(config, RULES, controller) as link:
+        link = YumiLink(config, RULES, controller)
+        with skipped_where_starved(controller, link), link:
             run_for(link, 0.2)
             assert not any(link.arm(arm).running for arm in ARMS)
             assert rws.number(symbol("left", EGM_MOTION)) == Motion.LISTEN

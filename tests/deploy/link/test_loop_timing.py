@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from bt_jax.deploy.link.loop_timing import KEPT, NEAR, LoopTimer
-from tests.helpers.cells import running
+from bt_jax.deploy.twin.controller import Controller
+from tests.helpers.cells import cell, free_ports
 
 
 def test_only_late_rounds_are_kept_with_what_was_done_before():
@@ -58,14 +59,15 @@ def test_page_faults_are_counted():
 
 @pytest.mark.realtime
 def test_a_process_that_was_kept_from_running_says_so():
-    with running(realtime=True) as (controller, link):
+    with Controller(cell(), ports=free_ports(), realtime=True) as controller:
         time.sleep(0.3)
         began = time.monotonic()
         os.kill(controller.pid, signal.SIGSTOP)
         time.sleep(0.08)
         os.kill(controller.pid, signal.SIGCONT)
-        time.sleep(0.3)
-        since = [late for late in controller.late_cycles() if late.time > began]
-        assert max(late.late for late in since) > 0.07
+        late = 0.0
+        while late <= 0.07 and time.monotonic() < began + 20:
+            time.sleep(0.01)
+            late = max((late.late for late in controller.late_cycles() if late.time > began), default=0.0)
+        assert late > 0.07
         assert controller.stats().missed >= 17
-        assert isinstance(link.late_rounds(), list)

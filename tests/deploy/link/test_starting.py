@@ -11,7 +11,7 @@ from bt_jax.deploy.link.rws import EGM_MOTION, Motion, Rws, symbol
 from bt_jax.deploy.link.settings import LinkConfig
 from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.twin.controller import Controller
-from tests.helpers.cells import ARMS, RULES, cell, free_ports, move, run_for, running
+from tests.helpers.cells import ARMS, RULES, cell, free_ports, move, run_for, running, skipped_where_starved
 
 
 @pytest.mark.realtime
@@ -21,7 +21,9 @@ def test_a_link_that_only_listens_never_answers():
     with contextlib.ExitStack() as stack:
         controller = stack.enter_context(Controller(cell(), ports=ports, realtime=True))
         listening = dataclasses.replace(listening, rws_port=controller.rws_port)
-        link = stack.enter_context(YumiLink(listening, RULES, controller))
+        link = YumiLink(listening, RULES, controller)
+        stack.enter_context(skipped_where_starved(controller, link))
+        stack.enter_context(link)
         run_for(link, 0.3)
         assert link.arm("left").joints == pytest.approx(np.full(7, 0.1), abs=1e-3)
         move(link)
@@ -73,7 +75,7 @@ def test_an_arm_that_was_moved_since_the_start_is_not_guided():
 @pytest.mark.realtime
 def test_taken_ports_and_wrong_users_are_said_in_a_sentence():
     ports = free_ports()
-    with Controller(cell(), ports=ports, realtime=True) as controller:
+    with Controller(cell(), ports=ports, realtime=True) as controller, skipped_where_starved(controller):
         config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
         wrong = dataclasses.replace(config, password="guess")
         with pytest.raises(UserError, match="refuses the user"), YumiLink(wrong, RULES, controller):
