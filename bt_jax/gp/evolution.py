@@ -9,10 +9,8 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float32, Int, Int32, UInt64
 
@@ -130,16 +128,16 @@ class Evolution:
     def _prepare(self) -> None:
         """Begin to compile the steps that the first population is not made with."""
 
-        def population(count: int) -> Population:
-            def shaped(dtype: type, *more: int) -> Any:
-                return jax.ShapeDtypeStruct((self.config.runs, count, *more), dtype)
+        runs, nodes = self.config.runs, self.config.max_nodes
 
-            trees = Trees(shaped(np.int16, self.config.max_nodes), shaped(np.uint8, self.config.max_nodes))
-            return Population(trees, shaped(np.float32), shaped(np.int32) if self.config.niches else None)
+        def population(count: int) -> Population:
+            trees = Trees(np.zeros((runs, count, nodes), np.int16), np.zeros((runs, count, nodes), np.uint8))
+            niche = _on_device(np.zeros((runs, count)), np.int32) if self.config.niches else None
+            return Population(trees, _on_device(np.zeros((runs, count))), niche)
 
         now = np.int32(1)
         old, offspring = population(self.config.population), population(self.config.num_offspring)
-        fitness = jax.ShapeDtypeStruct((self.config.runs,), np.float32)
+        fitness = np.zeros(runs, np.float32)
         offspring_of.prepare(self.keys, now, old, self._alphabet, self._rates, self._static, self.baseline, fitness)
         diversity_of.prepare(self.keys, now, old)
         survivors_of.prepare(self.keys, now, old, offspring, self._static)
@@ -181,7 +179,7 @@ class Evolution:
         nothing = (np.empty(0, np.uint64),) * self.config.runs
         baseline_fitness = np.asarray(population.fitness)[np.arange(len(places)), places]
         return State(
-            population, generation, jnp.asarray(baseline_fitness), _now_seen(nothing, population.trees), earlier
+            population, generation, _on_device(baseline_fitness), _now_seen(nothing, population.trees), earlier
         )
 
     def _population(self, trees: Trees, fitness: Fitness | Niched) -> Population:
@@ -189,10 +187,10 @@ class Evolution:
         if isinstance(fitness, tuple) != self.config.niches:
             raise ValueError("the fitness is a pair if, and only if, config.niches is set")
         if not isinstance(fitness, tuple):
-            return Population(trees, jnp.asarray(fitness))
+            return Population(trees, _on_device(fitness))
         fitness, achieved = fitness
         niche = achieved * (self.config.max_nodes + 1) + np.asarray(trees.sizes)[..., 0]
-        return Population(trees, jnp.asarray(fitness), jnp.asarray(niche.astype(np.int32)))
+        return Population(trees, _on_device(fitness), _on_device(niche, np.int32))
 
     def run(
         self, state: State | None = None, *, target: float | None = None, time_limit: float | None = None
@@ -247,6 +245,11 @@ class Evolution:
         while child + tree.sizes[child] <= places[0]:
             child, count = child + int(tree.sizes[child]), count + 1
         return len(places), count
+
+
+def _on_device(values: np.ndarray, dtype: type = np.float32) -> Array:
+    """Return a copy as a JAX array; `jnp.asarray` would compile something for each shape."""
+    return jax.device_put(np.array(values, dtype))
 
 
 def best_of(state: State) -> tuple[Trees, Float32[np.ndarray, " R"]]:

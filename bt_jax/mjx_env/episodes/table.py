@@ -52,8 +52,8 @@ class TransitionTable:
         self.num_commands = len(semantics.commands)
         self._ids: dict[bytes, int] = {}
         self._rows: _Rows | None = None
-        self.outcomes = jnp.asarray(np.zeros((2, FIRST_CAPACITY, len(semantics.vocabulary)), np.int16))
-        self.following = jnp.asarray(np.full(FIRST_CAPACITY * self.num_commands, UNKNOWN, np.int32))
+        self.outcomes = jax.device_put(np.zeros((2, FIRST_CAPACITY, len(semantics.vocabulary)), np.int16))
+        self.following = jax.device_put(np.full(FIRST_CAPACITY * self.num_commands, UNKNOWN, np.int32))
 
     @property
     def _known(self) -> _Rows:
