@@ -115,6 +115,18 @@ def test_a_run_folder_brings_its_task(tmp_path):
         shown(source=folder.path, task="stack")
 
 
+def test_simplify_says_what_it_writes_and_writes_nothing_that_is_the_same(tmp_path):
+    folder = RunFolder.create(tmp_path / "run", RunConfig(load_task("stack"), GPConfig(), Settings(level="kinematic")))
+    folder.save_tree(parse_tree(STACK), title="")
+    assert "written" not in shown(source=folder.path, simplify=True)
+    assert not list(folder.path.glob("simplified_tree.*"))
+    folder.save_tree(parse_tree(f"{STACK}  open_gripper\n"), title="")
+    text = shown(source=folder.path, simplify=True)
+    written = text.split("written    ")[1].splitlines()[0].split(", ")
+    assert written == [str(folder.path / f"simplified_tree.{suffix}") for suffix in ("txt", "xml", "svg")]
+    assert read_tree(folder.path / "simplified_tree.txt") == parse_tree(STACK)
+
+
 def test_a_folder_of_learn_brings_its_task(tmp_path):
     task = dataclasses.replace(load_task("stack"), name="mine")
     (tmp_path / "task.yaml").write_text(yaml.safe_dump(task.to_dict()))

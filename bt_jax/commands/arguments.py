@@ -134,7 +134,8 @@ class RunArguments:
     verbose: bool = False
     """print the whole tree at every tick, not only what has changed (a terminal shows it in one place)"""
     simplify: bool = False
-    """first remove every node that does nothing in 100 unseen layouts; writes simplified_tree.* into a run folder"""
+    """first remove every node that does nothing in 100 unseen layouts; if it removes any, it writes
+    simplified_tree.* into the folder"""
     export: Path | None = None
     """write the tree as .xml (BehaviorTree.CPP, Groot2), .svg, .dot or .txt"""
     delay: float = 0.5

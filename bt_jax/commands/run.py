@@ -130,8 +130,9 @@ def _simplified(console: Console, task: Task, level: Level, tree: Tree, argument
     layouts = sample_layouts(task, [UNSEEN, arguments.seed], SIMPLIFY_LAYOUTS)
     found = simplify(task, _physics(task, level, arguments.backend), tree, layouts)
     console.print(f"simplified {found.removed} of {len(prefix(tree))} nodes do nothing in {SIMPLIFY_LAYOUTS} layouts")
-    if arguments.source.is_dir():
-        RunFolder(arguments.source).save_tree(found.tree, title=f"{task.name}, simplified", name="simplified_tree")
+    if found.removed and arguments.source.is_dir():
+        paths = RunFolder(arguments.source).save_simplified(found.tree, title=f"{task.name}, simplified")
+        console.print(f"written    {escape(', '.join(map(str, paths)))}")
     return found.tree
 
 

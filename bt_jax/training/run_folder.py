@@ -11,6 +11,8 @@ took so far, one for each of `trees_measured` trees in each of the K layouts of 
 are of each run, in progress.json of all runs together. A result.json without `trees_measured` is older and has the number of
 trees as `episodes`.
 
+`run --simplify` adds simplified_tree.*, in the formats of best_tree.*, whose simpler form it is.
+
 If the task was changed on the way, config-0.json, checkpoint-0.npz and best_tree-0.txt are of the first phase, and so on.
 """
 
@@ -105,11 +107,23 @@ class RunFolder:
         """Write `config.json`."""
         write_atomic(self.path / "config.json", config.to_json())
 
-    def save_tree(self, tree: Tree, *, title: str, name: str = "best_tree") -> None:
-        """Write text, XML and drawing of a tree: of the learnt one, or of one that is kept beside it under another name."""
-        write_atomic(self.path / f"{name}.txt", format_tree(tree))
-        write_atomic(self.path / f"{name}.xml", to_xml(tree))
-        write_atomic(self.path / f"{name}.svg", to_svg(tree, title=title))
+    def save_tree(self, tree: Tree, *, title: str) -> None:
+        """Write text, XML and drawing of the learnt tree, and remove a simplified tree that was made from another."""
+        before = self.path / "best_tree.txt"
+        if not before.is_file() or before.read_text(encoding="utf-8") != format_tree(tree):
+            for stale in self.path.glob("simplified_tree.*"):
+                stale.unlink()
+        self._write_tree("best_tree", tree, title)
+
+    def save_simplified(self, tree: Tree, *, title: str) -> list[Path]:
+        """Write text, XML and drawing of the simplified tree beside the learnt one, and return their paths."""
+        return self._write_tree("simplified_tree", tree, title)
+
+    def _write_tree(self, name: str, tree: Tree, title: str) -> list[Path]:
+        texts = {"txt": format_tree(tree), "xml": to_xml(tree), "svg": to_svg(tree, title=title)}
+        for suffix, text in texts.items():
+            write_atomic(self.path / f"{name}.{suffix}", text)
+        return [self.path / f"{name}.{suffix}" for suffix in texts]
 
     def save_history(self, history: Sequence[Generation]) -> None:
         """Write `history.csv`."""

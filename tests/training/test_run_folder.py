@@ -110,6 +110,16 @@ def test_the_tree_is_kept_in_three_formats(folder):
     assert "<svg" in (folder.path / "best_tree.svg").read_text()
 
 
+def test_a_simplified_tree_stays_only_beside_the_tree_that_it_was_made_from(folder):
+    folder.save_tree(TREE, title="")
+    paths = folder.save_simplified(TREE, title="")
+    assert {path.name for path in paths} == {f"simplified_tree.{suffix}" for suffix in ("txt", "xml", "svg")}
+    folder.save_tree(TREE, title="the same")
+    assert all(path.is_file() for path in paths)
+    folder.save_tree(parse_tree("open_gripper"), title="another")
+    assert not any(path.exists() for path in paths)
+
+
 @given(tree=random_trees())
 def test_every_tree_comes_back(tmp_path_factory, tree):
     folder = RunFolder(tmp_path_factory.mktemp("run"))
