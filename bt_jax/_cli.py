@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 import sys
 
+from bt_jax._util.words import unknown_command
+
 __all__ = ["main"]
 
 COMMANDS = {  # name -> module, one line
@@ -21,6 +23,9 @@ COMMANDS = {  # name -> module, one line
 def main() -> int:
     """Run the command that the first word names, and return its exit code."""
     words = sys.argv[1:]
+    if words and not words[0].startswith("-") and words[0] not in COMMANDS:
+        print(unknown_command(words[0], COMMANDS), file=sys.stderr)
+        return 2
     if not words or words[0] not in COMMANDS:
         asked = words[:1] in (["-h"], ["--help"])
         print(_usage(), file=sys.stdout if asked else sys.stderr)

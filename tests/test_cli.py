@@ -18,11 +18,20 @@ def test_help_lists_the_commands_and_imports_nothing_heavy():
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.split() == []
 
 
-@pytest.mark.parametrize("words", [(), ("fly",)])
-def test_without_a_command_it_says_how_to_use_it(words):
-    shown = bt_jax(*words)
+def test_without_a_command_it_says_how_to_use_it():
+    shown = bt_jax()
     assert (shown.returncode, shown.stdout) == (2, "")
     assert shown.stderr.startswith("usage: bt-jax COMMAND")
+
+
+@pytest.mark.parametrize(
+    ("words", "remedy"),
+    [(("trian",), "did you mean train?"), (("qqq",), "choose one of train"), (("deploy", "twn"), "did you mean twin?")],
+)
+def test_an_unknown_command_is_named(words, remedy):
+    shown = bt_jax(*words)
+    assert (shown.returncode, shown.stdout, shown.stderr.count("\n")) == (2, "", 1)
+    assert f"unknown command '{words[-1]}'; {remedy}" in shown.stderr
 
 
 def test_a_command_gets_its_words_and_gives_its_exit_code(tmp_path):

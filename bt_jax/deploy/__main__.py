@@ -9,6 +9,7 @@ import tyro
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.startup import exit_code
+from bt_jax._util.words import unknown_command
 from bt_jax.deploy.commands import arguments as commands
 
 COMMANDS = {  # name -> module, arguments, function, one line
@@ -30,6 +31,9 @@ COMMANDS = {  # name -> module, arguments, function, one line
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     words = sys.argv[1:] if arguments is None else arguments
+    if words and not words[0].startswith("-") and words[0] not in COMMANDS:
+        print(unknown_command(words[0], COMMANDS), file=sys.stderr)
+        return 2
     if not words or words[0] not in COMMANDS:
         asked = not words or words[0] in ("-h", "--help")
         print(_usage(), file=sys.stdout if asked else sys.stderr)

@@ -1,0 +1,15 @@
+"""Words on a command line that name nothing."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Collection
+
+__all__ = ["unknown_command"]
+
+
+def unknown_command(word: str, commands: Collection[str]) -> str:
+    """Return the sentence about a word that is not one of the commands: with the nearest one, or with all of them."""
+    near = difflib.get_close_matches(word, commands, n=1)
+    remedy = f"did you mean {near[0]}?" if near else f"choose one of {', '.join(commands)}"
+    return f"error: unknown command '{word}'; {remedy}"
