@@ -59,6 +59,9 @@ def train_folder(path, *arguments):
         (("--layouts", 0), "choose 1 or more"),
         (("--seed", -1), "choose 0 or more"),
         (("--max-nodes", 300), "max_nodes"),
+        (("--time-limit", -3), "choose seconds above 0"),
+        (("--time-limit", "nan"), "choose seconds above 0"),
+        (("--target-fitness", "nan"), "choose a number"),
         (("--baseline", "nowhere.txt"), "give a run folder, or a tree"),
         (("--resume", "nowhere"), "give a folder"),
     ],
@@ -151,6 +154,15 @@ def test_more_generations_continue_a_finished_run(tmp_path, whole):
     done = train("--resume", tmp_path / "parts", "--generations", 6, "--device", "cpu")
     assert done.returncode == 0, done.stderr
     same_results(tmp_path / "parts", whole[1])
+
+
+def test_fewer_generations_than_a_run_has_are_refused_and_change_nothing(monkeypatch, capsys, whole):
+    config = whole[1] / "config.json"
+    before = config.read_text()
+    for generations in (3, 5):
+        said = refused(monkeypatch, capsys, "--resume", whole[1], "--generations", generations)
+        assert f"is at generation 6 and --generations is {generations}; give more than 6" in said
+    assert config.read_text() == before
 
 
 def same_results(a, b):

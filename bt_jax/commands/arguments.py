@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -65,6 +66,17 @@ class TrainArguments:
     """where JAX computes"""
     progress: bool = False
     """keep RUN/progress.json up to date while it runs, for other programs that show it"""
+
+    def check(self) -> None:
+        """Raise UserError for arguments that cannot work."""
+        if self.resume is not None and self.out is not None:
+            raise UserError("--resume goes on in its own folder; leave out --out")
+        if self.resume is None and self.name is not None and self.task is not None:
+            raise UserError("two tasks are given; name one, or give one file with --task")
+        if self.target_fitness is not None and math.isnan(self.target_fitness):
+            raise UserError("--target-fitness is nan; choose a number, for instance -40")
+        if self.time_limit is not None and not self.time_limit > 0:
+            raise UserError(f"--time-limit is {self.time_limit:g}; choose seconds above 0")
 
 
 def parse_train(words: list[str]) -> TrainArguments:

@@ -54,6 +54,7 @@ def warm(arguments: TrainArguments, *, until: Callable[[], bool]) -> None:
 
 def _configuration(arguments: TrainArguments) -> tuple[RunConfig, RunFolder]:
     """Return what to evolve, and the run folder for it; that of a resumed run comes from its folder."""
+    arguments.check()
     changes = Changes(
         baseline=None if arguments.baseline is None else read_tree(arguments.baseline),
         plan=arguments.plan,
@@ -62,16 +63,12 @@ def _configuration(arguments: TrainArguments) -> tuple[RunConfig, RunFolder]:
         baseline_index=arguments.gp.baseline_index,
     )
     if arguments.resume is not None:
-        if arguments.out is not None:
-            raise UserError("--resume goes on in its own folder; leave out --out")
         if arguments.name:
             raise UserError(KEPT)
         if arguments.task is not None:
             changes = dataclasses.replace(changes, task=load_task(arguments.task))
         folder = RunFolder(arguments.resume)
         return resumed(folder, arguments.gp, arguments.settings, changes), folder
-    if arguments.name is not None and arguments.task is not None:
-        raise UserError("two tasks are given; name one, or give one file with --task")
     arguments.gp.check()
     arguments.settings.check()
     task = load_task(arguments.task or arguments.name or "stack")

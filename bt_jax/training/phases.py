@@ -83,7 +83,8 @@ class Changes:
 
 def resumed(folder: RunFolder, gp: GPConfig, settings: Settings, changes: Changes) -> RunConfig:
     """Return the configuration with which a run goes on: as many generations as `gp` says, in a new phase if there are
-    changes. Raise UserError if anything else differs from the run's own settings, or if its version was another."""
+    changes. Raise UserError if anything else differs from the run's own settings, if the run has reached other generations
+    than it is given, or if its version was another."""
     config = folder.config()
     if config.version != package_version():
         raise UserError(
@@ -98,14 +99,14 @@ def resumed(folder: RunFolder, gp: GPConfig, settings: Settings, changes: Change
     if dataclasses.replace(gp, **free) != dataclasses.replace(config.gp, **free) or settings != config.settings:
         raise UserError(KEPT)
     gp.check()
-    if not phase:
-        return dataclasses.replace(config, gp=dataclasses.replace(config.gp, generations=gp.generations))
-    saved = folder.load_checkpoint()
-    if saved is None:
-        raise UserError(f"{folder.path} has no generation yet to go on from; train again with these options")
-    now, generations = saved.state.generation, gp.generations
+    saved, generations = folder.load_checkpoint(), gp.generations
+    now = 0 if saved is None else saved.state.generation
     if generations <= now and generations != config.gp.generations:
         raise UserError(f"the run is at generation {now} and --generations is {generations}; give more than {now}")
+    if not phase:
+        return dataclasses.replace(config, gp=dataclasses.replace(config.gp, generations=generations))
+    if saved is None:
+        raise UserError(f"{folder.path} has no generation yet to go on from; train again with these options")
     if generations <= now:
         generations = now + max(1, now - config.since)
     gp = dataclasses.replace(gp, generations=generations)
