@@ -129,7 +129,7 @@ class Watched:
     """A physics backend whose time is added up."""
 
     def __init__(self, physics: Physics) -> None:
-        self.physics, self.name, self.why, self.seconds = physics, physics.name, physics.why, 0.0
+        self.physics, self.name, self.description, self.seconds = physics, physics.name, physics.description, 0.0
 
     def settle(self, kit: Any, poses: Any, present: Any) -> Settled:
         began = perf_counter()

@@ -31,7 +31,7 @@ def run(arguments: DemonstrateArguments) -> None:
     script = parse_script(_script_text(arguments.script))
     tree = None if arguments.after is None else read_tree(arguments.after)
     task = _task(arguments)
-    physics = MujocoPhysics(task, why="the C engine")
+    physics = MujocoPhysics(task)
     seed = arguments.seed
     if seed is None:
         seed = len(folder.names()) if folder.path.is_dir() else 0

@@ -81,7 +81,7 @@ def run(arguments: RunArguments, console: Console | None = None) -> None:
     written = expand(tree)
     known = Vocabulary.of([*leaves(tree), *leaves(written)])
     semantics, physics = LeafSemantics(task, known), _physics(task, level, arguments.backend)
-    console.print(f"[bold]{escape(task.title)}[/]\n{physics.name}: {physics.why}")
+    console.print(f"[bold]{escape(task.title)}[/]\n{level}: {physics.description}")
     if arguments.export is not None:
         export = EXPORTS[arguments.export.suffix.lower()]
         write_atomic(arguments.export, export(written if arguments.expand else tree))
@@ -138,7 +138,7 @@ def _simplified(console: Console, task: Task, level: Level, tree: Tree, argument
 
 def _physics(task: Task, level: Level, backend: Backend) -> Physics:
     if level == "physics" and backend == "auto":
-        return MujocoPhysics(task, why="the C engine, which starts at once")
+        return MujocoPhysics(task)
     return make_level(task, Settings(level=level, backend=backend))
 
 

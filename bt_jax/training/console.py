@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import jax
 from rich.console import Console
 from rich.markup import escape
 from rich.panel import Panel
@@ -33,11 +34,12 @@ class TrainingDisplay:
     def on_stage(self, stage: Stage, message: str = "") -> None:
         """Say what is evolved before it begins, and show the bar until the evolution ends."""
         if stage == "starting":
-            training = self.training
+            training, device = self.training, jax.default_backend().upper()
             self.console.print(
                 f"[bold]{escape(training.task.title)}[/]\n"
                 f"population {training.config.population}, {training.config.generations} generations, "
-                f"{len(training.vocabulary.leaves)} behaviors; {training.level.name}: {training.level.why}"
+                f"{len(training.vocabulary.leaves)} behaviors; "
+                f"{training.settings.level}: {training.level.description} (JAX is on the {device})"
             )
             self._bar.start()
         elif stage != "evolving":

@@ -32,5 +32,5 @@ class Worker:
     def physics(self, task: Task) -> Physics:
         """Return the C engine for a task, which needs no compilation; to be used in `work` only."""
         if self._engine is None or self._engine.task is not task:
-            self._engine = MujocoPhysics(task, threads=1, why="one scene at a time")
+            self._engine = MujocoPhysics(task, threads=1)
         return self._engine

@@ -21,21 +21,13 @@ def make_physics(
     `implementation` "jax" or, on NVIDIA, "warp") or "auto": mjx on an accelerator, mujoco on a CPU.
     Raises UserError if the choice does not exist here.
     """
-    why = f"{backend} was asked for"
     if backend == "auto":
-        device = jax.default_backend()
-        backend = "mujoco" if device == "cpu" else "mjx"
-        reason = (
-            "JAX runs on a CPU, where the C engine is faster"
-            if device == "cpu"
-            else f"JAX has an accelerator ({device})"
-        )
-        why = f"{backend} was chosen because {reason}"
+        backend = "mujoco" if jax.default_backend() == "cpu" else "mjx"
     if backend == "mujoco":
-        return MujocoPhysics(task, threads=threads, why=why)
+        return MujocoPhysics(task, threads=threads)
     if backend == "mjx":
         # MJX takes a second to import, and the C engine does without it.
         from bt_jax.mjx_env.physics.mjx import MjxPhysics
 
-        return MjxPhysics(task, implementation=implementation, why=why)
+        return MjxPhysics(task, implementation=implementation)
     raise UserError(f"there is no physics backend '{backend}'; use auto, mujoco or mjx")

@@ -24,7 +24,7 @@ class Kinematic:
 
     task: Task
     name: str = "kinematic"
-    why: str = "no dynamics: boxes drop to their support and topple if they have none"
+    description: str = "no dynamics, boxes drop to their support and topple if they have none"
 
     def settle(
         self, kit: Float32[Array, "S 3"], poses: Float32[Array, "S B 7"], present: Bool[Array, "S B"]

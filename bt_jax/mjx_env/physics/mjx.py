@@ -45,12 +45,10 @@ class MjxPhysics:
     that few shapes are compiled."""
 
     name = "mjx"
+    description = "MJX, MuJoCo in JAX"
 
-    def __init__(
-        self, task: Task, *, implementation: str = "jax", lanes: int | None = None, why: str = "mjx was asked for"
-    ) -> None:
+    def __init__(self, task: Task, *, implementation: str = "jax", lanes: int | None = None) -> None:
         self.task = task
-        self.why = why
         self._settle = functools.partial(_settle_kept, settle_fn(task, lanes=lanes, implementation=implementation))
 
     def settle(self, kit: Float32[Host, "S 3"], poses: Float32[Host, "S B 7"], present: Bool[Host, "S B"]) -> Settled:

@@ -24,10 +24,10 @@ class MujocoPhysics:
     """`Physics` by C MuJoCo; NumPy in and out."""
 
     name = "mujoco"
+    description = "MuJoCo's C engine"
 
-    def __init__(self, task: Task, *, threads: int | None = None, why: str = "mujoco was asked for") -> None:
+    def __init__(self, task: Task, *, threads: int | None = None) -> None:
         self.task = task
-        self.why = why
         self.threads = threads or os.cpu_count() or 1
         self._pool = Rollout(nthread=self.threads if self.threads > 1 else 0)
         self._data: dict[int, list[mujoco.MjData]] = {}

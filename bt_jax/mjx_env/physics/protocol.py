@@ -50,8 +50,8 @@ class Physics(Protocol):
         ...
 
     @property
-    def why(self) -> str:
-        """Which one it is and why it was chosen, in one sentence."""
+    def description(self) -> str:
+        """What lets boxes fall, in a few words."""
         ...
 
     def settle(

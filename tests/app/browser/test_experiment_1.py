@@ -94,6 +94,6 @@ def test_experiment_1_through_the_page(page, see, server, shoot):
     task = folder.config().task
     assert {target.object for target in task.targets} == {"YellowBox", "GreenBox", "BlueBox"}
     semantics = LeafSemantics(task, Vocabulary.of(leaves(tree)))
-    settler = Settler(task, MujocoPhysics(task, why="as the page does"))
+    settler = Settler(task, MujocoPhysics(task))
     for seed in range(3):
         assert play(semantics, settler, tree, sample_layouts(task, [UNSEEN, seed], 1)).solved
