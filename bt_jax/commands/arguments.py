@@ -53,8 +53,8 @@ class TrainArguments:
     add_subgoal_from: Path | None = None
     """folder of demonstrations of a step on the way: one gene, and a reward for what it reaches"""
     resume: Path | None = None
-    """run folder to go on with, bit for bit; only --generations, --target-fitness and --time-limit may differ. With
-    --baseline, --plan, --add-target-from or --add-subgoal-from a new phase begins there, of as many generations as the
+    """run folder to resume, as if it had never stopped; only --generations, --target-fitness and --time-limit may differ.
+    With --baseline, --plan, --add-target-from or --add-subgoal-from a new phase begins there, of as many generations as the
     one before unless --generations says otherwise; so it does with --task, for the targets and starts of that file"""
     target_fitness: float | None = None
     """stop once the best fitness of every run has reached this"""

@@ -98,7 +98,7 @@ EXPERIMENTS = (
 
 @dataclasses.dataclass(frozen=True)
 class VariantResult:
-    """What R runs of one variant came to."""
+    """The results of R runs of one variant."""
 
     experiment: Experiment
     variant: Variant

@@ -1,4 +1,4 @@
-"""What the experiments came to: a figure each, a table, and a report with the trees."""
+"""The results of the experiments: a figure each, a table, and a report with the trees."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The evolution: R independent runs of a population, one generation after the other.
 
 Every random number follows from the seed, the run and the generation, so a state needs no generator: going on from a
-saved state gives bit for bit what never stopping would have given, and run r of several is the single run of seed + r.
+saved state gives exactly what never stopping would have given, and run r of several is the single run of seed + r.
 """
 
 from __future__ import annotations

@@ -15,42 +15,51 @@ __all__ = ["LEAST", "cluster_figure", "cluster_points"]
 
 CHOSEN, OTHER, BESIDES = "#0072b2", "#999999", "#d55e00"
 ROWS = 12  # drawn at most; placements first
-LEAST = 0.03  # metres to each side of the mean that a panel shows at least
+LEAST = 0.01  # metres to each side of the mean that a panel shows at least
 
 
 def cluster_figure(lesson: Lesson) -> bytes:
     """Draw a PNG: where the demonstrations put each object, seen from above in every candidate frame, each panel at its
-    own scale. The chosen frame is blue; a cross is the mean of the cluster, an x another place of the same object."""
+    own scale. The chosen frame is blue; a plus is the mean of what agrees, an x another place of the same object."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     rows = sorted(lesson.inferences, key=lambda one: one.kind != "place")[:ROWS]
     rows = [one for one in rows if one.kind == "place"] or rows
-    frames = lesson.demonstrations.frames.names
-    size = (1.2 + 2.2 * len(frames), 0.6 + 2.4 * len(rows))
+    frames = [_frames(lesson, inference) for inference in rows]
+    columns = max(map(len, frames))
+    size = (1.2 + 2.2 * columns, 0.6 + 2.4 * len(rows))
     figure = Figure(figsize=size, dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
-    for axes, inference in zip(figure.subplots(len(rows), len(frames), squeeze=False), rows, strict=True):
-        for axis, frame in zip(axes, frames, strict=True):
+    grid = figure.subplots(len(rows), columns, squeeze=False)
+    for axes, inference, names in zip(grid, rows, frames, strict=True):
+        for axis, frame in zip(axes, names, strict=False):
             _panel(axis, lesson, inference, frame)
+        for axis in axes[len(names) :]:
+            axis.remove()
         axes[0].set_ylabel(f"{inference.kind} {inference.object}\n$y$ [m]")
+    figure.supxlabel("$x$ [m]", fontsize=10)
     out = io.BytesIO()
     figure.savefig(out, format="png")
     return out.getvalue()
 
 
+def _frames(lesson: Lesson, inference: Inference) -> list[str]:
+    """Return the frames that an action is drawn in: all but that of the box that is placed."""
+    names = lesson.demonstrations.frames.names
+    return [name for name in names if inference.kind == "pick" or name != inference.object]
+
+
 def _panel(axes: Axes, lesson: Lesson, inference: Inference, frame: str) -> None:
-    if frame == inference.object and inference.kind == "place":
-        axes.set(xticks=[], yticks=[], frame_on=False)
-        axes.set_title(f"{frame}\n(itself)", fontsize=9)
-        return
     candidate = next((one for one in inference.candidates if one.frame == frame), None)
     own, others = cluster_points(lesson, inference, frame)
     chosen = frame == inference.frame
-    centre = own.mean(axis=0) if candidate is None else np.array(candidate.mean)
+    mean = np.array(candidate.mean) if candidate is not None and candidate.size > 1 else None
+    centre = own.mean(axis=0) if mean is None else mean
     axes.scatter(others[:, 0], others[:, 1], color=BESIDES, marker="x", s=28)
     axes.scatter(own[:, 0], own[:, 1], color=CHOSEN if chosen else OTHER, s=34, edgecolors="white", linewidths=0.6)
-    axes.scatter(centre[0], centre[1], color="black", marker="+", s=60, lw=1)
+    if mean is not None:
+        axes.scatter(mean[0], mean[1], color="black", marker="+", s=60, lw=1)
     reach = max(LEAST, 1.3 * float(np.abs(own[:, :2] - centre[:2]).max()))
     axes.set_xlim(centre[0] - reach, centre[0] + reach)
     axes.set_ylim(centre[1] - reach, centre[1] + reach)

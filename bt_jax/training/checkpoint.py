@@ -1,4 +1,4 @@
-"""Where a run is, as a file from which it goes on bit for bit."""
+"""The state of a run as a file, from which it continues exactly as if it had never stopped."""
 
 from __future__ import annotations
 

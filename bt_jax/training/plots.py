@@ -12,11 +12,12 @@ from bt_jax.gp.evolution import Generation
 __all__ = ["learning_curve"]
 
 BEST, MEAN = "#0072b2", "#999999"
+LINEAR = 100  # fitness down to -100 is drawn on a linear axis
 
 
 def learning_curve(history: list[Generation], *, title: str, phases: Sequence[int] = ()) -> bytes:
     """Return a PNG of the fitness over the generations: best (mean and range over the runs) and mean of the population.
-    A line marks each generation at which a new phase began."""
+    A line marks each generation at which the task changed. Below -100 the axis is logarithmic."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -32,15 +33,15 @@ def learning_curve(history: list[Generation], *, title: str, phases: Sequence[in
         axes.fill_between(generations, best.min(axis=0), best.max(axis=0), color=BEST, alpha=0.2, lw=0, label="range")
     label = f"best, mean of {runs} runs" if runs > 1 else "best"
     axes.plot(generations, best.mean(axis=0), color=BEST, lw=2, label=label)
-    for phase in phases:
-        axes.axvline(phase, color=MEAN, lw=1, ls=":")
-    axes.set_yscale("symlog", linthresh=100)
+    for i, phase in enumerate(phases):
+        axes.axvline(phase, color="black", lw=1, ls=":", label="" if i else "task changed")
+    axes.set_yscale("symlog", linthresh=LINEAR)
     axes.set_ylim(top=0)
     ticks = [-10_000, -3000, -1000, -300, -100, -50, 0]
     low = min(mean.min(), best.min())
     axes.set_yticks([t for t in ticks if t >= 1.5 * low], [f"{t}" for t in ticks if t >= 1.5 * low])
     axes.minorticks_off()
-    axes.set(xlabel="generation", ylabel="fitness", title=title)
+    axes.set(xlabel="generation", ylabel=f"fitness (logarithmic below -{LINEAR})", title=title)
     axes.grid(alpha=0.3)
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(loc="lower right", frameon=False)

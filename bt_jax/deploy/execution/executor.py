@@ -37,8 +37,9 @@ __all__ = ["Executor"]
 
 
 class Executor:
-    """Runs a program on a robot. `observe` gives what is known now; `on_tick` is told of every tick; `verify` says what is
-    not as the tree believes when it has succeeded, "" if nothing, where somebody knows better."""
+    """Run a program on a robot. `observe` returns what is known now; `on_tick` receives every tick; `verify`, of a
+    simulation that knows the truth, returns how the scene differs from what the tree believes when it has succeeded, "" if
+    it does not."""
 
     def __init__(
         self,
