@@ -35,11 +35,21 @@ def is_at(position: Iterable[float], goal: Iterable[float], tolerance: float) ->
     return math.dist(tuple(position), tuple(goal)) < tolerance
 
 
-def rests_on(upper: Iterable[float], lower: Iterable[float], upper_size: float, lower_size: float) -> bool:
-    """Does a cube stand over another one, close enough to rest on it? A cube is clear if none rests on it."""
+def rests_on(
+    upper: Iterable[float],
+    lower: Iterable[float],
+    upper_size: float,
+    lower_size: float,
+    *,
+    above_most: float = GEOMETRY.above_most,
+) -> bool:
+    """Does a cube stand over another one, close enough to rest on it? A cube is clear if none rests on it.
+
+    A larger `above_most` includes a cube that is released there and falls onto the other one.
+    """
     middle = (upper_size + lower_size) / 2
     x, y, z = (a - b for a, b in zip(upper, lower, strict=True))
-    above = GEOMETRY.above_least * middle < z < GEOMETRY.above_most * middle
+    above = GEOMETRY.above_least * middle < z < above_most * middle
     return bool(above and max(abs(x), abs(y)) < middle)  # of NumPy numbers, too
 
 

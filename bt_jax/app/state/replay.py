@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.plain_words import Words
+from bt_jax.behaviors.geometry import rests_on
 from bt_jax.lfd import Action, Demonstration, Frames
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.world import World
@@ -20,6 +21,7 @@ from bt_jax.teaching.teleoperation import Teleoperation
 __all__ = ["ReplayStep", "described", "handled", "replay_steps", "world_of"]
 
 CARRY = 1.5  # how high a box is lifted before it is carried, in its sizes
+RELEASED = 1.5  # of the mean size: how high over a box another one is released that is put on it; it may fall a little
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,8 +91,7 @@ def described(action: Action, name: str, task: Task) -> str:
     for box in task.boxes:
         if box.name != name and box.name in action.poses:
             x, y, z = action.handled(box.name)
-            middle = (size + box.size) / 2
-            if max(abs(x), abs(y)) < middle and 0.6 * middle < z < 1.5 * middle:
+            if rests_on((x, y, z), (0.0, 0.0, 0.0), size, box.size, above_most=RELEASED):
                 return f"Put {name} {words.place(name, (x, y, z), box.name)}"
     x, y, z = action.handled(task.kit.name)
     if max(abs(x), abs(y)) < half and abs(z) < half:
