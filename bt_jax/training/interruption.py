@@ -14,7 +14,8 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class Interruption:
-    """While this context is open, Ctrl-C and SIGTERM raise KeyboardInterrupt; the handlers of before come back at its end.
+    """While this context is open, the first Ctrl-C or SIGTERM raises KeyboardInterrupt and the next ones are ignored until
+    `heed`; the handlers of before come back at its end.
 
     Python swallows exceptions in some places, such as destructors: `check` raises one that was lost there. A signal that was
     ignored before still is, and outside the main thread, where Python allows no handlers, none is changed.
@@ -41,16 +42,24 @@ class Interruption:
         if self._asked:
             raise KeyboardInterrupt
 
+    def ignore(self) -> None:
+        """Ignore the signals from now on, for what must not be lost."""
+        self._ignored = True
+
+    def heed(self) -> None:
+        """Let the next signal raise KeyboardInterrupt."""
+        self._ignored = False
+
     @contextlib.contextmanager
     def ignored(self) -> Iterator[None]:
-        """Ignore the signals for a while, for what must not be lost."""
-        self._ignored = True
+        """Ignore the signals for a while."""
+        before, self._ignored = self._ignored, True
         try:
             yield
         finally:
-            self._ignored = False
+            self._ignored = before
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
         if not self._ignored:
-            self._asked = True
+            self._asked = self._ignored = True
             raise KeyboardInterrupt

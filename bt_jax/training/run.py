@@ -91,17 +91,18 @@ class TrainingRun:
         with CompileClock() as clock:
             try:
                 self._evolve(target, time_limit)
-            except KeyboardInterrupt:
+                self._interruption.ignore()
+            except KeyboardInterrupt:  # from the first signal on, the next ones are ignored
                 self._stopped = True
-        with self._interruption.ignored():
-            if self._checkpoint is None:
-                raise UserError("stopped before the first generation was measured; nothing was learnt")
-            session = Session(time.monotonic() - began, clock.seconds, self.training.num_broken, self._stopped)
-            if self._stopped:
-                self._tell_generation()
-            self._stage("testing")
-            self._save(self._checkpoint)
-            self.folder.save_tree(self.training.best_tree(self._checkpoint.state), title=self.config.task.name)
+        if self._checkpoint is None:
+            raise UserError("stopped before the first generation was measured; nothing was learnt")
+        session = Session(time.monotonic() - began, clock.seconds, self.training.num_broken, self._stopped)
+        if self._stopped:
+            self._tell_generation()
+        self._stage("testing")
+        self._save(self._checkpoint)
+        self.folder.save_tree(self.training.best_tree(self._checkpoint.state), title=self.config.task.name)
+        self._interruption.heed()
         if self._stopped:  # the interruption may have come in the middle of an entry into the table
             self.training = Training.of(self.config)
         result = self.training.result(self._checkpoint.state, self._checkpoint.history)

@@ -34,6 +34,20 @@ def test_signals_are_ignored_for_a_while_and_handlers_come_back(number):
     assert signal.getsignal(number) == before
 
 
+def test_only_the_first_signal_raises_until_the_next_is_heeded():
+    with Interruption() as interruption:
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            os.kill(os.getpid(), number)
+        with interruption.ignored():
+            pass
+        os.kill(os.getpid(), signal.SIGINT)
+        interruption.heed()
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+
+
 def test_what_was_ignored_before_still_is():
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:

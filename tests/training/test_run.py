@@ -1,6 +1,8 @@
 """A run in its folder: what listeners hear, what is written, and what an interruption or a failure leaves behind."""
 
 import json
+import os
+import signal
 
 import pytest
 
@@ -94,6 +96,26 @@ def test_an_interruption_keeps_the_last_generation(tmp_path):
         result, session = run.evolve()
     assert (session.stopped, result.generations) == (True, 1)
     assert recorder.heard == ["starting", "evolving", 0, 1, 1, "testing", "stopped"]
+    assert folder.load_checkpoint().state.generation == 1
+
+
+def test_signals_that_follow_at_once_lose_nothing(tmp_path):
+    class Impatient(Recorder):
+        def on_generation(self, history, best_tree):
+            super().on_generation(history, best_tree)
+            if history[-1].generation == 1:
+                try:
+                    os.kill(os.getpid(), signal.SIGINT)
+                finally:
+                    os.kill(os.getpid(), signal.SIGINT)
+
+    folder, impatient = RunFolder(tmp_path / "run"), Impatient()
+    run = TrainingRun(folder, CONFIG)
+    with run.opened(impatient):
+        result, session = run.evolve()
+    assert (session.stopped, result.generations, impatient.heard[-1]) == (True, 1, "stopped")
+    assert folder.tree() == result.tree
+    assert (folder.path / "result.json").is_file()
     assert folder.load_checkpoint().state.generation == 1
 
 
