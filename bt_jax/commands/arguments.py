@@ -92,9 +92,8 @@ def parse_train(words: list[str]) -> TrainArguments:
     from bt_jax.training.run_folder import RunFolder  # imports JAX, which --help does without
 
     saved = RunFolder(arguments.resume).config()
-    return tyro.cli(
-        TrainArguments, prog=TRAIN, args=words, default=TrainArguments(gp=saved.gp, settings=saved.settings)
-    )
+    gp = dataclasses.replace(saved.gp, baseline_index=None)  # that of the run's baseline, not of a new one
+    return tyro.cli(TrainArguments, prog=TRAIN, args=words, default=TrainArguments(gp=gp, settings=saved.settings))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -6,7 +6,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Tree
@@ -24,6 +23,9 @@ KEPT = (
     "--resume keeps the settings; give only --generations, --target-fitness or --time-limit, or a new --task, --baseline, "
     "--add-target-from or --add-subgoal-from"
 )
+
+
+NO_BASELINE = "--baseline-index says where a new baseline enters; give one with --baseline, --plan or demonstrations"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,7 +77,7 @@ class Changes:
             baseline = plan_task(task)
         gp = dataclasses.replace(config.gp, baseline_index=self.baseline_index)
         if baseline is None and self.baseline_index is not None:
-            raise UserError("--baseline-index says where a baseline enters; give one with --baseline or demonstrations")
+            raise UserError(NO_BASELINE)
         return dataclasses.replace(
             config, task=task, baseline=baseline, extra_leaves=tuple(dict.fromkeys(leaves)), gp=gp
         )
@@ -83,21 +85,23 @@ class Changes:
 
 def resumed(folder: RunFolder, gp: GPConfig, settings: Settings, changes: Changes) -> RunConfig:
     """Return the configuration with which a run goes on: as many generations as `gp` says, in a new phase if there are
-    changes. Raise UserError if anything else differs from the run's own settings, if the run has reached other generations
-    than it is given, or if its version was another."""
+    changes. Where a baseline enters is for the changes to say; without a new one, the run keeps its own.
+
+    Raise UserError if anything else differs from the run's own settings, if the run has reached other generations than it is
+    given, or if its version was another.
+    """
     config = folder.config()
     if config.version != package_version():
         raise UserError(
             f"{folder.path} was begun with version {config.version} and this is {package_version()}; go on "
             "with that version, or train again"
         )
-    phase = changes.begin_phase
-    free: dict[str, Any] = {
-        "generations": config.gp.generations,
-        "baseline_index": config.gp.baseline_index if phase else None,
-    }
-    if dataclasses.replace(gp, **free) != dataclasses.replace(config.gp, **free) or settings != config.settings:
+    gp = dataclasses.replace(gp, baseline_index=config.gp.baseline_index)
+    if dataclasses.replace(gp, generations=config.gp.generations) != config.gp or settings != config.settings:
         raise UserError(KEPT)
+    phase = changes.begin_phase
+    if not phase and changes.baseline_index is not None:
+        raise UserError(NO_BASELINE)
     gp.check()
     saved, generations = folder.load_checkpoint(), gp.generations
     now = 0 if saved is None else saved.state.generation

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bt_jax._util.errors import UserError
+from bt_jax.commands.arguments import parse_train
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.walk import leaves
 from bt_jax.gp.config import GPConfig
@@ -15,7 +16,8 @@ from bt_jax.lfd import DemonstrationFolder, Frames, plan_task
 from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.tasks import load_task
 from bt_jax.teaching.script import parse_script, record
-from bt_jax.training.phases import Changes, subgoal_name
+from bt_jax.training.checkpoint import Checkpoint
+from bt_jax.training.phases import Changes, resumed, subgoal_name
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import Settings
@@ -94,6 +96,30 @@ def test_what_does_not_go_together():
     tree = parse_tree("Fallback(open_gripper, move(BlueBox, (0, 0, 0.1), GreenBox))")
     with pytest.raises(UserError, match="--gene-under-fallback"):
         Training(STACK, CONFIG.gp, KINEMATIC, baseline=tree)
+
+
+def test_an_index_belongs_to_the_baseline_that_it_was_given_with(tmp_path):
+    """A run whose baseline entered as child 1 goes on: only another baseline may have another index, or none."""
+    config = dataclasses.replace(CONFIG, baseline=plan_task(STACK))
+    folder = RunFolder.create(
+        tmp_path / "run", dataclasses.replace(config, gp=dataclasses.replace(config.gp, baseline_index=1))
+    )
+    training = Training(STACK, CONFIG.gp, KINEMATIC)
+    state = training.evolution.step(None)
+    folder.save_checkpoint(Checkpoint(state, training.vocabulary.leaves, 0, training.evolution.describe(state)))
+
+    def index(*options, **changes):
+        given = parse_train(["--resume", str(folder.path), *options])
+        new = Changes(**changes, baseline_index=given.gp.baseline_index)
+        return resumed(folder, given.gp, given.settings, new).gp.baseline_index
+
+    assert index() == 1
+    assert index(task=load_task("pyramid")) is None
+    assert index(baseline=plan_task(STACK)) is None
+    assert index("--baseline-index", "2", baseline=plan_task(STACK)) == 2
+    for changes in ({}, {"task": load_task("pyramid")}):
+        with pytest.raises(UserError, match="give one with --baseline"):
+            index("--baseline-index", "3", **changes)
 
 
 @pytest.mark.parametrize(("name", "wanted"), [("un stack", "un_stack"), ("1", "subgoal_1"), ("aside", "aside")])
