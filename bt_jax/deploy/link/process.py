@@ -7,6 +7,7 @@ import dataclasses
 import selectors
 import socket
 import time
+from collections.abc import Callable
 from multiprocessing.connection import Connection
 
 import numpy as np
@@ -85,6 +86,15 @@ class _LinkLoop:
         self.closing = False
         self.cycles = self.missed = self.late = 0
         self.told: str | None = None
+        self.requests: dict[str, Callable[..., str | None]] = {
+            "follow": self.follow,
+            "halt": self.halt,
+            "stop": self.stop,
+            "answer": self.begin_answering,
+            "enable": self.enable,
+            "disable": self.disable,
+            "close": self.close,
+        }
 
     def run(self) -> None:
         selector = selectors.DefaultSelector()
@@ -186,44 +196,48 @@ class _LinkLoop:
         self.blocks.counters.write(np.array(counters, float))
 
     def command(self) -> bool:
-        """Do what the program above asks for and answer it. Return False if it is gone."""
+        """Do what the program above asks for and answer with what prevented it, None if nothing did; return False if that
+        program is gone. A request that raises stops the robot; its setpoints go on."""
         try:
-            name, *arguments = self.pipe.recv()
-            getattr(self, f"do_{name}")(*arguments)
+            message = self.pipe.recv()
         except (EOFError, OSError):
+            return False
+        try:
+            name, *arguments = message
+            problem = self.requests[name](*arguments)
+        except Exception as error:
+            problem = f"the link process failed to do as asked ({type(error).__name__}: {error})"
+            self.stop(problem)
+        try:
+            self.pipe.send(problem)
+        except OSError:
             return False
         return True
 
-    def reply(self, problem: str | None = None) -> None:
-        self.pipe.send(problem)
-
-    def do_follow(self, name: str, times: Float[np.ndarray, " n"], joints: JointRows, motion: int) -> None:
+    def follow(self, name: str, times: Float[np.ndarray, " n"], joints: JointRows, motion: int) -> str | None:
         arm = self.arms[name]
         trajectory = Trajectory(times, joints)
         if self.supervisor.reason is not None:
-            self.reply(f"{name}: stopped ({self.supervisor.reason})")
-        elif self.blocks.interrupted.value:
-            self.reply(f"{name}: interrupted")
-        elif not self.enabled or arm.commanded is None or arm.feedback is None:
-            self.reply(f"{name}: the robot was not started")
-        elif np.max(np.abs(joints[0] - arm.commanded)) > self.start.rules.start:
-            self.reply(f"{name}: the path begins elsewhere than the arm is by now")
-        else:
-            arm.follower, arm.motion = Follower(trajectory), motion
-            self.blocks.alive.value = time.monotonic()
-            self.publish(name, arm, arm.feedback, arm.commanded)
-            self.reply()
+            return f"{name}: stopped ({self.supervisor.reason})"
+        if self.blocks.interrupted.value:
+            return f"{name}: interrupted"
+        if not self.enabled or arm.commanded is None or arm.feedback is None:
+            return f"{name}: the robot was not started"
+        if np.max(np.abs(joints[0] - arm.commanded)) > self.start.rules.start:
+            return f"{name}: the path begins elsewhere than the arm is by now"
+        arm.follower, arm.motion = Follower(trajectory), motion
+        self.blocks.alive.value = time.monotonic()
+        self.publish(name, arm, arm.feedback, arm.commanded)
+        return None
 
-    def do_halt(self, name: str) -> None:
+    def halt(self, name: str) -> None:
         follower = self.arms[name].follower
         if follower is not None:
             follower.halt()
-        self.reply()
 
-    def do_stop(self, reason: str) -> None:
+    def stop(self, reason: str) -> None:
         self.supervisor.stop(reason)
         self.tell()  # before the answer: who asks afterwards finds the reason
-        self.reply()
 
     def fresh(self, name: str, arm: _ArmSession) -> bool:
         """Does the arm speak now? Between telling where it is and following us, the robot is silent for a while."""
@@ -231,18 +245,17 @@ class _LinkLoop:
             return arm.feedback is not None
         return self.supervisor.silence(name, time.monotonic()) < self.start.rules.stale / 2
 
-    def do_answer(self) -> None:
+    def begin_answering(self) -> str | None:
         """Send setpoints from now on: the arms hold where the next message finds them."""
         if not self.start.motion:
-            self.reply("this link only listens")
-            return
+            return "this link only listens"
         if not self.answering:
             for arm in self.arms.values():
                 arm.commanded = None
             self.answering = True
-        self.reply()
+        return None
 
-    def do_enable(self) -> None:
+    def enable(self) -> str | None:
         """Require from now on that the robot is running and the executor shows that it is alive."""
         silent = [
             name
@@ -250,25 +263,21 @@ class _LinkLoop:
             if arm.feedback is None or not self.fresh(name, arm) or not arm.feedback.running
         ]
         if silent:
-            self.reply(f"{' and '.join(silent)}: not running")
-            return
+            return f"{' and '.join(silent)}: not running"
         for name, arm in self.arms.items():
             if (
                 arm.commanded is None
                 or arm.feedback is None
                 or not np.max(np.abs(arm.feedback.joints - arm.commanded)) <= self.start.rules.start
             ):
-                self.reply(f"{name}: not where it was when the start was asked for")
-                return
+                return f"{name}: not where it was when the start was asked for"
         self.blocks.alive.value = time.monotonic()
         self.enabled = True
-        self.reply()
+        return None
 
-    def do_disable(self) -> None:
+    def disable(self) -> None:
         """Hold the arms; the robot may end its guided motion."""
         self.enabled = False
-        self.reply()
 
-    def do_close(self) -> None:
+    def close(self) -> None:
         self.closing = True
-        self.reply()

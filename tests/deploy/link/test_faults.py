@@ -153,3 +153,17 @@ def test_the_cycle_is_kept_beside_busy_threads():
         assert link.stopped() is None
         assert len(records) > 0.9 * 2 * 2.0 / CYCLE
         assert link.counters().late < 0.05 * link.counters().cycles
+
+
+@pytest.mark.parametrize(
+    "request_", [("follow", "left", np.zeros(2), np.zeros((2, 7)), 1), ("halt", "third"), ("run",), ("answer", 1)]
+)
+def test_a_request_that_raises_is_answered_and_stops_the_robot_while_setpoints_go_on(request_):
+    with running(realtime=False) as (_, link):
+        problem = link._ask(*request_)
+        assert "failed to do as asked" in problem
+        assert link.stopped() == problem
+        before = link.counters().cycles
+        run_for(link, 0.2)
+        assert link._process.is_alive()
+        assert link.counters().cycles > before + 20
