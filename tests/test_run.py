@@ -134,6 +134,12 @@ def test_a_folder_of_learn_brings_its_task(tmp_path):
     assert shown(source=tmp_path).startswith("mine")
     assert load_program(tmp_path).task == task
     assert load_program(tmp_path, "stack3").task == load_task("stack3")
+    (tmp_path / "task.yaml").unlink()
+    with pytest.raises(UserError, match="name the task with --task"):
+        load_program(tmp_path)
+    assert load_program(tmp_path, "stack").task == load_task("stack")
+    (tmp_path / "alone.txt").write_text("pick(YellowBox)")
+    assert load_program(tmp_path / "alone.txt").task == load_task("yumi_stack")
 
 
 def test_the_robot_gets_what_was_given_and_its_exit_code_is_returned(monkeypatch, capsys):

@@ -6,6 +6,7 @@ import dataclasses
 import hashlib
 from pathlib import Path
 
+from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, Tree, check_names, expand
 from bt_jax.encoding.formats.files import read_tree
 from bt_jax.encoding.formats.text import one_line
@@ -36,8 +37,11 @@ class Program:
 def load_program(source: Path, task: str | None = None) -> Program:
     """Return the tree and the task of a folder that `train` or `learn` has written, or the tree in a .txt or .xml file.
 
-    `task` (a name or a YAML file) comes before the folder's own; without either, it is `yumi_stack`. Raise UserError if
-    there is no tree, or if it names what the task does not have.
+    `task` (a name or a YAML file) comes before the folder's own; that of a file is `yumi_stack` if none is given. Raise
+    UserError if there is no tree, if it names what the task does not have, or if a folder does not say its task.
     """
+    tree = read_tree(source)
     own = task_of_folder(source) if task is None and source.is_dir() else None
-    return Program(own or load_task(task or "yumi_stack"), read_tree(source))
+    if own is None and task is None and source.is_dir():
+        raise UserError(f"{source} does not say which task its tree is for; name the task with --task")
+    return Program(own or load_task(task or "yumi_stack"), tree)
