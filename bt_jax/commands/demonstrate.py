@@ -40,6 +40,8 @@ def run(arguments: DemonstrateArguments) -> None:
     for demonstration in recorded:
         named = folder.append(demonstration)
         console.print(f"{escape(str(folder.path / named.name))}: {len(named.actions)} actions")
+    if arguments.after is not None and (arguments.after / "config.json").is_file():
+        folder.remember_run(arguments.after)
     total = len(folder.names())
     if total < NEEDED:
         console.print(

@@ -28,7 +28,7 @@ from bt_jax.encoding.formats.text import format_tree
 from bt_jax.encoding.formats.xml import to_xml
 from bt_jax.encoding.limits import MAX_NODES
 from bt_jax.encoding.walk import leaves
-from bt_jax.lfd import Lesson
+from bt_jax.lfd import DemonstrationFolder, Lesson
 from bt_jax.lfd.explanation import (
     action_rows,
     goal_sentence,
@@ -172,13 +172,17 @@ def _verdict(lesson: Lesson, tried: Evaluation, arguments: LearnArguments) -> st
         said += (
             ".\n           Demonstrations that begin where a tree has ended show only the last step:\n"
             "           let evolution find the rest with python -m bt_jax.train "
-            f"{_task_option(lesson.task, arguments)} --add-target-from {escape(str(arguments.folder))}"
+            f"{_origin(lesson.task, arguments)} --add-target-from {escape(str(arguments.folder))}"
         )
     return said
 
 
-def _task_option(task: Task, arguments: LearnArguments) -> str:
-    """Return the words that name a task to `train`: its name if it comes with the package, else its file."""
+def _origin(task: Task, arguments: LearnArguments) -> str:
+    """Return the words that tell `train` where to begin: at the run whose tree went before the demonstrations, else with the
+    task, by name if it comes with the package and by its file if not."""
+    if (run := DemonstrationFolder(arguments.folder).run()) is not None:
+        here = Path.cwd()
+        return f"--resume {escape(str(run.relative_to(here) if run.is_relative_to(here) else run))}"
     if task.name in task_names() and load_task(task.name) == task:
         return task.name
     return f"--task {escape(arguments.task or str(arguments.folder / 'task.yaml'))}"

@@ -5,7 +5,8 @@
     FOLDER/demo1/data_1.yaml    one action, see `demonstration_files`
 
 Beyond it, `info.yaml` may say in which task they were recorded (`task`, `boxes`: the size of each), the `order` of the
-demonstrations where that is not the one of their names, and `chosen`, the frames that a person has chosen for actions.
+demonstrations where that is not the one of their names, `chosen`, the frames that a person has chosen for actions, and
+`after`, the run folder whose tree was executed before they began.
 """
 
 from __future__ import annotations
@@ -114,6 +115,15 @@ class DemonstrationFolder:
             if frame is not None:
                 chosen[name][instance.index + 1] = frame
         self._change(chosen=chosen)
+
+    def remember_run(self, run: Path) -> None:
+        """Record the run folder whose tree was executed before the demonstrations began."""
+        self._change(after=str(run.resolve()))
+
+    def run(self) -> Path | None:
+        """Return the run folder that was recorded so, None if there is none or if it is not there any more."""
+        after = self._info().get("after")
+        return Path(after) if isinstance(after, str) and (Path(after) / "config.json").is_file() else None
 
     def append(self, demonstration: Demonstration) -> Demonstration:
         """Add a demonstration under the next free name demoN, whole or not at all, and return it under that name."""

@@ -86,6 +86,8 @@ def test_demonstrations_remember_a_task_of_ones_own(tmp_path):
     done = command(*words, "--level", "kinematic", "--layouts", 1, "--out", tmp_path / "learnt")
     assert done.returncode == 0, done.stderr
     assert task_of_folder(tmp_path / "learnt") == mine
+    assert "0 of 1" in done.stdout
+    assert f"bt_jax.train --resume {run.path} --add-target-from {tmp_path / 'shown'}" in done.stdout
 
 
 def test_demonstrations_are_kept_and_frames_chosen_on_the_command_line(tmp_path):
