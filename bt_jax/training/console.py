@@ -68,7 +68,13 @@ class TrainingDisplay:
             f"results      {folder}",
             soft_wrap=True,
         )
-        if len(prefix(result.tree)) > 1 + len(self.training.task.targets):
+        if not success:
+            self.console.print(
+                f"advice       go on with --resume {folder} --generations {2 * result.generations}, or try another --seed, "
+                "or --plan",
+                soft_wrap=True,
+            )
+        elif len(prefix(result.tree)) > 1 + len(self.training.task.targets):
             self.console.print(f"simplify     python -m bt_jax.run {folder} --simplify", soft_wrap=True)
         if session.broken:
             self.warn(f"the simulation diverged {session.broken} times; those trees got the worst fitness")
@@ -81,4 +87,4 @@ class TrainingDisplay:
         if self.training.settings.evaluator != "table":
             return ""
         table = self.training.table
-        return f"simulation   {table.num_transitions:,} distinct transitions, {table.settler.solved:,} new to physics\n"
+        return f"simulation   {table.num_transitions:,} distinct transitions, {table.settler.solved:,} simulated\n"
