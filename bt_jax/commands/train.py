@@ -29,6 +29,8 @@ def run(arguments: TrainArguments) -> None:
     """Train as the arguments say, and write the run folder."""
     configure_jax(arguments.device)
     config, folder = _configuration(arguments)
+    if arguments.resume is None and not folder.is_free:
+        raise UserError(f"{folder.path} is not empty; choose another --out, or continue it with --resume {folder.path}")
     run = TrainingRun(folder, config, resumed=arguments.resume is not None)
     display = TrainingDisplay(run.training, folder.path)
     reporters = [Reporter(folder.path, config.gp.generations)] if arguments.progress else []

@@ -16,6 +16,7 @@ from bt_jax.encoding.drawing.terminal import draw_text
 from bt_jax.encoding.formats.text import one_line
 from bt_jax.gp.evolution import Generation, best_of
 from bt_jax.training.checkpoint import Checkpoint
+from bt_jax.training.pictures import draw_pictures
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.run_folder import RunFolder
 
@@ -116,10 +117,11 @@ class Result:
         return f"<p>{escape(self.summary)}</p>{to_svg(self.tree)}"
 
     def save(self, path: str | Path) -> None:
-        """Write a new run folder, which `train --resume` and `run` take. Raise UserError if it is not empty."""
+        """Write a run folder with pictures, which `train --resume` and `run` take. Raise UserError if it is not empty."""
         folder = RunFolder.create(Path(path), self.config)
         folder.save_checkpoint(self.checkpoint)
         self.write(folder)
+        draw_pictures(folder, self.config, self.tree, self.history)
 
     def write(self, folder: RunFolder, session: Session | None = None) -> None:
         """Write trees, history and `result.json` into a run folder."""

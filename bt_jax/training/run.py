@@ -13,6 +13,7 @@ from bt_jax.behaviors import Tree
 from bt_jax.gp.evolution import Generation, State
 from bt_jax.training.checkpoint import Checkpoint
 from bt_jax.training.interruption import Interruption
+from bt_jax.training.pictures import draw_pictures
 from bt_jax.training.progress import Stage, locked
 from bt_jax.training.result import Result, Session
 from bt_jax.training.run_config import RunConfig
@@ -113,18 +114,11 @@ class TrainingRun:
         """Draw the pictures of the folder; Ctrl-C waits for them. Return why one is missing, or an empty text."""
         with self._interruption.ignored():
             try:
-                self._draw(result)
+                settler = self.training.table.settler
+                draw_pictures(self.folder, self.config, result.tree, result.history, settler)
             except Exception as error:  # whatever it is, everything else of the run is written
                 return f"not all pictures could be drawn ({error}); the results are complete without them"
         return ""
-
-    def _draw(self, result: Result) -> None:
-        from bt_jax.training.plots import learning_curve  # heavy: Matplotlib, after everything is said
-
-        curve = learning_curve(result.history, title=self.config.task.name, phases=self.folder.phases())
-        self.folder.save_picture("learning_curve.png", curve)
-        if (picture := self.training.picture(result.tree)) is not None:
-            self.folder.save_picture("solved.png", picture)
 
     def _evolve(self, target: float | None, time_limit: float | None) -> None:
         start, history = self._restored()

@@ -3,7 +3,7 @@
 config.json        task, settings and version       history.csv         one row a generation and run
 best_tree.txt      the learnt tree                  best_tree.xml       the same for BehaviorTree.CPP and Groot2
 best_tree.svg      its drawing                      learning_curve.png  best and mean fitness over the generations
-result.json        best of each run, times          solved.png          the solved scene, if there is a renderer
+result.json        best of each run, times          final_scene.png     the scene after an episode
 checkpoint.npz     populations, to resume
 
 `episodes` means the same in history.csv, result.json and progress.json: the episodes that the fitness of the distinct trees
@@ -11,6 +11,7 @@ took so far, one for each of `trees_measured` trees in each of the K layouts of 
 are of each run, in progress.json of all runs together. A result.json without `trees_measured` is older and has the number of
 trees as `episodes`.
 
+The picture of the scene is missing if there is no renderer, and was called solved.png before.
 `run --simplify` adds simplified_tree.*, in the formats of best_tree.*, whose simpler form it is.
 
 If the task was changed on the way, config-0.json, checkpoint-0.npz and best_tree-0.txt are of the first phase, and so on.
@@ -51,10 +52,15 @@ class RunFolder:
         folder.start(config)
         return folder
 
+    @property
+    def is_free(self) -> bool:
+        """Whether a run can begin here: there is nothing of that name, or an empty folder."""
+        return not self.path.exists() or (self.path.is_dir() and not any(self.path.iterdir()))
+
     def start(self, config: RunConfig) -> None:
         """Write the configuration. Raise UserError if something is in the folder already."""
-        if self.path.exists() and (not self.path.is_dir() or any(self.path.iterdir())):
-            raise UserError(f"{self.path} is not empty; choose another --out, or continue it with --resume {self.path}")
+        if not self.is_free:
+            raise UserError(f"{self.path} is not empty; choose another folder")
         self.save_config(config)
 
     def begin_again(self, config: RunConfig) -> None:

@@ -20,12 +20,10 @@ from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.config import GPConfig
 from bt_jax.gp.evolution import Evolution, Generation, State, best_of
 from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
-from bt_jax.mjx_env.episodes.playback import play
 from bt_jax.mjx_env.episodes.rollout import RolloutEvaluator
-from bt_jax.mjx_env.render.film import solved_picture
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
-from bt_jax.mjx_env.world import concatenate, take
+from bt_jax.mjx_env.world import concatenate
 from bt_jax.tasks import Task
 from bt_jax.training.bar import GenerationBar, is_interactive
 from bt_jax.training.checkpoint import Checkpoint
@@ -145,11 +143,6 @@ class Training:
         which = np.minimum(np.arange(copies * per_tree, dtype=np.int32), count - 1).reshape(copies, per_tree)
         result = self.evaluator(trees, layouts, which)
         return Test(result.solved.reshape(-1)[:count], result.values.reshape(-1)[:count])
-
-    def picture(self, tree: Tree) -> bytes | None:
-        """Return a PNG of the scene after an episode in the first training layout, None if there is no renderer."""
-        playback = play(self.table.semantics, self.table.settler, tree, take(self.layouts, slice(1)))
-        return solved_picture(self.task, playback)
 
 
 def _pinned(config: RunConfig, level: str) -> RunConfig:

@@ -76,11 +76,13 @@ def test_a_result_is_saved_as_a_folder_that_goes_on(done, tmp_path):
     result.save(tmp_path / "mine")
     for name in ("history.csv", "best_tree.txt", "config.json"):
         assert (tmp_path / "mine" / name).read_bytes() == (folder.path / name).read_bytes(), name
+    pictures = [{path.name for path in one.glob("*.png")} for one in (folder.path, tmp_path / "mine")]
+    assert pictures[0] == pictures[1] >= {"learning_curve.png"}
     run = TrainingRun(RunFolder(tmp_path / "mine"), RunFolder(tmp_path / "mine").config(), resumed=True)
     with run.opened():
         again, _ = run.evolve()
     assert again.tree == result.tree
-    with pytest.raises(UserError, match="is not empty"):
+    with pytest.raises(UserError, match=r"is not empty; choose another folder$"):
         result.save(tmp_path / "mine")
 
 

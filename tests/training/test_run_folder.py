@@ -128,7 +128,7 @@ def test_every_tree_comes_back(tmp_path_factory, tree):
 
 
 def test_a_folder_is_not_overwritten(folder):
-    with pytest.raises(UserError, match=r"is not empty.*--resume"):
+    with pytest.raises(UserError, match="is not empty; choose another folder"):
         RunFolder.create(folder.path, CONFIG)
     assert folder.config() == CONFIG
 

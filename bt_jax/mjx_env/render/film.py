@@ -16,7 +16,7 @@ from bt_jax.mjx_env.render.offscreen import INSTALL, Renderer, available, write_
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.tasks import Task
 
-__all__ = ["check_film", "film", "solved_picture"]
+__all__ = ["check_film", "film", "final_picture"]
 
 STYLES = {".mp4": (800, 450, 30.0), ".gif": (480, 270, 12.5), ".png": (640, 360, 30.0)}  # width, height, frames/s
 SHEET = 6  # pictures on a contact sheet
@@ -53,7 +53,7 @@ def film(
     write_film(path, frames, fps)
 
 
-def solved_picture(task: Task, playback: Playback, *, width: int = 960, height: int = 540) -> bytes | None:
+def final_picture(task: Task, playback: Playback, *, width: int = 960, height: int = 540) -> bytes | None:
     """Return a PNG of the scene at the end of an episode, or None if nothing can be drawn."""
     import imageio.v3 as imageio
 

@@ -13,7 +13,7 @@ from bt_jax.mjx_env.physics.factory import make_physics
 from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.mjx_env.physics.settler import Settler
 from bt_jax.mjx_env.render.choreography import shots
-from bt_jax.mjx_env.render.film import check_film, film, solved_picture
+from bt_jax.mjx_env.render.film import check_film, film, final_picture
 from bt_jax.mjx_env.render.offscreen import available
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
@@ -98,7 +98,7 @@ def test_the_solved_scene_is_drawn():
     import imageio.v3 as imageio
 
     semantics, played = episode("stack3", level="kinematic")
-    picture = imageio.imread(solved_picture(semantics.task, played, width=320, height=180))
+    picture = imageio.imread(final_picture(semantics.task, played, width=320, height=180))
     assert picture.shape == (180, 320, 3)
     yellow = (picture[..., 0] > 150) & (picture[..., 2] < 90)
     assert yellow.any()
@@ -113,6 +113,6 @@ def test_where_no_film_can_be_written(tmp_path, name):
 def test_without_a_renderer(monkeypatch, tmp_path):
     monkeypatch.setattr("bt_jax.mjx_env.render.film.available", lambda: "there is no EGL")
     semantics, played = episode("stack3", level="kinematic")
-    assert solved_picture(semantics.task, played) is None
+    assert final_picture(semantics.task, played) is None
     with pytest.raises(UserError, match="there is no EGL"):
         check_film(tmp_path / "film.gif")
