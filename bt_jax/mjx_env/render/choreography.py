@@ -34,10 +34,11 @@ Poses = Float[np.ndarray, "B 7"]
 
 @dataclasses.dataclass(frozen=True)
 class Shot:
-    """One frame: poses of all boxes (metres, world; quaternion wxyz) and of the gripper."""
+    """One frame: poses of all boxes (metres, world; quaternion wxyz) and of the gripper, and what is being done."""
 
     poses: Poses
     gripper: GripperPose
+    caption: str = ""
 
 
 def shots(semantics: LeafSemantics, playback: Playback, *, fps: float) -> list[Shot]:
@@ -45,7 +46,9 @@ def shots(semantics: LeafSemantics, playback: Playback, *, fps: float) -> list[S
     stage = Stage(semantics, playback.start, fps=fps)
     stage.hold(PAUSE_SECONDS)
     for i, tick in enumerate(playback.ticks):
+        stage.caption = f"tick {i + 1}: {tick.command or tick.status.name}"
         stage.run(tick, playback.ticks[i + 1 :])
+    stage.caption = "end"
     stage.leave()
     stage.hold(END_SECONDS)
     return stage.shots
@@ -76,12 +79,14 @@ class Stage:
             self.yaw = next(_face_yaws(self.poses[self.held]))
         if gripper is not None:
             self.tip, self.opening, self.yaw = np.array(gripper.position, float), gripper.opening, gripper.yaw
+        self.caption = "start"
         self.shots: list[Shot] = []
         self.shoot()
 
     def shoot(self) -> None:
         x, y, z = map(float, self.tip)
-        self.shots.append(Shot(self.poses.copy(), GripperPose((x, y, z), float(self.opening), float(self.yaw))))
+        gripper = GripperPose((x, y, z), float(self.opening), float(self.yaw))
+        self.shots.append(Shot(self.poses.copy(), gripper, self.caption))
 
     def hold(self, seconds: float) -> None:
         self.shots += [self.shots[-1]] * round(seconds * self.fps)

@@ -18,7 +18,7 @@ from bt_jax.tasks import Task
 
 __all__ = ["check_film", "film", "final_picture"]
 
-STYLES = {".mp4": (800, 450, 30.0), ".gif": (480, 270, 12.5), ".png": (640, 360, 30.0)}  # width, height, frames/s
+STYLES = {".mp4": (800, 450, 30.0), ".gif": (480, 270, 12.5), ".png": (640, 336, 30.0)}  # width, height, frames/s
 SHEET = 6  # pictures on a contact sheet
 
 
@@ -35,19 +35,21 @@ def check_film(path: Path) -> None:
 def film(
     path: Path, semantics: LeafSemantics, playback: Playback, *, progress: Callable[[float], None] = lambda part: None
 ) -> None:
-    """Write a film (.mp4, .gif) or a sheet of stills (.png); `progress` is called with the share that is done.
+    """Write a film (.mp4, .gif) or a sheet of stills with captions (.png); `progress` is called with the share that is done.
 
     Raises UserError as `check_film` does, and if the file cannot be written.
     """
     check_film(path)
     width, height, fps = STYLES[path.suffix.lower()]
     takes = shots(semantics, playback, fps=fps)
-    if path.suffix.lower() == ".png":
+    stills = path.suffix.lower() == ".png"
+    if stills:
         takes = [takes[round(i)] for i in np.linspace(0, len(takes) - 1, SHEET)]
     kit, frames, last = playback.start.kit[0], [], None
     with Renderer(semantics.task, width=width, height=height) as renderer:
         for shot in takes:
-            frames.append(frames[-1] if shot is last else renderer(kit, shot.poses, shot.gripper))
+            caption = shot.caption if stills else ""
+            frames.append(frames[-1] if shot is last else renderer(kit, shot.poses, shot.gripper, caption))
             last = shot
             progress(len(frames) / len(takes))
     write_film(path, frames, fps)

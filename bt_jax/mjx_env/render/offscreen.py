@@ -65,7 +65,7 @@ class View:
         self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
         self._camera.fixedcamid = model.camera(camera).id
 
-    def __call__(self, data: mujoco.MjData) -> Picture:
+    def __call__(self, data: mujoco.MjData, caption: str = "") -> Picture:
         """Return an RGB picture of a state whose kinematics, cameras and lights are up to date."""
         width, height = self._size
         self._gl.make_current()
@@ -74,6 +74,9 @@ class View:
         )
         view = mujoco.MjrRect(0, 0, width, height)
         mujoco.mjr_render(view, self._scene, self._context)
+        if caption:
+            place, font = mujoco.mjtGridPos.mjGRID_TOPLEFT, mujoco.mjtFont.mjFONT_NORMAL
+            mujoco.mjr_overlay(font, place, view, caption, "", self._context)
         picture = np.empty((height, width, 3), np.uint8)
         mujoco.mjr_readPixels(picture, None, view, self._context)
         return np.ascontiguousarray(picture[::-1])
@@ -108,16 +111,21 @@ class Renderer:
         self._view = View(self._model, camera, width=width, height=height)
 
     def __call__(
-        self, kit: Float[np.ndarray, "3"], poses: Float[np.ndarray, "B 7"], gripper: GripperPose | None = None
+        self,
+        kit: Float[np.ndarray, "3"],
+        poses: Float[np.ndarray, "B 7"],
+        gripper: GripperPose | None = None,
+        caption: str = "",
     ) -> Picture:
-        """Return an RGB picture. `kit` [m, world] is the kit's frame, `poses` are xyz and wxyz of all boxes of the task."""
+        """Return an RGB picture, with a caption at its top left. `kit` [m, world] is the kit's frame, `poses` are xyz and
+        wxyz of all boxes of the task."""
         data = self._data
         data.qpos[:] = np.asarray(poses, float).ravel()
         data.mocap_pos[self._ids.kit_mocap] = kit
         self._place_gripper(gripper)
         mujoco.mj_kinematics(self._model, data)
         mujoco.mj_camlight(self._model, data)
-        return self._view(data)
+        return self._view(data, caption)
 
     def _place_gripper(self, gripper: GripperPose | None) -> None:
         parts = [

@@ -24,6 +24,7 @@ Geom = tuple[str, tuple[float | int, ...], tuple[float | int, ...], str]  # type
 GRAVITY = 9.81
 STEP = 0.01  # seconds, for boxes of REFERENCE_SIZE
 REFERENCE_SIZE = 0.1
+FILLED = 0.97  # how much of the picture's width the tables fill
 FIELD_OF_VIEW = 42  # degrees across the picture, whatever its shape
 
 
@@ -235,13 +236,15 @@ def _cameras_and_lights(task: Task) -> str:
     right, toward, up = np.array(task.right), np.array(task.away), np.array([0.0, 0.0, 1.0])
     width = abs(right @ (high - low))
     height = max(table.top for table in task.tables)
-    target = np.array([centre[0], centre[1], height - 0.02 * width])
-    view = 0.87 * toward - 0.5 * up - 0.12 * right
+    target = np.array([centre[0], centre[1], height + 0.04 * width])  # there is more to see above the tables
+    view = 0.8 * toward - 0.6 * up - 0.06 * right
     view /= np.linalg.norm(view)
     across = np.cross(view, up) / np.linalg.norm(np.cross(view, up))
-    distance = 0.53 * width / math.tan(math.radians(FIELD_OF_VIEW / 2)) + 0.55 * abs(toward @ (high - low))
+    tangent = math.tan(math.radians(FIELD_OF_VIEW / 2))
+    corners = np.array([[x, y, height] for x in (low[0], high[0]) for y in (low[1], high[1])]) - target
+    distance = float(np.max(np.abs(corners @ across) / (FILLED * tangent) - corners @ view))  # all corners are in view
     eye = target - view * distance
-    fovy = math.degrees(2 * math.atan(math.tan(math.radians(FIELD_OF_VIEW / 2)) * 9 / 16))
+    fovy = math.degrees(2 * math.atan(tangent * 9 / 16))
     key = target + width * (-0.6 * right - 0.45 * toward + 1.4 * up)
     fill = target + width * (0.9 * right - 0.5 * toward + 0.9 * up)
     axes = _numbers(*across, *np.cross(across, view))
