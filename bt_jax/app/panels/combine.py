@@ -166,12 +166,12 @@ class _Combine:
             raise UserError("nothing has been taught yet; demonstrate in step 3")
         if studio.evolution.run is None:
             raise UserError("nothing has been evolved yet; start in step 2")
-        folder, changes = studio.workspace.run(studio.evolution.run), self._changes()
-        goal = await ask_goal(studio)
-        if goal is None:
+        folder = studio.workspace.run(studio.evolution.run)
+        changes = await ask_goal(studio, self._changes())
+        if changes is None:
             return
         await studio.worker.work(lambda: changes.applied(folder.config()))  # says now what is impossible
-        studio.go_on(generations, changes, for_edited=goal == "edited")
+        studio.go_on(generations, changes)
         self.page.go("evolve")
 
 

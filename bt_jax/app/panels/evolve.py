@@ -63,7 +63,7 @@ class _Evolve:
                 self.generation = _figure("generation", "evolve-generation")
                 self.best = _figure("best fitness (the closer to 0, the better)", "evolve-best")
                 self.mean = _figure("mean of the population", "evolve-mean")
-                self.episodes = _figure("trees tried", "evolve-episodes")
+                self.episodes = _figure("episodes", "evolve-episodes")
             self.chart = (
                 ui.echart(curve_options([]))
                 .classes("evolve-chart")
@@ -104,9 +104,9 @@ class _Evolve:
 
     async def _more(self) -> None:
         generations = whole(self.more, 1, MOST)
-        goal = await ask_goal(self.studio)
-        if goal is not None:
-            self.studio.go_on(generations, for_edited=goal == "edited")
+        changes = await ask_goal(self.studio)
+        if changes is not None:
+            self.studio.go_on(generations, changes)
 
     def _refresh(self) -> None:
         if self.page.step != "evolve":

@@ -2,28 +2,29 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
-from typing import Literal
 
 from nicegui import ui
 
+from bt_jax._util.errors import UserError
 from bt_jax.app.panels.parts import dialog, heading
 from bt_jax.app.plain_words import Words
+from bt_jax.app.processes.train_command import NO_CHANGES
 from bt_jax.app.state.edited_task import same_things
 from bt_jax.app.state.studio import Studio
 from bt_jax.tasks import Task
+from bt_jax.training.phases import Changes
 
 __all__ = ["ask_goal"]
 
-Goal = Literal["own", "edited"]
 
-
-async def ask_goal(studio: Studio) -> Goal | None:
-    """Return the task that a person wants an evolution to go on for, None if they cancel. It is asked only if the two
-    differ."""
-    evolved, edited = studio.evolution.task, studio.edited.task
+async def ask_goal(studio: Studio, changes: Changes = NO_CHANGES) -> Changes | None:
+    """Return the changes, with the task of step 1 as it is shown here if a person wants the evolution to go on for it; None
+    if they cancel. It is asked only if the two tasks differ. Raise UserError if another run is opened meanwhile."""
+    run, evolved, edited = studio.evolution.run, studio.evolution.task, studio.edited.task
     if evolved is None or studio.in_step:
-        return "own"
+        return changes
     with dialog() as asked:
         ui.label("The task in step 1 is not the one that this evolution works for.").classes("text-bold")
         with ui.row().classes("gap-6 no-wrap").props("data-testid=goal-differences"):
@@ -37,14 +38,18 @@ async def ask_goal(studio: Studio) -> Goal | None:
             ui.button("Cancel", on_click=lambda: asked.submit(None)).props(
                 "no-caps flat autofocus data-testid=goal-cancel"
             )
-            ui.button("Go on as before", on_click=lambda: asked.submit("own")).props(
+            ui.button("Go on as before", on_click=lambda: asked.submit(changes)).props(
                 "no-caps unelevated data-testid=goal-own"
             )
             if same_things(evolved, edited):
-                ui.button("Go on with the new task", on_click=lambda: asked.submit("edited")).props(
+                for_edited = dataclasses.replace(changes, task=edited)
+                ui.button("Go on with the new task", on_click=lambda: asked.submit(for_edited)).props(
                     "no-caps unelevated data-testid=goal-edited"
                 )
-    return await asked
+    chosen = await asked
+    if chosen is not None and studio.evolution.run != run:
+        raise UserError("another run was opened meanwhile; look at it, then press Go on again")
+    return chosen
 
 
 def _sentences(task: Task) -> list[str]:

@@ -143,8 +143,7 @@ class _Keep:
         name = (await self._one()).name
         question = f"Delete the run {name} for good, with its trees and curves?"
         if await ask(question, yes="Delete", testid="keep-delete"):
-            await asyncio.to_thread(self.studio.workspace.delete_run, name)
-            self.studio.forget_run(name)
+            await self.studio.delete_run(name)
             self.studio.bus.say(f"The run {name} is deleted.")
 
 

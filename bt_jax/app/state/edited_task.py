@@ -6,10 +6,8 @@ Every version is immutable and holds the task and the layout in which the scene 
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import dataclasses
 
-from bt_jax._util.errors import UserError
 from bt_jax.app.state.history import History
 from bt_jax.app.state.workspace import Workspace
 from bt_jax.mjx_env.scene.layouts import sample_layouts
@@ -56,9 +54,7 @@ class EditedTask:
     @property
     def saved(self) -> bool:
         """Whether the task equals its file."""
-        with contextlib.suppress(UserError):
-            return self._workspace.task(self.task.name) == self.task
-        return False
+        return self._workspace.holds(self.task)
 
     def open(self, task: Task, start: World | None = None) -> None:
         """Take another task, with a new history; it starts in the first layout that is drawn unless `start` is given."""

@@ -6,6 +6,7 @@ is complete.
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import dataclasses
 
@@ -48,8 +49,11 @@ class Studio:
     def open_task(self, task: Task, start: World | None = None) -> None:
         """Edit another task, from the layout `start` or the first that is drawn. Raise UserError if a demonstration in the
         making would be lost."""
-        if self.teaching.busy:
-            raise UserError("a demonstration is in the making; finish or discard it in step 3 first")
+        self._check_not_teaching()
+        self._open_task(task, start)
+        self._keep_draft()
+
+    def _open_task(self, task: Task, start: World | None = None) -> None:
         if not same_things(task, self.edited.task):
             self.playing.take(None, None)
         self.edited.open(task, start)
@@ -57,7 +61,6 @@ class Studio:
         self.teaching.task_opened()
         self.library.forget_lesson()
         self.bus.changed("task", "scene", "lesson", "player", "tree")
-        self._keep_draft()
 
     def edit_task(self, task: Task, start: World | None = None) -> None:
         """Change the targets or the start of the task; the tree and a demonstration in the making stay."""
@@ -85,29 +88,30 @@ class Studio:
     @property
     def unsaved(self) -> bool:
         """Whether the edited task equals neither its file nor the task of the run that is shown."""
-        run = self.playing.run
-        if self.edited.saved:
-            return False
-        with contextlib.suppress(UserError):
-            return run is None or self.workspace.run(run).config().task != self.edited.task
-        return True
+        run, task = self.playing.run, self.edited.task
+        return not self.edited.saved and (run is None or not self.workspace.run_holds(run, task))
 
     def restore(self) -> None:
-        """Show the evolution that was running before this page, or else the newest run, and the draft of the task."""
-        draft, problem = None, ""
-        try:
-            draft = self.workspace.draft()
-        except UserError as error:
-            problem = f"the draft of your task cannot be restored: {error}"
+        """Show the evolution that was running before this page, or else the newest run, and the draft of the task. The draft
+        stays on disk; one that cannot be read is renamed, and the page says so."""
         name = self.evolution.find()
         if name is not None:
             with contextlib.suppress(UserError):
-                self.open_run(name)
-        if draft is not None and draft != self.edited.task:
-            self.open_task(draft)
-            self.bus.say(f"Your unsaved changes of {draft.name} were restored; step 1 can save or discard them.")
-        elif problem:
-            self.bus.say(problem)
+                self._open_run(name)
+        try:
+            draft = self.workspace.draft()
+            if draft is not None and draft != self.edited.task:
+                self._open_task(draft)
+                self.bus.say(f"Your unsaved changes of {draft.name} were restored; step 1 can save or discard them.")
+        except UserError as error:
+            self.bus.say(f"The draft of your task cannot be restored: {error}. {self._set_draft_aside()}")
+
+    def _set_draft_aside(self) -> str:
+        """Keep a draft that cannot be read; return a sentence that says where."""
+        try:
+            return f"It is kept as {self.workspace.set_draft_aside().name}."
+        except UserError as error:
+            return f"{error}."
 
     def start_evolution(self, gp: GPConfig) -> None:
         """Evolve a tree for the edited task, in a new run folder. Raise UserError if an evolution is running."""
@@ -115,17 +119,16 @@ class Studio:
         self._following = self.edited.task
         self.playing.follow(None, self.evolution.run)
         self.bus.changed("evolution", "tree", "runs")
+        self._keep_draft()
 
-    def go_on(self, generations: int, changes: Changes = NO_CHANGES, *, for_edited: bool = False) -> None:
-        """Evolve for more generations, for the evolution's own task or, with `for_edited`, for the targets and starts of the
-        edited task; with changes, in a new phase. Raise UserError if that is impossible."""
-        if for_edited:
-            changes = dataclasses.replace(changes, task=self.edited.task)
-        in_step = for_edited or self.in_step
+    def go_on(self, generations: int, changes: Changes = NO_CHANGES) -> None:
+        """Evolve for more generations; with changes, in a new phase. Raise UserError if that is impossible."""
+        goal = self.evolution.task if changes.task is None else changes.task
         self.evolution.go_on(generations, changes)
-        self._following = self.edited.task if in_step else None
+        self._following = self.edited.task if goal is not None and same_goal(goal, self.edited.task) else None
         self.playing.follow(self.playing.tree, self.evolution.run)
         self.bus.changed("evolution", "runs")
+        self._keep_draft()
 
     @property
     def in_step(self) -> bool:
@@ -136,24 +139,34 @@ class Studio:
         """Look at another tree, from a run or, with None, from elsewhere; whatever runs ends."""
         self.playing.take(tree, run)
         self.bus.changed("tree", "runs", "player")
+        self._keep_draft()
 
     def open_run(self, name: str) -> None:
         """Show the task and the best tree of a run, and its evolution unless another is running. Raise UserError if the run
-        has gone or cannot be read."""
-        record = read_record(self.workspace.run(name))
-        if record.config.task != self.edited.task:
-            self.open_task(record.config.task)
-        if not self.evolution.running:
-            self.evolution.open(name)
-        self.take_tree(record.tree, name)
-        self.bus.changed("evolution")
+        has gone or cannot be read, or a demonstration in the making would be lost."""
+        self._open_run(name)
         self._keep_draft()
 
-    def forget_run(self, name: str) -> None:
-        """Note that a run was deleted; its tree may still be looked at."""
+    def _open_run(self, name: str) -> None:
+        record = read_record(self.workspace.run(name))
+        if record.config.task != self.edited.task:
+            self._check_not_teaching()
+            self._open_task(record.config.task)
+        if not self.evolution.running:
+            self.evolution.open(name)
+        self.playing.take(record.tree, name)
+        self.bus.changed("tree", "runs", "player", "evolution")
+
+    async def delete_run(self, name: str) -> None:
+        """Delete a run; its tree may still be looked at, and its task stays in step 1. Raise UserError, and delete nothing,
+        if the run has gone, a process is training there, or a task that only this run holds cannot be kept as the draft."""
+        if self.playing.run == name and not self.edited.saved:
+            self.workspace.save_draft(self.edited.task)
+        await asyncio.to_thread(self.workspace.delete_run, name)
         self.evolution.forget(name)
         self.playing.forget_run(name)
         self.bus.changed("runs", "evolution", "tree")
+        self._keep_draft()
 
     def watch(self) -> None:
         """Follow the evolution; to be called a few times a second."""
@@ -161,16 +174,26 @@ class Studio:
         before, gone = evolution.stage, evolution.gone
         if not evolution.poll():
             return
-        if self.playing.run == evolution.run:
-            if evolution.tree is not None and evolution.tree != self.playing.tree:
-                self.playing.follow(evolution.tree, evolution.run)
-                self.bus.changed("tree")
-            if before == "starting" != evolution.stage:
-                self._follow()
-        if (evolution.stage, evolution.gone) != (before, gone):
+        shown = self.playing.run == evolution.run
+        if shown and evolution.tree is not None and evolution.tree != self.playing.tree:
+            self.playing.follow(evolution.tree, evolution.run)
+            self.bus.changed("tree")
+        another = (evolution.stage, evolution.gone) != (before, gone)
+        if another:
             self.bus.say(evolution.sentence)
             self.bus.changed("runs")
         self.bus.changed("evolution")
+        try:
+            if shown and before == "starting" != evolution.stage:
+                self._follow()
+            if another:
+                self._keep_draft()
+        except UserError as error:
+            self.bus.say(str(error))
+
+    def _check_not_teaching(self) -> None:
+        if self.teaching.busy:
+            raise UserError("a demonstration is in the making; finish or discard it in step 3 first")
 
     def _follow(self) -> None:
         """Take over the targets that the evolution was taught, unless a person has edited the task since."""

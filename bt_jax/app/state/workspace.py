@@ -5,7 +5,9 @@ Names come from the browser. Each is checked here, so that none leads out of the
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import functools
 import re
 import shutil
 from pathlib import Path
@@ -13,7 +15,7 @@ from pathlib import Path
 import yaml
 
 from bt_jax._util.errors import UserError
-from bt_jax._util.files import is_name, write_atomic
+from bt_jax._util.files import is_name, unused, write_atomic
 from bt_jax.behaviors import Tree
 from bt_jax.encoding.formats.files import read_tree
 from bt_jax.lfd import DemonstrationFolder
@@ -111,6 +113,19 @@ class Workspace:
         write_atomic(path, _yaml(dataclasses.replace(task, name=name)))
         return path
 
+    def holds(self, task: Task) -> bool:
+        """Whether the file of the task's name says exactly this. It is read only if a task file has changed."""
+        own = [] if task.name in task_names() else sorted(self.tasks.glob("*.yaml"))  # one may extend another
+        with contextlib.suppress(UserError, OSError):
+            return _task(self, task.name, tuple(map(_stamp, own))) == task
+        return False
+
+    def run_holds(self, name: str, task: Task) -> bool:
+        """Whether a run works for exactly this task. Its configuration is read only if it has changed."""
+        with contextlib.suppress(UserError, OSError):
+            return _task_of_run(self, name, _stamp(self.run(name).path / "config.json")) == task
+        return False
+
     def draft(self) -> Task | None:
         """Return the draft of a task, None if there is none. Raise UserError if it is invalid."""
         return load_task(self._draft) if self._draft.is_file() else None
@@ -120,8 +135,25 @@ class Workspace:
         write_atomic(self._draft, _yaml(task))
 
     def delete_draft(self) -> None:
-        """Delete the draft, if there is one."""
-        self._draft.unlink(missing_ok=True)
+        """Delete the draft, if there is one. Raise UserError if that fails."""
+        try:
+            self._draft.unlink(missing_ok=True)
+        except OSError as error:
+            raise UserError(
+                f"{self._draft} cannot be deleted ({error.strerror}); check the permissions of {self.root}"
+            ) from None
+
+    def set_draft_aside(self) -> Path:
+        """Rename a draft that cannot be read, so that the next one does not replace it, and return its path. Raise UserError
+        if that fails."""
+        aside = unused(self._draft.with_name(f"{self._draft.name}.unreadable"))
+        try:
+            self._draft.rename(aside)
+        except OSError as error:
+            raise UserError(
+                f"{self._draft} cannot be renamed ({error.strerror}); copy it before you change the task"
+            ) from None
+        return aside
 
     @property
     def _draft(self) -> Path:
@@ -133,6 +165,25 @@ class Workspace:
         if not is_name(name) or path.resolve().parent != folder.resolve():
             raise UserError(f"'{name}' leads out of {self.root}; choose a name from the list")
         return path
+
+
+Stamp = tuple[Path, int, int, int]
+
+
+def _stamp(path: Path) -> Stamp:
+    """Return what differs once a file has been written again. Raise OSError if there is no such file."""
+    found = path.stat()
+    return path, found.st_mtime_ns, found.st_ino, found.st_size
+
+
+@functools.lru_cache(maxsize=16)
+def _task(workspace: Workspace, name: str, stamps: tuple[Stamp, ...]) -> Task:
+    return workspace.task(name)
+
+
+@functools.lru_cache(maxsize=16)
+def _task_of_run(workspace: Workspace, name: str, stamp: Stamp) -> Task:
+    return workspace.run(name).config().task
 
 
 def _folders(folder: Path) -> list[Path]:

@@ -1,5 +1,6 @@
 """The evolution as the page handles it: with the real process, and with what such a process has left behind."""
 
+import asyncio
 import dataclasses
 import os
 import signal
@@ -207,9 +208,8 @@ def test_a_run_is_deleted_and_forgotten_but_not_while_a_process_trains_there(tmp
     folder = left_behind(studio.workspace, stage="finished")
     studio.open_run("old")
     with locked(folder.path), pytest.raises(UserError, match="stop it before"):
-        studio.workspace.delete_run("old")
-    studio.workspace.delete_run("old")
-    studio.forget_run("old")
+        asyncio.run(studio.delete_run("old"))
+    asyncio.run(studio.delete_run("old"))
     studio.watch()
     assert (studio.playing.run, studio.evolution.run, studio.evolution.stage) == (None, None, "none")
     assert list(studio.workspace.runs.iterdir()) == []

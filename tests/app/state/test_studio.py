@@ -119,17 +119,102 @@ def test_what_was_saved_leaves_no_draft(studio):
     assert studio.workspace.draft() is None
 
 
-def test_an_invalid_draft_is_said_and_hinders_nothing(studio, tmp_path):
+def run_of(studio, name, task):
+    return RunFolder.create(studio.workspace.runs / name, RunConfig(task, GPConfig(), Settings()))
+
+
+@pytest.mark.parametrize("with_run", [False, True])
+@pytest.mark.parametrize("text", ["targets: [", "later_version: 3"])
+def test_a_draft_that_cannot_be_read_is_kept_under_another_name(studio, tmp_path, with_run, text):
+    if with_run:
+        run_of(studio, "run", STACK3)
+    for name in ("draft.yaml.unreadable", "draft.yaml.unreadable-2"):
+        (tmp_path / "draft.yaml").write_text(text)
+        studio.restore()
+        assert "draft of your task cannot be restored" in studio.bus.message
+        assert f"It is kept as {name}." in studio.bus.message
+        assert studio.edited.task == STACK3
+        studio.edit_task(untarget(STACK3, "BlueBox"))
+        assert (tmp_path / name).read_text() == text
+        studio.undo_edit()
+
+
+def test_restoring_leaves_the_draft_and_needs_no_room_on_the_disk(studio, tmp_path, monkeypatch):
+    def fail(*_):
+        raise UserError("the disk is full")
+
+    run_of(studio, "run", STACK3)
+    fewer = untarget(STACK3, "BlueBox")
+    studio.edit_task(fewer)
+    text = (tmp_path / "draft.yaml").read_text()
+    after = Studio(studio.workspace, load_task("stack"))
+    for name in ("save_draft", "delete_draft"):
+        monkeypatch.setattr(Workspace, name, fail)
+    after.restore()
+    assert (after.playing.run, after.edited.task) == ("run", fewer)
+    assert (tmp_path / "draft.yaml").read_text() == text
+
+
+def test_a_draft_that_cannot_be_renamed_hinders_nothing(studio, tmp_path, monkeypatch):
+    def fail(*_):
+        raise PermissionError(13, "Permission denied")
+
     (tmp_path / "draft.yaml").write_text("targets: [")
+    monkeypatch.setattr("pathlib.Path.rename", fail)
     studio.restore()
-    assert "draft of your task cannot be restored" in studio.bus.message
-    assert studio.edited.task == STACK3
+    assert "copy it before you change the task" in studio.bus.message
+    assert (tmp_path / "draft.yaml").is_file()
+
+
+@pytest.mark.parametrize("leave", ["delete", "other tree", "other run"])
+def test_a_task_that_only_a_run_holds_outlives_it(studio, monkeypatch, leave):
+    fewer = untarget(STACK3, "BlueBox")
+    run_of(studio, "only", fewer)
+    studio.open_run("only")
+    assert not studio.unsaved
+    assert studio.workspace.draft() is None
+    if leave == "delete":
+        asyncio.run(studio.delete_run("only"))
+    elif leave == "other tree":
+        studio.take_tree(TREE, None)
+    else:
+        monkeypatch.setattr(studio.evolution, "start", lambda task, gp: setattr(studio.evolution, "run", "new"))
+        studio.start_evolution(GPConfig())
+    assert studio.unsaved
+    after = Studio(studio.workspace, STACK3)
+    after.restore()
+    assert after.edited.task == fewer
+
+
+def test_a_run_stays_if_its_task_cannot_be_kept(studio, monkeypatch):
+    def fail(*_):
+        raise UserError("the disk is full")
+
+    run_of(studio, "only", untarget(STACK3, "BlueBox"))
+    studio.open_run("only")
+    monkeypatch.setattr("bt_jax.app.state.workspace.write_atomic", fail)
+    with pytest.raises(UserError, match="full"):
+        asyncio.run(studio.delete_run("only"))
+    assert studio.workspace.run_names() == ["only"]
+
+
+def test_a_failing_draft_does_not_hinder_the_watch(evolved, monkeypatch):
+    def fail(*_):
+        raise UserError("the disk is full")
+
+    evolved.edit_task(untarget(STACK3, "BlueBox"))
+    seen = []
+    evolved.bus.subscribe("evolution", lambda: seen.append(evolved.evolution.stage))
+    monkeypatch.setattr("bt_jax.app.state.workspace.write_atomic", fail)
+    evolving(evolved.evolution, monkeypatch, taught=STACK3)
+    evolved.watch()
+    assert (seen, evolved.bus.message) == (["evolving"], "the disk is full")
 
 
 @pytest.fixture
 def evolved(studio, monkeypatch):
     """A studio with a run of the task, opened; a request to go on ends at its process."""
-    RunFolder.create(studio.workspace.runs / "run", RunConfig(STACK3, GPConfig(), Settings()))
+    run_of(studio, "run", STACK3)
     studio.open_run("run")
     requests = []
     monkeypatch.setattr(studio.evolution, "go_on", lambda generations, changes: requests.append(changes))
@@ -144,7 +229,7 @@ def test_the_task_of_an_evolution_is_not_the_one_that_is_edited(evolved):
     assert not evolved.in_step
     assert (evolved.evolution.task, evolved.edited.task) == (STACK3, fewer)
     evolved.go_on(10)
-    evolved.go_on(10, for_edited=True)
+    evolved.go_on(10, Changes(task=evolved.edited.task))
     assert [changes.task for changes in evolved.requests] == [None, fewer]
     config = evolved.workspace.run("run").config()
     assert Changes(task=fewer).applied(config).task == fewer

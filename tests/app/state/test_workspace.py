@@ -119,3 +119,30 @@ def test_trees_that_were_learnt_on_the_command_line_are_found(tmp_path):
         workspace.learnt_tree("../one")
     with pytest.raises(UserError, match="no file"):
         workspace.learnt_tree("gone")
+
+
+def test_what_files_hold_is_read_again_only_if_they_have_changed(tmp_path, monkeypatch):
+    workspace, read = Workspace(tmp_path), []
+    workspace.save_task("mine", STACK)
+    run = RunFolder.create(workspace.runs / "run", RunConfig(STACK, GPConfig(), Settings()))
+    mine = workspace.task("mine")
+    for name, real in (("load_task", load_task), ("RunConfig.read", RunConfig.read)):
+        where = "bt_jax.app.state.workspace." if name == "load_task" else "bt_jax.training.run_config."
+        monkeypatch.setattr(where + name, lambda path, real=real: read.append(path) or real(path))
+    for _ in range(3):
+        assert workspace.holds(mine)
+        assert workspace.run_holds("run", STACK)
+        assert not workspace.run_holds("run", mine)
+    assert len(read) == 2
+    other = dataclasses.replace(mine, description="another")
+    workspace.save_task("mine", other)
+    run.save_config(RunConfig(mine, GPConfig(), Settings()))
+    assert (workspace.holds(mine), workspace.holds(other)) == (False, True)
+    assert (workspace.run_holds("run", STACK), workspace.run_holds("run", mine)) == (False, True)
+    workspace.delete_run("run")
+    assert not workspace.run_holds("run", mine)
+    (workspace.tasks / "extended.yaml").write_text("extends: mine.yaml\nname: extended\n")
+    extended = workspace.task("extended")
+    assert workspace.holds(extended)
+    workspace.save_task("mine", dataclasses.replace(mine, targets=mine.targets[:1]))
+    assert not workspace.holds(extended)
