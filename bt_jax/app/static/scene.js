@@ -91,7 +91,7 @@ export default {
       this.scene.add(key);
       this.bodies = {};
       this.ghosts = {};
-      this.motion = this.drag = this.frozen = this.dropped = null;
+      this.motion = this.drag = this.frozen = this.dropped = this.gripper = null; // until Python shows a state
       this.dragging = "";
       for (const geom of this.model.geoms.filter(({ type }) => type !== "plane")) this.body(geom.body).add(meshOf(geom));
       this.tags = this.model.boxes.map((box) => {

@@ -1,4 +1,4 @@
-"""One server and one headless browser for each module of tests; a picture of the page if a test fails."""
+"""One server, one headless browser and one window for each module of tests; a picture of the page if a test fails."""
 
 import os
 import shutil
@@ -12,7 +12,7 @@ import urllib.request
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Locator, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
 
 from bt_jax.training.progress import is_alive, read_progress
 
@@ -23,6 +23,7 @@ FLAGS = (
     "--enable-unsafe-swiftshader",
     "--use-angle=swiftshader",
     "--ignore-gpu-blocklist",
+    "--disable-gpu-compositing",  # software draws the scene; what is around it costs less without a GPU
 )
 PATIENCE = 180_000  # milliseconds; on an idle machine nothing waits for long
 expect.set_options(timeout=PATIENCE)
@@ -88,36 +89,67 @@ def browser():
         browser.close()
 
 
-@pytest.fixture
-def window(server, browser, request, tmp_path):
-    """Opens a window of 1280 x 720 on the page; errors of its scripts fail the test."""
-    opened, errors = [], []
+class Windows:
+    """The windows that are open on the page: the first is shared by the tests of a module, the others are of one test."""
 
-    def open_window() -> Page:
-        page = browser.new_context(viewport={"width": 1280, "height": 720}, accept_downloads=True).new_page()
+    def __init__(self, browser: Browser, url: str) -> None:
+        self.browser, self.url = browser, url
+        self.shared: Page | None = None
+        self.others: list[Page] = []
+        self.errors: list[str] = []
+
+    def open(self) -> Page:
+        """Opens a window of 1280 x 720 on the page, and waits until it is there."""
+        page = self.browser.new_context(viewport={"width": 1280, "height": 720}, accept_downloads=True).new_page()
         page.set_default_timeout(PATIENCE)
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        page.goto(server.url)
+        page.on("pageerror", lambda error: self.errors.append(str(error)))
+        page.goto(self.url)
         page.get_by_test_id("tab-task").wait_for()
-        opened.append(page)
         return page
 
-    yield open_window
-    failed = getattr(request.node, "failed", False)
-    for number, page in enumerate(opened):
-        if page.is_closed():
-            continue
-        if failed:
-            page.screenshot(path=tmp_path / f"window-{number}.png")
-        page.context.close()
-    if failed:
-        print(f"pictures of the page: {tmp_path}; what the server said: {server.log}")
-    assert errors == []
+    def end(self, *, pictures: Path | None) -> None:
+        """Ends a test: closes its windows and, if it has failed, the shared one, too, after a picture of each."""
+        shared = [] if self.shared is None else [self.shared]
+        for number, page in enumerate(shared + self.others if pictures else self.others):
+            if page.is_closed():
+                continue
+            if pictures:
+                page.screenshot(path=pictures / f"window-{number}.png")
+            page.context.close()
+        self.others = []
+        if pictures or (self.shared is not None and self.shared.is_closed()):
+            self.shared = None
+
+
+@pytest.fixture(scope="module")
+def windows(server, browser):
+    return Windows(browser, server.url)
 
 
 @pytest.fixture
-def page(window):
-    return window()
+def window(windows, server, request, tmp_path):
+    """Opens another window for this test; errors of scripts in any window fail it."""
+
+    def open_window() -> Page:
+        windows.others.append(windows.open())
+        return windows.others[-1]
+
+    windows.errors.clear()
+    yield open_window
+    failed = getattr(request.node, "failed", False)
+    windows.end(pictures=tmp_path if failed else None)
+    if failed:
+        print(f"pictures of the page: {tmp_path}; what the server said: {server.log}")
+    assert windows.errors == []
+
+
+@pytest.fixture
+def page(window, windows):
+    """The window that the tests of a module share, without the notifications of the test before."""
+    windows.shared = windows.shared or windows.open()
+    windows.shared.evaluate("document.querySelectorAll('.q-notification button').forEach((close) => close.click())")
+    expect(windows.shared.locator(".q-notification")).to_have_count(0)
+    return windows.shared
 
 
 @pytest.fixture
@@ -146,6 +178,6 @@ def shoot(page):
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item, call):
     report = yield
-    if report.when == "call" and report.failed:
+    if report.failed:
         item.failed = True
     return report

@@ -187,7 +187,7 @@ def test_a_box_is_moved_by_numbers(page, see):
     page.keyboard.press("Enter")
     expect(see("message")).to_contain_text("out of reach for GreenBox")
     seen = moments(see)
-    choose_option(page, see("run-reference-GreenBox"), free_table(page))
+    choose_option(page, see("run-reference-GreenBox"), free_table(page), stays=False)  # for long
     reacted(see, seen)
 
 
@@ -224,6 +224,8 @@ def test_nodes_are_in_words_and_unfold(page, see):
     has(page, "1-1", "failure")
     see("run-tree-fold").click()
     expect(node(page, "1-1")).to_have_count(0)
+    see("run-tree-symbols").click()
+    expect(node(page, 1)).to_contain_text("Put YellowBox")
 
 
 def test_a_large_tree_begins_folded(page, see):

@@ -18,9 +18,11 @@ def exists(page: Page, name: str) -> bool:
 
 def at_rest(page: Page) -> None:
     """Waits until the scene is there, and nothing moves in it."""
-    page.wait_for_function(
-        f"() => {{ {COMPONENT} return c.scene && c.gripper && !c.motion && !c.frozen && !c.dropped; }}"
-    )
+    for _ in range(2):  # a motion comes in a message of its own, after what the page says of it
+        page.wait_for_function(
+            f"() => {{ {COMPONENT} return c.scene && c.gripper && !c.motion && !c.frozen && !c.dropped; }}"
+        )
+        page.wait_for_timeout(50)
 
 
 def on_screen(page: Page, point: list[float]) -> tuple[float, float]:
