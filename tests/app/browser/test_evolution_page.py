@@ -14,6 +14,7 @@ from bt_jax.encoding.formats.xml import from_xml
 from bt_jax.training.progress import is_alive, read_progress
 from bt_jax.training.run_folder import RunFolder
 from tests.helpers.browser.keys import press_on
+from tests.helpers.browser.steps import go
 
 pytestmark = pytest.mark.slow
 
@@ -21,11 +22,11 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(autouse=True)
 def evolve(page, see, server):
     """Every test begins at step 2 with nothing evolving."""
-    see("tab-evolve").click()
+    go(see, "evolve")
     expect(see("evolve-sentence")).to_be_visible()
     yield
     if not page.is_closed():
-        see("tab-evolve").click()
+        go(see, "evolve")
         if see("evolve-stop").is_enabled():
             see("evolve-stop").click()
         expect(see("evolve-start")).to_be_enabled()
@@ -98,7 +99,7 @@ def test_a_closed_window_stops_nothing_and_another_shows_it_again(window, page, 
     start(see)
     page.context.close()
     again = window()
-    again.get_by_test_id("tab-evolve").click()
+    go(again.get_by_test_id, "evolve")
     expect(again.get_by_test_id("evolve-stage")).to_have_text("evolving")
     expect(again.get_by_test_id("evolve-tree").locator("svg")).to_be_visible()
     expect(again.get_by_test_id("evolve-best")).not_to_have_text("\N{EN DASH}")
@@ -118,7 +119,7 @@ def test_a_reload_in_mid_evolution_loses_nothing(page, see):
 
 def test_two_windows_show_the_same(window, page, see):
     other = window()
-    other.get_by_test_id("tab-evolve").click()
+    go(other.get_by_test_id, "evolve")
     start(see)
     for seen in (see, other.get_by_test_id):
         goes_on(seen)
@@ -169,10 +170,10 @@ def test_going_on_asks_for_which_task_when_step_1_says_something_else(page, see,
     start(see, generations=3)
     expect(see("evolve-stage")).to_have_text("finished")
     folder = newest(server)
-    see("tab-task").click()
+    go(see, "task")
     see("task-remove-GreenBox").click()
     expect(see("task-words-GreenBox")).to_have_text("may be anywhere")
-    see("tab-evolve").click()
+    go(see, "evolve")
     see("evolve-more-generations").fill("1")
     see("evolve-more").click()
     expect(see("goal-differences")).to_contain_text("GreenBox on top of YellowBox")
@@ -184,13 +185,13 @@ def test_going_on_asks_for_which_task_when_step_1_says_something_else(page, see,
         expect(see("evolve-generation")).to_have_text(f"{reached} of {reached}")
         expect(see("evolve-stage")).to_have_text("finished")
         assert len(folder.config().task.targets) == targets
-        see("tab-task").click()
+        go(see, "task")
         expect(see("task-words-GreenBox")).to_have_text("may be anywhere")  # nothing is replaced unasked
-        see("tab-evolve").click()
+        go(see, "evolve")
     see("evolve-more").click()  # both say the same by now
     expect(see("evolve-generation")).to_have_text("6 of 6")
     expect(see("evolve-stage")).to_have_text("finished")
-    see("tab-task").click()
+    go(see, "task")
     see("task-revert").click()
     expect(see("task-words-GreenBox")).to_have_text("on top of YellowBox")
 
@@ -199,7 +200,7 @@ def test_the_run_folder_vanishes(page, see, server):
     start(see, generations=3)
     expect(see("evolve-stage")).to_have_text("finished")
     folder = newest(server)
-    see("tab-keep").click()
+    go(see, "keep")
     row = see("keep-runs").get_by_role("row", name=folder.path.name)
     row.get_by_role("checkbox").click()
     expect(see("keep-open")).to_be_enabled()
@@ -207,7 +208,7 @@ def test_the_run_folder_vanishes(page, see, server):
     expect(see("message")).to_contain_text("has vanished; choose another run, or start again")
     expect(row).to_have_count(0)
     expect(see("keep-open")).to_be_disabled()
-    see("tab-evolve").click()
+    go(see, "evolve")
     expect(see("evolve-sentence")).to_contain_text("has vanished; choose another run, or start again")
     start(see, generations=3)
     expect(see("evolve-stage")).to_have_text("finished")
@@ -219,7 +220,7 @@ def test_another_run_folder_vanishes_while_it_is_listed(page, see, server):
         expect(see("evolve-stage")).to_have_text("finished")
         if seed == 1:
             first = newest(server)
-    see("tab-keep").click()
+    go(see, "keep")
     see("keep-runs").get_by_role("row", name=first.path.name).get_by_role("checkbox").click()
     expect(see("keep-open")).to_be_enabled()
     shutil.rmtree(first.path)
@@ -247,7 +248,7 @@ def test_runs_are_compared_opened_downloaded_and_deleted(page, see, server):
     for seed in (1, 2):
         start(see, generations=3, seed=seed)
         expect(see("evolve-stage")).to_have_text("finished")
-    see("tab-keep").click()
+    go(see, "keep")
     names = sorted((path.name for path in (server.folder / "runs").iterdir()), reverse=True)[:2]
     boxes = [see("keep-runs").get_by_role("row", name=name).get_by_role("checkbox") for name in names]
     for box in boxes:
@@ -279,7 +280,7 @@ def test_a_film_is_made_and_downloaded(page, see, server):
     start(see, generations=3)
     expect(see("evolve-stage")).to_have_text("finished")
     folder = newest(server)
-    see("tab-keep").click()
+    go(see, "keep")
     see("keep-runs").get_by_role("row", name=folder.path.name).get_by_role("checkbox").click()
     with page.expect_download(timeout=600_000) as download:
         see("keep-film").click()

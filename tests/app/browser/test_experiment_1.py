@@ -18,6 +18,7 @@ from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import UNSEEN
 from tests.helpers.browser.gripper import carry
 from tests.helpers.browser.keys import press_on
+from tests.helpers.browser.steps import go
 
 pytestmark = pytest.mark.slow
 
@@ -30,14 +31,14 @@ def test_experiment_1_through_the_page(page, see, server, shoot):
     expect(see("task-row-YellowBox")).to_be_visible()
     shoot("task")
 
-    see("tab-evolve").click()
+    go(see, "evolve")
     see("evolve-start").click()
     expect(see("evolve-stage")).to_have_text("finished")
     expect(see("evolve-sentence")).to_contain_text("works in 100 of 100 layouts")
     assert fitness(see) > -35
     shoot("evolve")
 
-    see("tab-demonstrate").click()
+    go(see, "demonstrate")
     for number in range(1, 4):
         expect(see("demonstrate-new-reached")).to_be_enabled()
         press_on(see("demonstrate-new-reached"), "Enter")
@@ -55,14 +56,14 @@ def test_experiment_1_through_the_page(page, see, server, shoot):
     taught = DemonstrationFolder(server.folder / "demonstrations" / "demonstrations").read()
     assert [len(one.actions) for one in taught] == [2, 2, 2]
 
-    see("tab-understand").click()
+    go(see, "understand")
     expect(see("understand-action-2")).to_contain_text("in 3 of 3 demonstrations")
     # In three stacks all boxes have moved together; the person knows which one is meant.
     see("understand-frame-2-GreenBox").click()
     expect(see("understand-action-2")).to_contain_text("BlueBox on top of GreenBox")
     shoot("understand")
 
-    see("tab-combine").click()
+    go(see, "combine")
     expect(see("combine-targets")).to_contain_text("BlueBox on top of GreenBox (new)")
     shoot("combine")
     see("combine-go").click()
@@ -73,7 +74,7 @@ def test_experiment_1_through_the_page(page, see, server, shoot):
     assert fitness(see) > -65
     expect(see("evolve-tree")).to_contain_text("BlueBox")
 
-    see("tab-run").click()
+    go(see, "run")
     see("run-tick").click()
     expect(see("run-what")).to_contain_text("Tick 1:")
     see("run-play").click()
@@ -81,7 +82,7 @@ def test_experiment_1_through_the_page(page, see, server, shoot):
     expect(see("run-tree").locator(".success").first).to_be_visible()
     shoot("run")
 
-    see("tab-keep").click()
+    go(see, "keep")
     (name,) = [path.name for path in (server.folder / "runs").iterdir()]
     see("keep-runs").get_by_role("row", name=name).get_by_role("checkbox").click()
     expect(see("keep-tree-0").locator("svg")).to_be_visible()

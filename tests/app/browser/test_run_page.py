@@ -15,6 +15,7 @@ from bt_jax.training.settings import Settings
 from tests.helpers.browser.keys import press_on
 from tests.helpers.browser.menus import choose_option
 from tests.helpers.browser.scene import COMPONENT, at_rest, drag, position
+from tests.helpers.browser.steps import go
 
 pytestmark = pytest.mark.slow
 STACK = load_task("stack")
@@ -52,7 +53,7 @@ def runs(server):
 @pytest.fixture(autouse=True)
 def begun(page, see):
     """Every test begins with the tree of a run in the first layout, at four times the pace."""
-    see("tab-run").click()
+    go(see, "run")
     choose(page, see, "stacked")
     expect(see("run-what")).to_have_text("The beginning: press Play.")
     pace(page, see, "4")
@@ -241,7 +242,7 @@ def test_a_large_tree_begins_folded(page, see):
 
 def test_two_windows_show_the_same_run(page, see, window):
     other = window()
-    other.get_by_test_id("tab-run").click()
+    go(other.get_by_test_id, "run")
     see("run-tick").click()
     expect(other.get_by_test_id("run-what")).to_have_text("Tick 1: Pick up YellowBox")
     at_rest(page)

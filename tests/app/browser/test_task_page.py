@@ -10,6 +10,7 @@ from bt_jax.tasks import load_task, task_names
 from tests.helpers.browser.keys import press_on
 from tests.helpers.browser.menus import choose_option
 from tests.helpers.browser.scene import COMPONENT, at_rest, drag, exists, position
+from tests.helpers.browser.steps import go
 
 pytestmark = pytest.mark.slow
 STACK = load_task("stack")
@@ -18,7 +19,7 @@ STACK = load_task("stack")
 @pytest.fixture(autouse=True)
 def fresh(page, see):
     """Every test begins with the targets of the task `stack` as it comes with the package."""
-    see("tab-task").click()
+    go(see, "task")
     see("task-targets").click()
     at_rest(page)
     if see("task-revert").is_visible():
@@ -278,8 +279,8 @@ def test_a_broken_task_file_is_a_sentence(page, see, server):
     path.parent.mkdir(exist_ok=True)
     for content, says in (("targets: [", "is not valid YAML"), (cup, "no box 'Cup'"), ("- 1", "must be a mapping")):
         path.write_text(content)
-        see("tab-evolve").click()
-        see("tab-task").click()  # which lists the files again
+        go(see, "evolve")
+        go(see, "task")  # which lists the files again
         choose_option(page, see("task-choice"), "broken", stays=False)
         expect(see("message"), content).to_contain_text(says)
         expect(see("task-choice"), content).to_have_value("stack")

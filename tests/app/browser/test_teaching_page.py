@@ -13,6 +13,7 @@ from bt_jax.tasks import load_task
 from tests.helpers.browser.gripper import carry, position, press, said, set_step
 from tests.helpers.browser.keys import press_on
 from tests.helpers.browser.scene import click
+from tests.helpers.browser.steps import go
 
 pytestmark = pytest.mark.slow
 
@@ -21,7 +22,7 @@ pytestmark = pytest.mark.slow
 def demonstrate(request, server, page, see):
     """Every test has a set of its own, and begins at step 3 with no demonstration in the making."""
     name = re.sub(r"\W+", "_", request.node.name)[:40]
-    see("tab-demonstrate").click()
+    go(see, "demonstrate")
     see("demonstrate-new-set").click()
     see("demonstrate-new-set-name").fill(name)
     page.keyboard.press("Enter")
@@ -67,7 +68,7 @@ def test_three_demonstrations_by_keyboard_only(page, see, demonstrate):
     assert [len(one.actions) for one in lesson] == [2, 2, 2]
     info = yaml.safe_load((demonstrate.path / "info.yaml").read_text())
     assert info["task"] == "stack"
-    see("tab-understand").click()
+    go(see, "understand")
     expect(see("understand-action-2")).to_contain_text("Set down GreenBox on top of YellowBox")
     expect(see("understand-action-2")).to_contain_text("in 3 of 3 demonstrations")
     expect(see("understand-reason-2")).to_contain_text("in YellowBox")
@@ -194,7 +195,7 @@ def test_a_box_that_is_clicked_is_picked_and_a_reload_loses_nothing(page, see):
     click(page, "BlueBox")
     expect(see("demonstrate-done")).to_contain_text("Pick up BlueBox")
     page.reload()
-    see("tab-demonstrate").click()
+    go(see, "demonstrate")
     expect(see("demonstrate-done")).to_contain_text("Pick up BlueBox")
     expect(see("demonstrate-pose-KittingBox-z")).to_be_visible()
 
@@ -251,16 +252,16 @@ def test_a_damaged_demonstration_is_listed_with_the_reason(page, see, demonstrat
     expect(see("demonstrate-row-demo1")).to_be_visible()
     (demonstrate.path / "demo1" / "data_2.yaml").write_text("type: [")
     page.reload()
-    see("tab-demonstrate").click()
+    go(see, "demonstrate")
     expect(see("demonstrate-row-demo1")).to_contain_text("data_2.yaml cannot be read")
     expect(see("demonstrate-row-demo1").get_by_role("button", name="Replay")).to_be_disabled()
-    see("tab-understand").click()
+    go(see, "understand")
     expect(see("understand-problem")).to_contain_text("data_2.yaml cannot be read")
 
 
 def test_two_windows_show_one_demonstration(window, page, see):
     other = window()
-    other.get_by_test_id("tab-demonstrate").click()
+    go(other.get_by_test_id, "demonstrate")
     begin(page, see)
     expect(other.get_by_test_id("demonstrate-done")).to_contain_text("Pick up GreenBox")
     before = position(see, "KittingBox", "z")

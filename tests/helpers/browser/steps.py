@@ -1,0 +1,11 @@
+"""Going from step to step."""
+
+from collections.abc import Callable
+
+from playwright.sync_api import Locator, expect
+
+
+def go(see: Callable[[str], Locator], step: str) -> None:
+    """Goes to a step, and waits until it is shown: before that, a click on the tab of the step before does nothing."""
+    see(f"tab-{step}").click()
+    expect(see(f"panel-{step}")).to_be_visible()
