@@ -17,6 +17,7 @@ from bt_jax.encoding.formats.xml import from_xml
 from bt_jax.gp.config import GPConfig
 from bt_jax.tasks import load_task
 from bt_jax.train import main
+from bt_jax.training.progress import read_progress
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import Settings
@@ -233,6 +234,18 @@ def test_an_interrupted_run_keeps_its_tree_and_says_how_to_go_on(tmp_path, how):
     state, history = checkpoint.state, checkpoint.history
     assert result["generations"] == state.generation == len(rows) - 2 == history[-1].generation
     assert dataclasses.replace(RunFolder(folder).config().gp, generations=50) == GPConfig(population=8, max_nodes=32)
+
+
+def test_a_run_that_nobody_reads_any_more_is_completed(tmp_path):
+    process = start(tmp_path / "run", "--generations", 20, "--progress")
+    process.stdout.readline()
+    process.stdout.close()
+    assert process.wait(timeout=120) == 0
+    assert process.stderr.read() == "warning: nobody reads what this prints any more; the training goes on\n"
+    process.stderr.close()
+    assert read_progress(tmp_path / "run").stage == "finished"
+    assert json.loads((tmp_path / "run" / "result.json").read_text())["generations"] == 20
+    assert (tmp_path / "run" / "learning_curve.png").is_file()
 
 
 def test_an_interruption_before_the_first_generation(tmp_path):

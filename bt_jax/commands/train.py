@@ -34,7 +34,7 @@ def run(arguments: TrainArguments) -> None:
     run = TrainingRun(folder, config, resumed=arguments.resume is not None)
     display = TrainingDisplay(run.training, folder.path)
     reporters = [Reporter(folder.path, config.gp.generations)] if arguments.progress else []
-    with run.opened(display, *reporters):
+    with run.opened(*reporters, display):
         result, session = run.evolve(target=arguments.target_fitness, time_limit=arguments.time_limit)
         try:
             display.finish(result, session)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol, runtime_checkable
@@ -28,7 +29,7 @@ CHECKPOINT_SHARE = 20  # of the time goes into checkpoints: at most one part in 
 
 @runtime_checkable
 class Listener(Protocol):
-    """Whoever shows how a run goes. It only listens: what it raises ends the run."""
+    """Whoever shows how a run goes. It only listens: if it raises an error, the run goes on without it."""
 
     def on_stage(self, stage: Stage, message: str = "") -> None:
         """Hear that another part of the work begins, or that the last has ended; `message` says why it has failed."""
@@ -53,15 +54,15 @@ class TrainingRun:
         self.folder, self.resumed = folder, resumed
         self.training = Training.of(config)
         self.config = self.training.run_config
-        self._stopped = False
+        self._stopped = self._written = False
         self._checkpoint: Checkpoint | None = None  # the last complete generation of this process
         self._listeners: tuple[Listener, ...] = ()
         self._interruption = Interruption()
 
     @contextlib.contextmanager
     def opened(self, *listeners: Listener) -> Iterator[None]:
-        """Claim the folder, and tell the listeners all that happens. Raise UserError if the folder is not empty or another
-        process trains in it."""
+        """Claim the folder, and tell the listeners, in their order, all that happens. Raise UserError if the folder is not
+        empty or another process trains in it."""
         if not self.resumed:
             self.folder.start(self.config)
         self._listeners = listeners
@@ -71,15 +72,12 @@ class TrainingRun:
                 if self.resumed:
                     self.folder.begin_again(self.config)
                 yield
-            except KeyboardInterrupt:
-                self._stage("stopped")
-                raise
+                self._interruption.ignore()
             except BaseException as error:
-                self._stage(
-                    "failed", str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
-                )
+                self._interruption.ignore()
+                self._stage(*self._end(error))
                 raise
-            self._stage("stopped" if self._stopped else "finished")
+            self._stage(*self._end())
 
     def evolve(self, *, target: float | None = None, time_limit: float | None = None) -> tuple[Result, Session]:
         """Evolve, test the best tree, write the folder but for the pictures, and return what was found and what it took.
@@ -98,16 +96,17 @@ class TrainingRun:
         if self._checkpoint is None:
             raise UserError("stopped before the first generation was measured; nothing was learnt")
         session = Session(time.monotonic() - began, clock.seconds, self.training.num_broken, self._stopped)
+        self._save(self._checkpoint)
+        self.folder.save_tree(self.training.best_tree(self._checkpoint.state), title=self.config.task.name)
         if self._stopped:
             self._tell_generation()
         self._stage("testing")
-        self._save(self._checkpoint)
-        self.folder.save_tree(self.training.best_tree(self._checkpoint.state), title=self.config.task.name)
         self._interruption.heed()
         if self._stopped:  # the interruption may have come in the middle of an entry into the table
             self.training = Training.of(self.config)
         result = self.training.result(self._checkpoint.state, self._checkpoint.history)
         result.write(self.folder, session)
+        self._written = True
         return result, session
 
     def draw(self, result: Result) -> str:
@@ -131,12 +130,12 @@ class TrainingRun:
             if self._checkpoint is None:
                 self._stage("evolving")
             self._checkpoint = Checkpoint(state, leaves, self.config.phase, history)
-            self._tell_generation()
             if time.monotonic() - saved >= wait:
                 began = time.monotonic()
                 self._save(self._checkpoint)
                 saved = time.monotonic()
                 wait = max(CHECKPOINT_SECONDS, CHECKPOINT_SHARE * (saved - began))
+            self._tell_generation()
             self._interruption.check()
 
     def _restored(self) -> tuple[State | None, list[Generation]]:
@@ -155,12 +154,32 @@ class TrainingRun:
             self.folder.save_config(self.config)
         self.folder.save_checkpoint(checkpoint)
 
+    def _end(self, error: BaseException | None = None) -> tuple[Stage, str]:
+        """Return how the run has ended, and why it has failed; no error fails a run whose results are written."""
+        if error is None or self._written:
+            return ("stopped" if self._stopped else "finished"), ""
+        if isinstance(error, KeyboardInterrupt):
+            return "stopped", ""
+        return "failed", str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
+
     def _stage(self, stage: Stage, message: str = "") -> None:
-        for listener in self._listeners:
-            listener.on_stage(stage, message)
+        self._tell(lambda listener: listener.on_stage(stage, message))
 
     def _tell_generation(self) -> None:
         checkpoint = self._checkpoint
         assert checkpoint is not None
+        self._tell(
+            lambda listener: listener.on_generation(
+                checkpoint.history, lambda: self.training.best_tree(checkpoint.state)
+            )
+        )
+
+    def _tell(self, news: Callable[[Listener], None]) -> None:
+        """Tell every listener, and from then on leave out one that raises."""
         for listener in self._listeners:
-            listener.on_generation(checkpoint.history, lambda: self.training.best_tree(checkpoint.state))
+            try:
+                news(listener)
+            except (Exception, SystemExit) as error:  # Rich turns a broken pipe into SystemExit
+                self._listeners = tuple(other for other in self._listeners if other is not listener)
+                with contextlib.suppress(OSError):
+                    print(f"warning: {type(listener).__name__} shows no more of the run ({error})", file=sys.stderr)

@@ -1,5 +1,6 @@
 """A run in its folder: what listeners hear, what is written, and what an interruption or a failure leaves behind."""
 
+import contextlib
 import json
 import os
 import signal
@@ -126,10 +127,30 @@ def test_signals_that_follow_at_once_lose_nothing(tmp_path):
     [(UserError("fix it"), "failed", "fix it"), (ValueError("odd"), "failed", "ValueError: odd")],
 )
 def test_a_failure_is_told(tmp_path, error, stage, message):
-    recorder, run = Recorder(error, at=0), TrainingRun(RunFolder(tmp_path / "run"), CONFIG)
+    recorder, run = Recorder(), TrainingRun(RunFolder(tmp_path / "run"), CONFIG)
     with pytest.raises(type(error)), run.opened(recorder):
-        run.evolve()
+        raise error
     assert recorder.heard[-1] == (stage, message)
+
+
+@pytest.mark.parametrize("error", [OSError("the terminal has gone"), SystemExit(1)])
+def test_a_run_goes_on_without_a_listener_that_raises(tmp_path, capsys, error):
+    broken, recorder = Recorder(error, at=1), Recorder()
+    run = TrainingRun(RunFolder(tmp_path / "run"), CONFIG)
+    with run.opened(broken, recorder):
+        result, session = run.evolve()
+    assert (session.stopped, result.generations) == (False, 3)
+    assert broken.heard == ["starting", "evolving", 0, 1]
+    assert recorder.heard == ["starting", "evolving", 0, 1, 2, 3, "testing", "finished"]
+    assert capsys.readouterr().err.count("warning: Recorder") == 1
+
+
+def test_a_complete_run_has_finished_whatever_happens_then(tmp_path):
+    recorder, run = Recorder(), TrainingRun(RunFolder(tmp_path / "run"), CONFIG)
+    with contextlib.suppress(OSError), run.opened(recorder):
+        run.evolve()
+        raise OSError("the terminal has gone")
+    assert recorder.heard[-1] == "finished"
 
 
 def test_a_picture_that_fails_costs_only_the_picture(done, monkeypatch):
