@@ -56,8 +56,10 @@ def task_of_folder(folder: Path) -> Task | None:
     return task_from_dict(data, source=str(config))
 
 
-def task_from_dict(data: Mapping[str, Any], *, source: str) -> Task:
+def task_from_dict(data: Any, *, source: str) -> Task:
     """Build a task from a mapping as in the YAML files and check it; `source` is named in errors."""
+    if not isinstance(data, Mapping):
+        raise UserError(f"{source}: the task must be a mapping, found {data!r}; see bt_jax/tasks/stack.yaml")
     data = {"description": "", **data}
     data.pop("extends", None)
     if isinstance(data.get("subgoals"), list | tuple):

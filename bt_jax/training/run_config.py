@@ -5,7 +5,10 @@ from __future__ import annotations
 import dataclasses
 import importlib.metadata
 import json
+import typing
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any, Literal, TypeVar
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, Tree
@@ -17,6 +20,7 @@ from bt_jax.training.settings import Settings
 __all__ = ["RunConfig", "package_version", "parse_leaf"]
 
 FORMAT = 2
+T = TypeVar("T", GPConfig, Settings)
 
 
 def package_version() -> str:
@@ -70,14 +74,34 @@ class RunConfig:
             )
         try:
             methods = {key: Selection(data["gp"][key]) for key in ("parent_selection", "survivor_selection")}
-            gp, settings = GPConfig(**{**data["gp"], **methods}), Settings(**data["settings"])
+            gp, settings = _typed(GPConfig, {**data["gp"], **methods}), _typed(Settings, data["settings"])
             baseline = None if data["baseline"] is None else parse_tree(data["baseline"])
             extra = tuple(parse_leaf(text) for text in data["extra_leaves"])
-            phase, since, version = int(data["phase"]), int(data["since"]), data["version"]
-        except (TypeError, KeyError, ValueError, UserError) as error:
+            phase, since, version, task = int(data["phase"]), int(data["since"]), str(data["version"]), data["task"]
+        except KeyError as error:
+            raise UserError(f"{source} is damaged (no {error}); restore it, or train again") from error
+        except (TypeError, AttributeError, ValueError, UserError) as error:
             raise UserError(f"{source} is damaged ({error}); restore it, or train again") from error
-        task = task_from_dict(data["task"], source=str(source))
+        task = task_from_dict(task, source=str(source))
         return RunConfig(task, gp, settings, baseline, extra, phase, since, version)
+
+
+def _typed(kind: type[T], values: Mapping[str, Any]) -> T:
+    """Return a dataclass of numbers and choices. Raise TypeError if a value does not have the type of its field."""
+    hints = typing.get_type_hints(kind)
+    for name, value in values.items():
+        if name in hints and not _fits(value, hints[name]):
+            raise TypeError(f"{name} is {value!r}")
+    return kind(**values)
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    """Return whether a value has the type: a class, of which a bool is no int, a Literal, or a union of such."""
+    if typing.get_origin(hint) is Literal:
+        return value in typing.get_args(hint)
+    if choices := typing.get_args(hint):
+        return any(_fits(value, choice) for choice in choices)
+    return type(value) in ((int, float) if hint is float else (hint,))
 
 
 def parse_leaf(text: str) -> Behavior:

@@ -101,6 +101,35 @@ def test_a_damaged_checkpoint_is_named(folder, damage):
         folder.load_checkpoint()
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"history": np.frombuffer(b"run,generation\n0,1\n", np.uint8)},
+        {"history": np.frombuffer(b"run,luck\n0,1\n", np.uint8)},
+        {"generation": np.array([1, 2])},
+        {"leaves": np.frombuffer(b"pick(", np.uint8)},
+    ],
+)
+def test_a_checkpoint_with_wrong_content_is_named(folder, change):
+    folder.save_checkpoint(Checkpoint(state(), (), 0, []))
+    path = folder.path / "checkpoint.npz"
+    with np.load(path) as data:
+        arrays = {**data, **change}
+    np.savez(path, **arrays)
+    with pytest.raises(UserError, match=r"checkpoint.npz is damaged; delete it"):
+        folder.load_checkpoint()
+
+
+def test_a_checkpoint_of_a_strange_zip_version_is_named(folder):
+    folder.save_checkpoint(Checkpoint(state(), (), 0, []))
+    path = folder.path / "checkpoint.npz"
+    data = bytearray(path.read_bytes())
+    data[data.index(b"PK\x01\x02") + 6] = 92  # the version that the first entry needs
+    path.write_bytes(data)
+    with pytest.raises(UserError, match=r"checkpoint.npz is damaged; delete it"):
+        folder.load_checkpoint()
+
+
 def test_the_tree_is_kept_in_three_formats(folder):
     with pytest.raises(UserError, match=r"holds no tree yet.*--resume"):
         folder.tree()
@@ -157,13 +186,28 @@ def test_what_is_no_run_folder(tmp_path):
         ({"gp": {"parent_selection": "luck"}}, "is damaged"),
         ({"settings": []}, "is damaged"),
         ({"baseline": "Sequence("}, r"config.json is damaged \(line 1, column 9"),
+        ({"gp": dataclasses.asdict(GPConfig()) | {"population": "x"}}, "is damaged .population is 'x'"),
+        ({"gp": dataclasses.asdict(GPConfig()) | {"elites": 1.5}}, "is damaged .elites is 1.5"),
+        ({"settings": {"layouts": "2"}}, "is damaged .layouts is '2'"),
+        ({"settings": {"level": "deep"}}, "is damaged .level is 'deep'"),
+        ({"extra_leaves": None}, "is damaged"),
+        ({"baseline": 5}, "is damaged"),
         ({"task": {}}, "missing; add it"),
+        ({"task": None}, "config.json: the task must be a mapping"),
+        ({"task": []}, "config.json: the task must be a mapping"),
     ],
 )
 def test_a_configuration_that_cannot_be_read(folder, change, words):
     path = folder.path / "config.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
     with pytest.raises(UserError, match=words):
+        folder.config()
+
+
+def test_a_configuration_without_a_task(folder):
+    path = folder.path / "config.json"
+    path.write_text(json.dumps({key: value for key, value in json.loads(path.read_text()).items() if key != "task"}))
+    with pytest.raises(UserError, match=r"config.json is damaged \(no 'task'\)"):
         folder.config()
 
 
