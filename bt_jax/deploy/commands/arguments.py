@@ -128,7 +128,7 @@ class TwinArguments:
     """where to write the log (default: runs/twin-DATE.jsonl; with --layouts, a folder)"""
 
     def check(self) -> None:
-        """Raises UserError for arguments that cannot work."""
+        """Raise UserError for arguments that cannot work."""
         if self.layouts < 1 or self.touches < 1 or self.seed < 0:
             raise UserError("--layouts and --touches start at 1 and --seed at 0; choose others")
         if not 0 < self.seconds <= 3600:

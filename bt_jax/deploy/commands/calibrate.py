@@ -37,7 +37,7 @@ ATTEMPTS = 3000  # images of a live camera to look for the board in
 
 
 def calibrate_command(arguments: CalibrateArguments) -> int:
-    """Does one step and prints the residuals; the exit code is 0. Raises UserError."""
+    """Do one step and print the residuals; the exit code is 0. Raise UserError."""
     console = Console(highlight=False)
     return _lens(arguments, console) if arguments.step == "intrinsics" else _place(arguments, console)
 

@@ -13,7 +13,7 @@ __all__ = ["check_command", "print_preflight"]
 
 
 def check_command(arguments: CheckArguments, console: Console | None = None) -> int:
-    """Print every item; return 0 where all have passed, else 1. Raises UserError where the controller cannot be reached."""
+    """Print every item; return 0 where all have passed, else 1. Raise UserError if the controller cannot be reached."""
     console = Console(highlight=False, soft_wrap=True) if console is None else console
     with open_real_cell(arguments, motion=False, override=FASTEST) as cell:
         items = print_preflight(cell.equipment, console)

@@ -33,7 +33,7 @@ SIDES = {"right": "+X", "left": "-X", "up": "+Y", "down": "-Y", "front": "+Z", "
 
 
 def markers_command(arguments: MarkersArguments) -> int:
-    """Writes the sheets; the exit code is 0. Raises UserError."""
+    """Write the sheets; the exit code is 0. Raise UserError."""
     pages = list(sheet_pages(load_task(arguments.task), arguments.paper))
     document = io.BytesIO()
     with PdfPages(document) as pdf:
@@ -52,9 +52,9 @@ def markers_command(arguments: MarkersArguments) -> int:
 
 
 def sheet_pages(task: Task, paper: str = "a4") -> Iterator[Figure]:
-    """Pages of the size of the paper: stickers row by row, those of a box on its colour, and last the calibration board.
+    """Yield pages of the paper: stickers row by row, those of a box on its colour, and last the calibration board.
 
-    Raises UserError where a sticker is larger than the paper.
+    Raise UserError if a sticker is larger than the paper.
     """
     if paper not in PAGES:
         raise UserError(f"paper '{paper}' is unknown; use one of {', '.join(PAGES)}")
@@ -69,7 +69,7 @@ def sheet_pages(task: Task, paper: str = "a4") -> Iterator[Figure]:
 
 
 def _pages(markers: Sequence[Marker], width: float, height: float) -> Iterator[list[tuple[Marker, float, float]]]:
-    """Stickers with their left and top edges, mm from the page's upper left corner."""
+    """Yield the stickers of each page with their left and top edges, mm from the page's upper left corner."""
     page: list[tuple[Marker, float, float]] = []
     left, top, row, body = BORDER, BORDER + LABEL, 0.0, ""
     for marker in markers:
@@ -89,7 +89,7 @@ def _pages(markers: Sequence[Marker], width: float, height: float) -> Iterator[l
 
 
 def _blank(width: float, height: float, title: str) -> tuple[Figure, Axes]:
-    """An empty page with its title and a scale of 100 mm, and axes whose unit is the millimetre, origin bottom left."""
+    """Return an empty page with its title and a scale of 100 mm, and axes in millimetres, origin bottom left."""
     page = Figure(figsize=(width / INCH, height / INCH))
     FigureCanvasAgg(page)
     paint = page.add_axes((0, 0, 1, 1), xlim=(0, width), ylim=(0, height))

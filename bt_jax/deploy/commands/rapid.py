@@ -28,12 +28,12 @@ It was never run on a controller: read it, and try it in RobotStudio first.
 
 
 def rapid_module() -> str:
-    """The text of the module."""
+    """Return the text of the module."""
     return importlib.resources.files("bt_jax.deploy.commands").joinpath(f"{MODULE}.mod").read_text(encoding="ascii")
 
 
 def rapid_command(arguments: RapidArguments, console: Console | None = None) -> int:
-    """Writes the module and prints the next steps; the exit code is 0. Raises UserError where it cannot be written."""
+    """Write the module and print the next steps; the exit code is 0. Raise UserError if it cannot be written."""
     console = Console(highlight=False, soft_wrap=True) if console is None else console
     path = arguments.out / f"{MODULE}.mod"
     try:

@@ -37,7 +37,7 @@ class RealCell:
 def open_real_cell(arguments: RealCellArguments, *, motion: bool, override: float) -> Iterator[RealCell]:
     """Connect to robot and camera; without `motion` no setpoint ever leaves. `override` is the largest joint speed, rad/s.
 
-    Raises UserError where the tree cannot be read or the controller or the camera cannot be reached.
+    Raise UserError if the tree cannot be read or the controller or the camera cannot be reached.
     """
     program = load_program(arguments.source, arguments.task)
     intrinsics: Intrinsics | None = None

@@ -48,7 +48,7 @@ class Replayed:
 
 
 def program_of(start: Mapping[str, Any], source: Path) -> Program:
-    """The program that a log was written for. Raises UserError where its digest does not fit its tree."""
+    """Return the program that a log was written for. Raise UserError if its digest does not fit its tree."""
     try:
         program = Program(task_from_dict(start["task"], source=str(source)), parse_tree(start["tree"]))
         same = program.digest == start["digest"]
@@ -78,7 +78,7 @@ def replay(path: Path) -> Iterator[Replayed]:
 
 
 def replay_command(arguments: ReplayArguments, console: Console | None = None) -> int:
-    """Prints a log; 0 where it replays as it was, 1 where the tree decides differently now."""
+    """Print a log; return 0 if it replays as it was, 1 if the tree decides differently now."""
     console = Console(highlight=False, soft_wrap=True) if console is None else console
     entries = list(read_log(arguments.log))
     start = entries[0]
@@ -107,7 +107,7 @@ def replay_command(arguments: ReplayArguments, console: Console | None = None) -
 
 
 def _summary(entries: list[dict[str, Any]]) -> str:
-    """How it ended, and how well the arms followed."""
+    """Return how it ended, and how well the arms followed."""
     lines = []
     lags = [
         np.abs(np.array(entry["setpoint"], float) - np.array(entry["measured"], float)).ravel()

@@ -44,7 +44,7 @@ choose PP to main and start BtJax on the controller, then run again: preflight a
 
 
 def confirm(console: Console) -> None:
-    """Ask a person at a terminal. Raises UserError unless exactly the sentence is typed."""
+    """Ask a person at a terminal. Raise UserError unless exactly the sentence is typed."""
     console.print(f"[bold red]{WARNING}[/]")
     if not sys.stdin.isatty():
         raise UserError("motion must be confirmed at a terminal; run this command in one, or leave out --motion")

@@ -37,7 +37,7 @@ STILLS = 6
 
 
 def twin_command(arguments: TwinArguments, console: Console | None = None) -> int:
-    """Runs and prints; gives the exit code of `executor.Exit`."""
+    """Run and print; return an exit code, see `Exit`."""
     console = Console(highlight=False, soft_wrap=True) if console is None else console
     arguments.check()
     program = load_program(arguments.source, arguments.task)
@@ -79,7 +79,7 @@ def survey(
     folder: Path | None = None,
     console: Console,
 ) -> list[TwinRun]:
-    """Runs a tree in many layouts, a line for each, and says how often it succeeds; with a `folder`, logs and a summary."""
+    """Run a tree in many layouts, a line for each, and say how often it succeeds; with a `folder`, logs and a summary."""
     runs = []
     for seed in seeds:
         log = None if folder is None else folder / f"layout-{seed}.jsonl"
@@ -143,7 +143,7 @@ class _Display:
         self._live.stop()
 
     def update(self, moment: TwinTick) -> None:
-        """Shows a tick."""
+        """Show a tick."""
         shown = moment.shown
         self._began = shown.seen.time if self._began is None else self._began
         now = shown.seen.time - self._began

@@ -28,19 +28,19 @@ class Skills(Protocol):
     reason: str  # why the last attempt failed
 
     def start(self, action: Behavior, seen: Observation) -> None:
-        """Begins an attempt; a plan that cannot be made is a FAILURE of the next `poll`."""
+        """Begin an attempt; a plan that cannot be made is a FAILURE of the next `poll`."""
 
     def look(self) -> None:
-        """Begins to take the arms out of the camera's way."""
+        """Begin to take the arms out of the camera's way."""
 
     def poll(self, seen: Observation) -> Status:
-        """Drives what was begun on; RUNNING until it has succeeded or failed."""
+        """Continue what was begun; return RUNNING until it has succeeded or failed."""
 
     def cancel(self) -> None:
-        """Brings the arms smoothly to rest; what was begun is over."""
+        """Bring the arms smoothly to rest; what was begun is over."""
 
     def reachable(self, name: str, seen: Observation) -> bool:
-        """Could an arm grasp this box where it is?"""
+        """Could an arm grasp this box at its pose?"""
 
 
 class ActionRunner:
@@ -58,7 +58,7 @@ class ActionRunner:
         self._planned: set[Behavior] = set()
 
     def poll(self, seen: Observation, now: float) -> None:
-        """Drives the skill on and takes note of its end."""
+        """Continue the skill, and take note of its end."""
         if self.action is None and not self.looking:
             return
         status = self.skills.poll(seen)
@@ -77,7 +77,7 @@ class ActionRunner:
             self.looking, self.looked = False, now
 
     def start(self, action: Behavior, seen: Observation, now: float) -> str:
-        """Begins an attempt; gives what is being done in a word."""
+        """Begin an attempt; return what is being done, in a word."""
         if self.dry:
             if action not in self._planned:
                 self._planned.add(action)
@@ -94,14 +94,14 @@ class ActionRunner:
         return "starting"
 
     def look(self, now: float) -> None:
-        """Begins to take the arms out of the camera's way."""
+        """Begin to take the arms out of the camera's way."""
         if self.dry:
             return
         self.looking, self._began = True, now
         self.skills.look()
 
     def cancel(self, now: float, reason: str) -> None:
-        """Breaks off whatever is being done."""
+        """Break off whatever is being done."""
         self.skills.cancel()
         if self.action is not None:
             late = now - self._began > self.limits.action
@@ -110,18 +110,18 @@ class ActionRunner:
         self.rest_at = now + self.limits.rest
 
     def exhausted(self, most: int) -> frozenset[Behavior]:
-        """The actions that were tried too often."""
+        """Return the actions that were tried too often."""
         return frozenset(action for action, count in self.failures.items() if count >= most)
 
     def forgive(self, task: Task, seen: Observation) -> None:
-        """An action whose effect is there may be tried as often again."""
+        """Forget the failures of an action whose effect is there."""
         statuses = Statuses(task, seen, Context())
         for action in list(self.failures):
             if all(statuses.holds(post) for post in action.postconditions):
                 del self.failures[action]
 
     def _end(self, event: str, reason: str) -> None:
-        """The attempt is over; it counts as failed until the tree finds its action done."""
+        """End the attempt; it counts as failed until the tree finds its action done."""
         assert self.action is not None
         if event != "CANCELLED":
             self.failures[self.action] = self.failures.get(self.action, 0) + 1

@@ -75,7 +75,7 @@ class Executor:
         self._trace = ""  # of the error that ended the run
 
     def run(self) -> RunOutcome:
-        """Until the tree has succeeded, or failed for good, or something stops it. The arms hold afterwards."""
+        """Run until the tree has succeeded, or failed for good, or something stops it. The arms hold afterwards."""
         start = self.link.now()
         self._since, self.runner.rest_at = (Status.RUNNING, start), start
         self._entries.start(self.program, start, self.limits, self.settings, self.dry)
@@ -86,7 +86,7 @@ class Executor:
             return self._finish(end, start)
 
     def _until_halt(self, start: float) -> Halt:
-        """Tick after tick; gives why there are no more."""
+        """Tick until the run is over; return why it is."""
         try:
             while True:
                 self._step(start)
@@ -101,7 +101,7 @@ class Executor:
             return Halt(f"{type(error).__name__}: {error}", Exit.STOPPED)
 
     def _step(self, start: float) -> None:
-        """One tick and what follows from it. Raises Halt where the run is over."""
+        """Tick once and act on it. Raise Halt if the run is over."""
         began = time.monotonic()
         now = self.link.now()
         self._check(now, start)
@@ -167,7 +167,7 @@ class Executor:
         return str(decision.step)
 
     def _judge(self, status: Status, undecided: frozenset[Behavior], now: float) -> None:
-        """The tree wants nothing: is the run over? Success must be seen with the arms out of the way."""
+        """Judge whether the run is over when the tree wants nothing. Success must be seen with the arms out of the way."""
         if self._since[0] != status:
             self._since = (status, now)
             if status == Status.SUCCESS and not self.runner.looking:
@@ -186,7 +186,7 @@ class Executor:
             raise self._failed(f"the tree has failed{': ' if why else ''}{'; '.join(why)}", now, status)
 
     def _failed(self, reason: str, now: float, status: Status = Status.RUNNING) -> Halt:
-        """The end of a run that has failed, with the arms brought to rest."""
+        """Bring the arms to rest, and return the end of a run that has failed."""
         if self.runner.action is not None or self.runner.looking:
             self.runner.cancel(now, reason)
         self.link.wait(max(now, self.runner.rest_at))
@@ -201,7 +201,7 @@ class Executor:
         self.on_tick(TickReport(entry.seen, statuses, action, entry.phase))
 
     def _hold(self, reason: str) -> None:
-        """The one way to halt: slow down on the path, then hold for good."""
+        """Slow down on the path, then hold for good; the only way to halt."""
         with contextlib.suppress(UserError, Rejected, ControllerGone):
             if self.link.stopped() is None:
                 for arm in self.link.arms:
@@ -211,7 +211,7 @@ class Executor:
             self.link.stop(reason)
 
     def _finish(self, end: Halt, start: float) -> RunOutcome:
-        """Writes down how it ended; the arms hold already, so that a log that cannot be written changes nothing."""
+        """Log how it ended; the arms hold already, so that a log that cannot be written changes nothing."""
         seconds = self.link.now() - start
         outcome = RunOutcome(end.status, end.reason, end.code, seconds, self.ticks, self.overruns)
         with contextlib.suppress(OSError, ValueError):

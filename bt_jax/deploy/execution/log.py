@@ -39,7 +39,7 @@ BLOCK = 1 << 16  # bytes read at once from the end of a log
 
 
 def versions() -> dict[str, str]:
-    """Of everything that has a say in what the robot does; absent packages are left out."""
+    """Return the versions of everything that affects what the robot does; absent packages are left out."""
     found = {"python": platform.python_version()}
     for name in ("bt_jax", "mujoco", "numpy", "scipy", "pin", "opencv-python-headless", "protobuf"):
         try:
@@ -72,14 +72,14 @@ class Log:
         self.close()
 
     def write(self, kind: str, **fields: Any) -> None:
-        """Adds a line and hands it to the system at once."""
+        """Add a line and hand it to the system at once."""
         if self._file is None:
             return
         self._file.write(json.dumps({"kind": kind, **fields}, allow_nan=False, default=_plain) + "\n")
         self._file.flush()
 
     def motion(self, arms: tuple[str, ...], records: Records, *, every: int) -> None:
-        """Setpoints and feedback as `YumiLink.drain` gives them; of each arm every n-th cycle, by sequence number."""
+        """Write setpoints and feedback, of each arm every n-th cycle by sequence number."""
         for index, arm in enumerate(arms):
             rows = records[records[:, 0] == index]
             rows = rows[rows[:, 16] % every == 0]
@@ -87,7 +87,7 @@ class Log:
                 self.write("motion", arm=arm, time=rows[:, 1].round(4).tolist(), **_joints(rows))
 
     def close(self) -> None:
-        """Makes sure that everything is on the disk."""
+        """Make sure that everything is on the disk."""
         if self._file is not None and not self._file.closed:
             self._file.flush()
             os.fsync(self._file.fileno())
@@ -155,7 +155,7 @@ class RunLog:
         self._motion(RECORD_EVERY)
 
     def last_motion(self, end: Halt) -> None:
-        """Every cycle where the arms had to hold."""
+        """Write the rest of the motion: every cycle if the arms had to hold."""
         with contextlib.suppress(UserError):
             self._motion(1 if end.holds else RECORD_EVERY)
 
@@ -174,9 +174,9 @@ class RunLog:
 
 
 def read_log(path: Path) -> Iterator[dict[str, Any]]:
-    """The lines of a log in order; a last one that was not finished is left out.
+    """Yield the lines of a log in order, without a last one that was not finished.
 
-    Raises UserError where it is no log of this version.
+    Raise UserError if it is not a log of this version.
     """
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
@@ -202,7 +202,7 @@ def read_log(path: Path) -> Iterator[dict[str, Any]]:
 def log_ends(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the first and the last finished line of a log, without reading what is between them.
 
-    Raises UserError where it is no log of this version.
+    Raise UserError if it is not a log of this version.
     """
     try:
         with path.open("rb") as file:
@@ -221,7 +221,7 @@ def log_ends(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def _entry(line: bytes) -> dict[str, Any] | None:
-    """Return a line of a log, None where it is not one."""
+    """Return a line of a log, None if it is not one."""
     try:
         entry = json.loads(line)
     except ValueError:
@@ -234,12 +234,12 @@ def _joints(rows: Records) -> dict[str, list]:
 
 
 def _numbers(rows: JointRows) -> list[list[float | None]]:
-    """As JSON has them: null where a measurement is not a number."""
+    """Return joints for JSON: null for a measurement that is not a number."""
     return [[value if math.isfinite(value) else None for value in row] for row in rows.round(DIGITS).tolist()]
 
 
 def _plain(value: Any) -> Any:
-    """What JSON does not know by itself."""
+    """Convert what JSON does not know by itself."""
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, np.ndarray):

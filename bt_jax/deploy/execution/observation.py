@@ -36,7 +36,7 @@ class Observation:
 
     @staticmethod
     def from_dict(data: Mapping[str, Any]) -> Observation:
-        """Read what `to_dict` gives."""
+        """Read what `to_dict` returns."""
         poses = {name: pose_from_list(values) for name, values in data["poses"].items()}
         image = math.inf if data["image"] is None else data["image"]
         return Observation(data["time"], poses, data["opening"], data["holding"], image)
@@ -48,5 +48,5 @@ def pose_to_list(pose: RigidTransform) -> list[float]:
 
 
 def pose_from_list(values: Sequence[float]) -> RigidTransform:
-    """Read what `pose_to_list` gives."""
+    """Read what `pose_to_list` returns."""
     return RigidTransform.from_components(values[:3], Rotation.from_quat(values[3:]))

@@ -23,7 +23,7 @@ class Perceiving(Protocol):
     """What sees the objects."""
 
     def update(self) -> None:
-        """Takes a new image into account; raises where no image can come any more."""
+        """Take a new image into account; raise if no image can come any more."""
 
     def poses(self, now: float) -> Mapping[str, RigidTransform]:
         """Fresh poses in the robot's base frame; what is not in it is unknown."""
@@ -38,7 +38,7 @@ class Perceiving(Protocol):
 
 
 class Observer:
-    """Gives an `Observation` at every call. `grasped()` names the box that each arm was told to grasp and not to release;
+    """Make an `Observation` at every call. `grasped()` names the box that each arm was told to grasp and not to release;
     `tcp(arm, joints)` is the pose of the point between the fingers, in the base frame."""
 
     def __init__(
@@ -78,7 +78,7 @@ class Observer:
         return Observation(now, poses, opening, holding, self.perception.image, self.perception.lost)
 
     def _in_hand(self, pose: RigidTransform | None, arm: str, size: float) -> bool:
-        """Is the box where the fingers are, or were just now? Not seen, it is believed to be."""
+        """Is the box where the fingers are, or were just now? Assumed if it is not seen."""
         if pose is None:
             return True
         return any(

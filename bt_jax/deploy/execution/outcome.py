@@ -14,7 +14,7 @@ __all__ = ["Halt", "RunOutcome", "TickReport"]
 
 @dataclasses.dataclass(frozen=True)
 class RunOutcome:
-    """How a run ended; `status` is RUNNING where it was stopped."""
+    """How a run ended; `status` is RUNNING if it was stopped."""
 
     status: Status
     reason: str

@@ -59,7 +59,7 @@ class CheckedLink(RobotLink, Protocol):
     rules: Rules
 
     def heard(self, arm: str) -> bool:
-        """Has the controller said anything of this arm yet?"""
+        """Has the controller sent anything about this arm yet?"""
 
     def state(self) -> ControllerState:
         """Return the controller's state, asked for now."""

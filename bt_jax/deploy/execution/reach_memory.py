@@ -23,11 +23,11 @@ class ReachMemory:
         self._answers: dict[str, tuple[RigidTransform, bool]] = {}
 
     def unreachable(self, seen: Observation, *, ask: bool) -> frozenset[str]:
-        """The boxes out of reach, as far as is known; nothing new is found out unless `ask`."""
+        """Return the boxes out of reach, as far as is known; nothing new is found out unless `ask`."""
         return frozenset(name for name in self.names if not self._reachable(name, seen, ask))
 
     def known_unreachable(self) -> list[str]:
-        """The boxes that were out of reach when they were asked for last."""
+        """Return the boxes that were out of reach when they were asked for last."""
         return [name for name, (_, answer) in self._answers.items() if not answer]
 
     def _reachable(self, name: str, seen: Observation, ask: bool) -> bool:

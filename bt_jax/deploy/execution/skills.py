@@ -69,7 +69,7 @@ class YumiSkills:
         return self._moves.grasped
 
     def start(self, action: Behavior, seen: Observation) -> None:
-        """Begins an attempt at an action."""
+        """Begin an attempt at an action."""
         self._moves.take(seen)
         match action:
             case Behavior(name="open_gripper"):
@@ -84,13 +84,13 @@ class YumiSkills:
                 raise ValueError(f"{action} is no action")
 
     def look(self) -> None:
-        """Begins to take both arms home."""
+        """Begin to take both arms home."""
         if math.isfinite(self._moves.seen.time):
             self._moves.forget_lost()
         self._begin(self._moves.go_home(yumi.ARMS))
 
     def poll(self, seen: Observation) -> Status:
-        """Drives on what was begun."""
+        """Continue what was begun."""
         self._moves.take(seen)
         if self._routine is None:
             return Status.FAILURE
@@ -106,11 +106,11 @@ class YumiSkills:
             return Status.FAILURE
 
     def cancel(self) -> None:
-        """Brings the arms to rest on their paths."""
+        """Bring the arms to rest on their paths."""
         self._halt()
 
     def reachable(self, name: str, seen: Observation) -> bool:
-        """Does an arm have joints for a grasp of a box where it is seen?"""
+        """Does an arm have joints for a grasp of a box at the pose that is seen?"""
         self._moves.take(seen)
         if name not in self._moves.known:
             return False
@@ -205,7 +205,7 @@ class YumiSkills:
         raise Failed(f"things do not stay where they are on the way to {frame}")
 
     def _put(self, arm: str, goal: Callable[[], Goal], supports: Iterable[str], *, frame: str = "") -> Moved:
-        """Carries a box to its place in a frame and lets it go; gives True, with the box still in the hand, where something
+        """Carry a box to its place in a frame and let it go; return True, with the box still in the hand, where something
         has moved meanwhile."""
         carried = self._moves.carried[arm]
         yield from self._moves.others_home(arm)
@@ -229,7 +229,7 @@ class YumiSkills:
         return False
 
     def _hand_over(self, box: str, arm: str, goal: Point, yaw: float) -> Routine:
-        """Sets the box down where both arms reach it, for the tree to have it picked again: by the other one then."""
+        """Set the box down where both arms reach it, for the tree to have it picked again: by the other one then."""
         other = next(name for name in yumi.ARMS if name != arm)
         if not self._reaches(other, goal, yaw, self._moves.carried[arm].pose):
             raise Failed(f"neither arm reaches the place for {box}")
@@ -237,7 +237,7 @@ class YumiSkills:
         yield from self._set_down(arm, both=True)
 
     def _set_down(self, arm: str, *, both: bool = False) -> Routine:
-        """Puts what an arm holds on a free place of a table, one that both arms reach where asked for."""
+        """Put what an arm holds on a free place of a table, one that both arms reach where asked for."""
         carried = self._moves.carried[arm]
         near = yumi.forward(arm, self.link.arm(arm).commanded).translation
         if both:  # in the middle: at the edge of its reach an arm has joints for a pose, but no straight way to it
@@ -282,7 +282,7 @@ class YumiSkills:
         raise Failed(f"no hand holds {box}")
 
     def _goal(self, position: tuple[float, float, float], frame: str) -> Goal:
-        """Where the box's centre should be in the base frame, and along which direction its edges."""
+        """Return where the box's centre should be in the base frame, and along which direction its edges."""
         if frame == self.task.robot_frame:
             return np.array(position), 0.0
         pose = self._moves.known[frame]
@@ -293,7 +293,7 @@ class YumiSkills:
         return any(self._moves.planner.can_reach(arm, pose) for pose in put_poses(goal, yaw, held))
 
     def _below(self, frame: str) -> list[str]:
-        """What a box that is set down may touch: what it is placed in relation to, the kit and the tables."""
+        """Return what a box that is set down may touch: what it is placed in relation to, the kit and the tables."""
         return [frame, self.task.kit.name, *(table.name for table in self.task.tables)]
 
 

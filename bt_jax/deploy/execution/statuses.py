@@ -43,7 +43,7 @@ class Statuses:
         self._lowest = min(table.top for table in task.tables) - task.robot_position[2]
 
     def __call__(self, leaf: Behavior, _: int) -> Status:
-        """Status of a condition or an action, as `encoding.interpret.tick_tree` asks for it."""
+        """Return the status of a condition or an action, as `encoding.interpret.tick_tree` asks for it."""
         if leaf.kind == Kind.CONDITION:
             return Status.SUCCESS if self.holds(leaf) else Status.FAILURE
         if all(self.holds(post) for post in leaf.postconditions):
@@ -94,7 +94,7 @@ class Statuses:
         return all(self.holds(pre) for pre in action.preconditions if pre.name in ("clear", "reachable"))
 
     def _is_at(self, at: Behavior) -> bool:
-        """Is the object where it should be? Not where one of them is in the hand and not seen."""
+        """Is the object where it should be? False if one of them is in the hand and not seen."""
         poses = self.seen.poses
         if at.object is None or at.frame is None or at.object not in poses:
             return False

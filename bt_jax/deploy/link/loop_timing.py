@@ -43,7 +43,7 @@ class LoopTimer:
         self._usage = (0, 0)
 
     def begin(self, late: float) -> None:
-        """A round begins, so many seconds late."""
+        """Note that a round begins, so many seconds late."""
         now = time.monotonic()
         used = resource.getrusage(resource.RUSAGE_THREAD)
         usage = (used.ru_minflt + used.ru_majflt, used.ru_nivcsw)
@@ -55,17 +55,17 @@ class LoopTimer:
         self._took = dict.fromkeys(self.parts, 0.0)
 
     def done(self, part: str) -> None:
-        """A part of the work is done."""
+        """Note that a part of the work is done."""
         now = time.monotonic()
         self._took[part] += now - self._last
         self._last = now
 
     def end(self, deadline: float) -> None:
-        """All work is done; the next round begins at `deadline`, `time.monotonic()`."""
+        """Note that all work is done; the next round begins at `deadline`, `time.monotonic()`."""
         self._slack = deadline - time.monotonic()
 
     def read(self) -> list[LateRound]:
-        """What was kept, oldest first. The last one may be half written while the loop runs."""
+        """Return what was kept, oldest first. The last one may be half written while the loop runs."""
         written = self._written.value
         rows = self._view()[np.arange(max(0, written - KEPT), written) % KEPT].tolist()
         return [

@@ -240,7 +240,7 @@ class _LinkLoop:
         self.tell()  # before the answer: who asks afterwards finds the reason
 
     def fresh(self, name: str, arm: _ArmSession) -> bool:
-        """Does the arm speak now? Between telling where it is and following us, the robot is silent for a while."""
+        """Does the arm send feedback now? Between its first feedback and guided motion, the robot is silent for a while."""
         if arm.feedback is None or not self.start.realtime:
             return arm.feedback is not None
         return self.supervisor.silence(name, time.monotonic()) < self.start.rules.stale / 2

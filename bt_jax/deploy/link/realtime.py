@@ -83,7 +83,7 @@ class Snapshot:
         view[0] += 1
 
     def read(self) -> Float[np.ndarray, " size"]:
-        """Return a consistent copy. Raises UserError where the writer does not end what it began to write."""
+        """Return a consistent copy. Raise UserError if the writer does not end what it began to write."""
         view, deadline = self._view(), None
         while True:
             version = view[0]

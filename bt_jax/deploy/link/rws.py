@@ -53,7 +53,7 @@ class Motion(enum.IntEnum):
 
 
 def symbol(arm: str, name: str) -> str:
-    """Where a number of the RAPID program is found."""
+    """Return the address of a number of the RAPID program."""
     return f"RAPID/{TASKS[arm]}/{MODULE}/{name}"
 
 
@@ -81,7 +81,7 @@ class Rws:
         )
 
     def state(self) -> ControllerState:
-        """What the controller is doing."""
+        """Return what the controller is doing."""
         return ControllerState(
             self._get("/rw/panel/ctrlstate", "ctrlstate"),
             self._get("/rw/panel/opmode", "opmode"),
@@ -89,20 +89,20 @@ class Rws:
         )
 
     def start(self) -> None:
-        """Starts the RAPID program of all tasks from its beginning."""
+        """Start the RAPID program of all tasks from its beginning."""
         self._post("/rw/rapid/execution?action=resetpp", {})
         self._post("/rw/rapid/execution?action=start", START)
 
     def stop(self) -> None:
-        """Stops the RAPID program; the robot brakes along its path."""
+        """Stop the RAPID program; the robot brakes along its path."""
         self._post("/rw/rapid/execution?action=stop", {"stopmode": "stop", "usetsp": "normal"})
 
     def number(self, url: str) -> float:
-        """A RAPID number, see `symbol`."""
+        """Return a RAPID number, see `symbol`."""
         return float(self._get(f"/rw/rapid/symbol/data/{url}", "value"))
 
     def set_number(self, url: str, value: float) -> None:
-        """Writes a RAPID number."""
+        """Write a RAPID number."""
         self._post(f"/rw/rapid/symbol/data/{url}?action=set", {"value": f"{value:.4f}"})
 
     def close(self) -> None:

@@ -55,7 +55,7 @@ class Rules:
 
 
 def check_setpoint(rules: Rules, arm: str, joints: Joints) -> None:
-    """Raises Rejected where one configuration [7] breaks a rule that needs neither history nor the other arm."""
+    """Raise Rejected if one configuration [7] breaks a rule that needs neither history nor the other arm."""
     if not np.all(np.isfinite(joints)):
         raise Rejected(f"{arm}: a joint is not a number")
     lower, upper = np.array(rules.lower) + rules.margin, np.array(rules.upper) - rules.margin
@@ -82,9 +82,9 @@ def check_trajectory(
     other: Joints,
     clearance: Clearance | None,
 ) -> Trajectory:
-    """The trajectory as it may run, slowed down to `rules.override`.
+    """Return the trajectory as it may run, slowed down to `rules.override`.
 
-    `commanded` [7] is where the arm is sent now, `other` [7] where the other arm is. Raises Rejected where any point
+    `commanded` [7] is where the arm is sent now, `other` [7] where the other arm is. Raise Rejected if any point
     breaks a rule: it is not entered, not even in part.
     """
     if not np.all(np.isfinite(trajectory.joints)) or not np.all(np.isfinite(trajectory.times)):
@@ -123,11 +123,11 @@ class Supervisor:
         self._clearance = rules.clearance_of() if rules.clearance_of is not None else None
 
     def stop(self, reason: str) -> None:
-        """Latches a stop; the first reason stays."""
+        """Latch a stop; the first reason stays."""
         self.reason = self.reason or reason
 
     def accept(self, arm: str, feedback: Feedback, now: float, *, moving_allowed: bool) -> bool:
-        """Takes a message at the time `now` [s]; False where it is older than one before and must be ignored."""
+        """Take a message at the time `now` [s]; return False if it is older than one before and must be ignored."""
         last = self._sequence.get(arm)
         if last is not None:
             ahead = (feedback.sequence - last + (1 << 31)) % (1 << 32) - (1 << 31)
@@ -149,11 +149,11 @@ class Supervisor:
         return True
 
     def silence(self, arm: str, now: float) -> float:
-        """Seconds since the last message of an arm; 0 where there was none."""
+        """Return the seconds since the last message of an arm; 0 if there was none."""
         return now - self._heard.get(arm, now)
 
     def watch(self, now: float, alive: float, *, moving: bool) -> None:
-        """Latches where an arm is silent, or the executor gave its last sign of life, `alive`, too long ago [s]."""
+        """Latch a stop if an arm is silent, or the executor gave its last sign of life, `alive`, too long ago [s]."""
         for arm in self.arms:
             silence = self.silence(arm, now)
             if silence > self.rules.stale:
@@ -162,7 +162,7 @@ class Supervisor:
             self.stop(f"the executor gave no sign of life for {now - alive:.1f} s; a tick takes too long")
 
     def admit(self, arm: str, target: Joints, *, commanded: Joints, measured: Joints) -> Joints:
-        """The setpoint [7] to send for a target: itself, or less far from `commanded` where the step is too large. Where
+        """Return the setpoint to send for a target: itself, or less far from `commanded` where the step is too large. Where
         the target breaks a rule, or the arm lags behind, latches and gives the measured joints; `commanded` where they are
         not known."""
         lag = float(np.max(np.abs(commanded - measured)))
@@ -184,7 +184,7 @@ class Supervisor:
         return clipped
 
     def keep_clear(self, setpoints: Mapping[str, Joints], *, moving: bool) -> None:
-        """Latches where moving arms, as they are sent now, come too near to each other or to anything fixed."""
+        """Latch a stop if moving arms, as they are sent now, come too near to each other or to anything fixed."""
         if self._clearance is None or not moving or len(setpoints) < 2:
             return
         distance = self._clearance(setpoints["left"], setpoints["right"])

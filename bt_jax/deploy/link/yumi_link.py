@@ -258,7 +258,7 @@ class YumiLink:
         return Counters(**dict(zip(COUNTERS, self._counted, strict=True)), rejected=self._rejected)
 
     def late_rounds(self) -> list[LateRound]:
-        """When the link process was not there in time, lately; a message may have waited meanwhile."""
+        """Return when the link process was late recently; a message may have waited meanwhile."""
         return self._blocks.watch.read()
 
     def drain(self) -> Records:

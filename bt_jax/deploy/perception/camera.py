@@ -111,7 +111,7 @@ class UvcCamera:
 
 
 class Recorder:
-    """Passes on the images of a camera and writes each new one into a folder that `RecordedCamera` reads."""
+    """Pass on the images of a camera and write each new one into a folder that `RecordedCamera` reads."""
 
     def __init__(self, camera: Camera, folder: Path) -> None:
         self.camera, self.folder = camera, folder
@@ -132,7 +132,7 @@ class Recorder:
 
 
 class RecordedCamera:
-    """Plays a folder that `Recorder` wrote: `read` gives one image after the other, or with a `clock` the newest one whose
+    """Play a folder that `Recorder` wrote: `read` returns one image after the other, or with a `clock` the newest one whose
     time, counted from the first, has come."""
 
     def __init__(self, folder: Path, clock: Callable[[], float] | None = None) -> None:

@@ -109,7 +109,7 @@ def _on_box(number: int, box: str, edge: float, face: str) -> Marker:
 
 
 def _on_kit(task: Task, first: int) -> list[Marker]:
-    """Flat in the corners between the walls, as large as the middle place of the kit leaves free."""
+    """Return the markers of the kit: in the corners between the walls, as large as its middle place leaves free."""
     kit = task.kit
     edge = max(box.size for box in task.boxes)
     sticker = 0.9 * (kit.inner - edge / 2)

@@ -38,7 +38,7 @@ class Perception:
         self.detections: tuple[Detection, ...] = ()
 
     def update(self) -> None:
-        """Takes in the newest image. An old one, or none, changes nothing: what is known goes on ageing."""
+        """Take in the newest image. An old one, or none, changes nothing: what is known goes on ageing."""
         try:
             frame = self.camera.read()
         except CameraError as error:
@@ -55,7 +55,7 @@ class Perception:
         self.tracker.update(frame.time, dict(self._certain()), sigmas)
 
     def poses(self, time: float) -> dict[str, RigidTransform]:
-        """Boxes and kit whose place is known and fresh at `time` [s], in the base frame."""
+        """Return the boxes and the kit whose place is known and fresh at `time` [s], in the base frame."""
         return self.tracker.poses(time)
 
     def _certain(self) -> Iterator[tuple[str, RigidTransform]]:
@@ -72,7 +72,7 @@ class Perception:
     def _plausible(
         self, candidates: list[RigidTransform], body: str, known: RigidTransform | None
     ) -> list[RigidTransform]:
-        """Those of the poses of a doubtful measurement that are turned as the known one or, if none is, stand upright and
+        """Return those poses of a doubtful measurement that are turned as the known one or, if none is, stand upright and
         not in a table."""
         near = [] if known is None else [pose for pose in candidates if _turn(pose, known) < SAME]
         lowest = self._lowest.get(body, -math.inf)
@@ -84,5 +84,5 @@ class Perception:
 
 
 def _turn(a: RigidTransform, b: RigidTransform) -> float:
-    """Between two poses, rad."""
+    """Return the angle between two poses, rad."""
     return float((a.rotation.inv() * b.rotation).magnitude())

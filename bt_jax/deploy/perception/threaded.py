@@ -17,8 +17,8 @@ P = TypeVar("P", bound=Perceiving)
 
 
 class BackgroundPerception(Generic[P]):
-    """Looks without a pause. `make` is called in the thread, since a renderer belongs to the thread that made it; `close` is
-    given back what was made. Use it as a context manager."""
+    """Look without a pause. `make` is called in the thread, since a renderer belongs to the thread that made it; `close` is
+    called with what was made. Use it as a context manager."""
 
     def __init__(self, make: Callable[[], P], close: Callable[[P], None] = lambda made: None) -> None:
         self._make, self._close = make, close
@@ -38,12 +38,12 @@ class BackgroundPerception(Generic[P]):
         self._thread.join(2)
 
     def update(self) -> None:
-        """Does nothing where all is well. Raises what ended the thread."""
+        """Raise what ended the thread, if something did."""
         if self._problem is not None:
             raise self._problem
 
     def poses(self, now: float) -> Mapping[str, RigidTransform]:
-        """As the perception's own."""
+        """Return the poses of the perception in the thread; none before its first image."""
         return {} if self._perception is None else self._perception.poses(now)
 
     @property

@@ -58,14 +58,14 @@ class Tracker:
     def update(
         self, time: float, measured: Mapping[str, RigidTransform], sigmas: Mapping[str, float] = MappingProxyType({})
     ) -> None:
-        """Takes in what one image shows, taken at `time` [s]; a time that has passed already is ignored. `sigmas`: standard
+        """Take in what one image shows, taken at `time` [s]; a time that has passed already is ignored. `sigmas`: standard
         deviations of the positions [m]."""
         with self._lock:
             for name, pose in measured.items():
                 self._take(name, time, pose, sigmas.get(name, SIGMA))
 
     def poses(self, time: float) -> dict[str, RigidTransform]:
-        """What is known and fresh at `time` [s]."""
+        """Return what is known and fresh at `time` [s]."""
         with self._lock:
             return {
                 name: track.pose
@@ -74,7 +74,7 @@ class Tracker:
             }
 
     def last(self) -> dict[str, RigidTransform]:
-        """Where every body was when it was last known, however long ago: where to look for it first."""
+        """Return where every body was when it was last known, however long ago: where to look for it first."""
         with self._lock:
             return {name: track.pose for name, track in self._known.items()}
 
@@ -116,7 +116,7 @@ class Tracker:
         )
 
     def _absorb(self, track: _Track, time: float, pose: RigidTransform, sigma: float) -> None:
-        """Averages where the body rests as far as this measurement can tell, else takes the measurement."""
+        """Average if the body rests as far as this measurement can tell, else take the measurement."""
         limits, weight = self.settings, sigma**-2
         doubt = DOUBT * max(0.0, sigma - SIGMA)
         still = _distance(track.pose, pose) < min(limits.still + doubt, limits.position) and _angle(

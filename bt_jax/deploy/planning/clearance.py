@@ -72,7 +72,7 @@ class CellClearance:
         gripped: str | None = None,
         supports: Iterable[str] = (),
     ) -> None:
-        """Where kit and boxes are; what is not named is nowhere. A carried box is where its gripper is. Hands may touch
+        """Say where kit and boxes are; what is not named is nowhere. A carried box is where its gripper is. Hands may touch
         the box `gripped`, and the carried box may touch what is in `supports`."""
         supports, inactive = set(supports), set()
         for name, parts in self._parts.items():
@@ -97,11 +97,11 @@ class CellClearance:
                 change(k)
 
     def distance(self, left: Joints, right: Joints, *, opening: float = yumi.OPENING) -> float:
-        """The least distance [m], negative where something overlaps; inf where there are no pairs."""
+        """Return the least distance [m], negative if something overlaps; inf if there are no pairs."""
         return self._least(left, right, opening)[0]
 
     def slack(self, left: Joints, right: Joints, *, opening: float = yumi.OPENING) -> float:
-        """The least of each pair's distance less the margin that it should keep [m]."""
+        """Return the least of each pair's distance less the margin that it should keep [m]."""
         return self._least(left, right, opening)[1]
 
     def slacks(self, left: Joints, right: Joints, *, opening: float = yumi.OPENING) -> Float[np.ndarray, " pairs"]:

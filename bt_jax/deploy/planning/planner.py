@@ -74,21 +74,21 @@ class Planner:
         self._seed, self._looks = 0, 0
 
     def pick(self, box: str, among: Surroundings, arms: Iterable[str]) -> Reach:
-        """Plan to around a box, with the best arm that has a way. Raises Unplannable."""
+        """Plan to around a box, with the best arm that has a way. Raise Unplannable."""
         targets = [(arm, tcp) for arm in arms for tcp in grasp_poses(among.poses[box])]
         return self._reach(targets, among, f"grasp {box}", gripped=box)
 
     def put(self, carried: Carried, position: Point, yaw: float, supports: Iterable[str], among: Surroundings) -> Reach:
         """Plan to where a carried box has its centre at `position` and its edges along `yaw`; it may touch `supports`.
 
-        Raises Unplannable.
+        Raise Unplannable.
         """
         targets = [(carried.arm, tcp) for tcp in put_poses(position, yaw, carried.pose)]
         among = dataclasses.replace(among, carried=carried)
         return self._reach(targets, among, f"put {carried.box} down", supports=tuple(supports))
 
     def home(self, arm: str, among: Surroundings) -> JointPath:
-        """Plan to the arm's place of rest. Raises Unplannable."""
+        """Plan to the arm's place of rest. Raise Unplannable."""
         self._looks = 0
         free = self._free(arm, among)
         rows = connect(among.joints[arm], yumi.HOME[arm], free, seed=self._next())
@@ -184,7 +184,7 @@ class Planner:
         self, arm: str, among: Surroundings, *, gripped: str | None = None, supports: tuple[str, ...] = ()
     ) -> Callable[[Joints], bool]:
         """Return what says whether a configuration is free, until it is called again. What an arm is too near to already, it
-        may be as near to. Raises Unplannable after too many questions for one plan."""
+        may be as near to. Raise Unplannable after too many questions for one plan."""
         self._clearance.place(among.poses, carried=among.carried, gripped=gripped, supports=supports)
         joints, other = among.joints, next(name for name in yumi.ARMS if name != arm)
 

@@ -26,7 +26,7 @@ class PlanningProcess:
         self._ready = self._pool.submit(_nothing)
 
     def __enter__(self) -> PlanningProcess:
-        """Wait until the process can plan. Raises UserError where it cannot be started."""
+        """Wait until the process can plan. Raise UserError if it cannot be started."""
         try:
             self._ready.result(START)
         except (BrokenProcessPool, TimeoutError) as error:
@@ -47,7 +47,7 @@ def _begin(task: Task) -> None:
 
 
 def _nothing() -> None:
-    """The first job, which starts the process."""
+    """Do nothing: the first job, which starts the process."""
 
 
 def _plan(name: str, arguments: tuple[Any, ...]) -> Any:

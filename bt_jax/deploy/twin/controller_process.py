@@ -35,7 +35,7 @@ class ControllerSpec:
 
 
 def serve(spec: ControllerSpec, state: Snapshot, stats: Snapshot, watch: LoopTimer, pipe: Connection) -> None:
-    """Runs until the program above closes the pipe or says so."""
+    """Run until the program above closes the pipe or says so."""
     take_priority(
         realtime=spec.realtime
     )  # before the server's threads start: they inherit it, and never hold the interpreter while they wait
@@ -112,7 +112,7 @@ class _ControllerLoop:
             self.command()
 
     def command(self) -> None:
-        """Does what the program above asks for and answers it; ends where it is gone."""
+        """Do what the program above asks for and answer it; end if it is gone."""
         try:
             name, *arguments = self.pipe.recv()
         except (EOFError, OSError):

@@ -29,7 +29,7 @@ class MarkerScene:
 
 
 def marker_scene(task: Task) -> MarkerScene:
-    """What a scene needs so that its camera sees the markers of a task."""
+    """Return what a scene needs so that its camera sees the markers of a task."""
     colors = {box.name: tint(box.color) for box in task.boxes}
     markers = task_markers(task)
     files = {_file(marker): _texture(marker, colors.get(marker.body, WHITE)) for marker in markers}
@@ -47,7 +47,7 @@ def marker_scene(task: Task) -> MarkerScene:
 
 
 def tint(color: tuple[float, float, float]) -> tuple[float, float, float]:
-    """The colour mixed with as much white as its luminance needs to reach that of paper."""
+    """Return the colour mixed with as much white as its luminance needs to reach that of paper."""
     luminance = float(np.dot(color, (0.299, 0.587, 0.114)))
     white = max(0.0, (BRIGHT - luminance) / (1 - luminance)) if luminance < 1 else 0.0
     red, green, blue = (part + white * (1 - part) for part in color)

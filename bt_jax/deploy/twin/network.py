@@ -22,7 +22,7 @@ class Network:
 
     @property
     def broken(self) -> bool:
-        """Does anything but an answer to each message have to be expected?"""
+        """May messages be lost, delayed or reordered?"""
         return bool(self._drop or self._reorder or self._delay or self._silent_until > 0)
 
     def fault(self, kind: str, now: float, *, share: float = 0.0, seconds: float = 0.0) -> None:
@@ -42,7 +42,7 @@ class Network:
             raise ValueError(f"there is no fault '{kind}'")
 
     def send(self, message: bytes, now: float) -> None:
-        """Sends a message, as far as the faults permit."""
+        """Send a message, as far as the faults permit."""
         if now >= self._silent_until and self._random.random() >= self._drop:
             if self._held is None and self._random.random() < self._reorder:
                 self._held = message
@@ -57,7 +57,7 @@ class Network:
                 self._socket.sendto(message, self._peer)
 
     def receive(self, now: float) -> list[bytes]:
-        """The messages that have arrived, as far as the faults permit."""
+        """Return the messages that have arrived, as far as the faults permit."""
         found: list[bytes] = []
         while True:
             try:

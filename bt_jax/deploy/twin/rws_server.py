@@ -38,7 +38,7 @@ class Controlled(Protocol):
 
 
 def serve_rws(controlled: Controlled, port: int) -> http.server.ThreadingHTTPServer:
-    """Serves on the loopback interface in threads of this process; port 0 takes any free one."""
+    """Serve on the loopback interface in threads of this process; port 0 takes any free one."""
     handler = type("Handler", (_Handler,), {"controlled": controlled, "nonce": secrets.token_hex(16)})
     server = http.server.ThreadingHTTPServer(("127.0.0.1", port), handler)
     server.daemon_threads = True
@@ -108,7 +108,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def _allowed(self) -> bool:
-        """Digest access, RFC 2617; asks for it where it is missing or wrong."""
+        """Check digest access (RFC 2617); ask for it if it is missing or wrong."""
         given = self.headers.get("Authorization", "")
         if given.startswith("Digest "):
             fields = urllib.request.parse_keqv_list(urllib.request.parse_http_list(given.removeprefix("Digest ")))
@@ -127,4 +127,4 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         return md5(secret, self.nonce, fields.get("nc", ""), fields.get("cnonce", ""), fields.get("qop", ""), request)
 
     def log_message(self, *_: object) -> None:
-        """Silence."""
+        """Log nothing."""

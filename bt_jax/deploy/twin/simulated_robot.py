@@ -124,7 +124,7 @@ class SimulatedRobot:
         raise KeyError(url)
 
     def speak(self) -> None:
-        """Sends the feedback of all arms."""
+        """Send the feedback of all arms."""
         on = self.control == "motoron"
         for arm in self.arms:
             arm.sequence += 1
@@ -146,7 +146,7 @@ class SimulatedRobot:
         return np.concatenate([self.data.site_xpos[arm.flange], quaternion])
 
     def listen(self, arm: SimulatedArm, patience: float) -> None:
-        """Takes what was answered; for at most `patience` seconds waits for the answer to the last message."""
+        """Take what was answered; for at most `patience` seconds wait for the answer to the last message."""
         newest: Setpoint | None = None
         deadline = time.monotonic() + patience
         while True:
@@ -173,7 +173,7 @@ class SimulatedRobot:
                 self.stop_rapid(Mci.ERROR)  # as a real controller does with a target out of range
 
     def step(self) -> None:
-        """One cycle of physics, grippers and supervision."""
+        """Simulate one cycle of physics, grippers and supervision."""
         for arm in self.arms:
             if arm.mci == Mci.RUNNING:
                 arm.silent += CYCLE
