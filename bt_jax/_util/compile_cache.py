@@ -35,6 +35,7 @@ __all__ = ["keep_compiled", "kept_jit"]
 
 NOT_COMPILED = ("app", "deploy")  # parts of the package that nothing compiled depends on
 LIBRARIES = ("jax", "jaxlib", "mujoco", "mujoco-mjx")  # compiled code depends on their versions
+COMPILE_FAST = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
 LOAD_EVENT = "/bt_jax/load_executable_duration"
 WAIT_EVENT = "/bt_jax/wait_for_executable_duration"
 
@@ -53,7 +54,11 @@ def keep_compiled(folder: Path) -> None:
 
 
 def kept_jit(
-    function: Callable | None = None, *, static_argnames: tuple[str, ...] = (), donate_argnums: tuple[int, ...] = ()
+    function: Callable | None = None,
+    *,
+    static_argnames: tuple[str, ...] = (),
+    donate_argnums: tuple[int, ...] = (),
+    small: Callable[..., bool] | None = None,
 ) -> Any:
     """`jax.jit` whose executables outlive the process once `keep_compiled` was called.
 
@@ -62,19 +67,30 @@ def kept_jit(
     methods; with other ones (a closure means nothing in another process), and inside another traced function, it is
     `jax.jit`.
     The method `prepare` of such a function compiles ahead in the background.
+
+    On a CPU, calls for whose arguments `small` is true are compiled without optimizing, several times as fast: for work so
+    little that its own time does not count. Give it only to functions whose results the optimizing does not change.
     """
     if function is None:
-        return functools.partial(kept_jit, static_argnames=static_argnames, donate_argnums=donate_argnums)
-    return _Kept(function, static_argnames, donate_argnums)
+        return functools.partial(kept_jit, static_argnames=static_argnames, donate_argnums=donate_argnums, small=small)
+    return _Kept(function, static_argnames, donate_argnums, small)
 
 
 class _Kept:
     """A function made by `kept_jit`."""
 
-    def __init__(self, function: Callable, static_argnames: tuple[str, ...], donate_argnums: tuple[int, ...]) -> None:
+    def __init__(
+        self,
+        function: Callable,
+        static_argnames: tuple[str, ...],
+        donate_argnums: tuple[int, ...],
+        small: Callable[..., bool] | None,
+    ) -> None:
         functools.update_wrapper(self, function)
         self._name = f"{function.__module__}.{function.__qualname__}"
-        self._jitted = jax.jit(function, static_argnames=static_argnames, donate_argnums=donate_argnums)
+        settings: dict[str, Any] = {"static_argnames": static_argnames, "donate_argnums": donate_argnums}
+        self._jitted, self._small = jax.jit(function, **settings), small
+        self._jitted_fast = jax.jit(function, compiler_options=COMPILE_FAST, **settings)
         self._signature = inspect.signature(function)
         self._static_at = [i for i, name in enumerate(self._signature.parameters) if name in static_argnames]
         self._dynamic_at = [i for i, name in enumerate(self._signature.parameters) if name not in static_argnames]
@@ -82,8 +98,6 @@ class _Kept:
         self._prepared: dict[_Key, Future[Callable]] = {}
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        if _Store.folder is None:
-            return self._jitted(*args, **kwargs)
         if kwargs or len(args) < len(self._signature.parameters):
             bound = self._signature.bind(*args, **kwargs)
             bound.apply_defaults()
@@ -92,6 +106,8 @@ class _Kept:
         leaves, structure = jax.tree.flatten(dynamic)
         if any([isinstance(leaf, jax.core.Tracer) for leaf in leaves]):
             return self._jitted(*args)
+        if _Store.folder is None:
+            return self._jit_for(args)(*args)
         key = self._key(args, leaves, structure)
         executable = self._ready.get(key)
         if executable is None:
@@ -108,12 +124,16 @@ class _Kept:
         if key not in self._ready and key not in self._prepared:
             self._prepared[key] = _background().submit(self._loaded, key, args)
 
+    def _jit_for(self, args: tuple[Any, ...]) -> Any:
+        fast = self._small is not None and self._small(*args) and _compiles_fast()
+        return self._jitted_fast if fast else self._jitted
+
     def _key(self, args: tuple[Any, ...], leaves: list[Any], structure: Any) -> _Key:
         shapes = tuple([(leaf.shape, leaf.dtype) for leaf in leaves])
         return tuple([args[i] for i in self._static_at]), structure, shapes
 
     def _loaded(self, key: _Key, args: tuple[Any, ...]) -> Callable:
-        return _load(_Store.folder, self._name, key, lambda: self._jitted.lower(*args).compile())
+        return _load(_Store.folder, self._name, key, lambda: self._jit_for(args).lower(*args).compile())
 
     def _awaited(self, key: _Key) -> Callable:
         began = perf_counter()
@@ -121,6 +141,18 @@ class _Kept:
         del self._prepared[key]
         jax.monitoring.record_event_duration_secs(WAIT_EVENT, perf_counter() - began)
         return executable
+
+
+@functools.cache
+def _compiles_fast() -> bool:
+    """Return whether this is a CPU and an XLA that knows the options; they change from version to version."""
+    if jax.default_backend() != "cpu":
+        return False
+    try:
+        jax.jit(lambda: 0, compiler_options=COMPILE_FAST).lower().compile()
+    except jax.errors.JaxRuntimeError:
+        return False
+    return True
 
 
 @functools.cache

@@ -24,6 +24,7 @@ from bt_jax.gp.selection import survivors
 
 __all__ = ["Population", "diversity_of", "first_trees", "hashes_of", "offspring_of", "run_keys", "survivors_of"]
 
+FEW = 32  # trees; more are worth optimizing for
 RunKeys = UInt32[Array, "R 2"]
 
 
@@ -64,7 +65,18 @@ def _key(run_key: UInt32[Array, "2"], generation: Int32[Array, ""] | int, use: _
     return jax.random.fold_in(jax.random.fold_in(jax.random.wrap_key_data(run_key), generation), use)
 
 
-@kept_jit(static_argnames=("config",))
+def _few(*arguments: Any) -> bool:
+    """Return whether this is one run of so small a population that its steps take no time to speak of."""
+    config = next(argument for argument in arguments if isinstance(argument, GPConfig))
+    return config.runs == 1 and max(config.population, config.num_offspring) <= FEW
+
+
+def _few_measured(keys: Any, generation: Any, population: Population) -> bool:
+    """Return the same without a configuration."""
+    return population.fitness.shape[0] == 1 and population.fitness.shape[1] <= FEW
+
+
+@kept_jit(static_argnames=("config",), small=_few)
 def first_trees(keys: RunKeys, alphabet: Alphabet, rates: EditRates, config: GPConfig) -> Trees:
     def one(key: UInt32[Array, "2"]) -> Trees:
         return random_trees(
@@ -80,7 +92,7 @@ def first_trees(keys: RunKeys, alphabet: Alphabet, rates: EditRates, config: GPC
     return _for_each_run(one, keys)
 
 
-@kept_jit(static_argnames=("config",))
+@kept_jit(static_argnames=("config",), small=_few)
 def offspring_of(
     keys: RunKeys,
     generation: Int32[Array, ""],
@@ -107,7 +119,7 @@ def offspring_of(
     return _for_each_run(one, keys, population, baseline_fitness)
 
 
-@kept_jit(static_argnames=("config",))
+@kept_jit(static_argnames=("config",), small=_few)
 def survivors_of(
     keys: RunKeys, generation: Int32[Array, ""], old: Population, offspring: Population, config: GPConfig
 ) -> Population:
@@ -120,7 +132,7 @@ def survivors_of(
     return _for_each_run(one, keys, old, offspring)
 
 
-@kept_jit
+@kept_jit(small=_few_measured)
 def diversity_of(
     keys: RunKeys, generation: Int32[Array, ""], population: Population
 ) -> tuple[Float32[Array, " R"], Float32[Array, " R"]]:

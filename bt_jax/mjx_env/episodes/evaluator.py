@@ -35,6 +35,7 @@ __all__ = [
     "in_batches",
 ]
 
+FEW_TREES = 32  # up to this number of trees, building their tables takes no time to speak of
 MANY = 512  # from this number of episodes on,
 FEW = 8  # those that wait go on by themselves once they are at most one in eight
 
@@ -106,7 +107,7 @@ def _advance(
     return lax.while_loop(some_go_on, one_tick, (state, tally, waiting))
 
 
-_jump_table = kept_jit(jump_table)
+_jump_table = kept_jit(jump_table, small=lambda trees: trees.tokens.shape[0] <= FEW_TREES)
 
 
 class TableEvaluator:
