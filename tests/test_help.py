@@ -46,6 +46,12 @@ def test_help_imports_nothing_heavy(command):
     assert modules.isdisjoint(HEAVY)
 
 
+def test_help_says_once_what_happens_without_an_option():
+    shown, _ = run("bt_jax.demonstrate", "--help")
+    assert "[-h] [OPTIONS] FOLDER [SCRIPT]" in shown
+    assert "None" not in shown
+
+
 def test_training_without_demonstrations_imports_neither_scikit_learn_nor_scipy():
     code = "import sys, bt_jax.commands.train; print(*sys.modules)"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)

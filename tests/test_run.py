@@ -162,7 +162,8 @@ def test_the_robot_gets_what_was_given_and_its_exit_code_is_returned(monkeypatch
 
 def test_reads_and_writes_trees(stack, tmp_path):
     xml = tmp_path / "tree.xml"
-    shown(source=stack, export=xml)
+    assert shown(source=stack, export=xml) == f"written    {xml}\n"
+    assert "2 of 2 layouts" in shown(source=stack, export=xml, layouts=2)
     assert from_xml(xml) == parse_tree(STACK) == read_tree(xml)
     assert to_xml(parse_tree(STACK)) == xml.read_text()
     for name in ("tree.svg", "tree.dot", "tree.txt"):

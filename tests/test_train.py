@@ -115,7 +115,7 @@ def test_a_run_of_another_version(monkeypatch, capsys, tmp_path):
 
 def test_resuming_keeps_the_settings(monkeypatch, capsys, tmp_path):
     RunFolder.create(tmp_path / "run", RunConfig(load_task("stack"), GPConfig(), Settings()))
-    for extra in (("--population", 32), ("--layouts", 2), ("stack",), ("--task", "mine.yaml")):
+    for extra in (("--population", 32), ("--layouts", 2), ("stack",)):
         assert "give only" in refused(monkeypatch, capsys, "--resume", tmp_path / "run", *extra)
 
 

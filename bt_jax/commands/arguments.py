@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
@@ -29,38 +29,49 @@ NOT_ROBOT = ("backend", "expand", "verbose", "simplify", "export", "delay", "dev
 TRAIN = "python -m bt_jax.train"
 
 
+def unset(metavar: str) -> Any:
+    """Return how `--help` shows an option that has no value unless one is given: its text says what happens then."""
+    return tyro.conf.arg(
+        metavar=metavar, help_behavior_hint=lambda value: "" if value == "None" else f"(default: {value})"
+    )
+
+
 @dataclasses.dataclass(frozen=True)
 class TrainArguments:
     """Evolve a Behavior Tree for a pick-and-place task.
 
-    The defaults are those of the paper's table I. Ctrl-C stops early and keeps the best tree and a checkpoint.
+    Ctrl-C stops early and keeps the best tree and a checkpoint.
     """
 
-    name: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")] = None
+    name: Annotated[str | None, tyro.conf.Positional, unset("[TASK]")] = None
     """task that comes with the package: stack (default), stack3, pyramid, restack or yumi_stack"""
-    task: Path | None = None
+    task: Annotated[Path | None, unset("PATH")] = None
     """a task of your own, a YAML file"""
     published: bool = False
     """evolve with the settings and rules of the published runs; options that are given still count"""
-    gp: tyro.conf.OmitArgPrefixes[GPConfig] = dataclasses.field(default_factory=GPConfig)
-    settings: tyro.conf.OmitArgPrefixes[Settings] = dataclasses.field(default_factory=Settings)
-    baseline: Path | None = None
+    gp: Annotated[tyro.conf.OmitArgPrefixes[GPConfig], tyro.conf.arg(name="evolution")] = dataclasses.field(
+        default_factory=GPConfig
+    )
+    settings: Annotated[tyro.conf.OmitArgPrefixes[Settings], tyro.conf.arg(name="simulation")] = dataclasses.field(
+        default_factory=Settings
+    )
+    baseline: Annotated[Path | None, unset("PATH")] = None
     """tree (.txt or .xml) to start from, or a folder of train or learn with one; it stays available for crossover"""
     plan: bool = False
     """start from the tree that a planner makes for the task's targets"""
-    add_target_from: Path | None = None
+    add_target_from: Annotated[Path | None, unset("PATH")] = None
     """folder of demonstrations: their places become targets and genes, their tree the baseline if no other is given"""
-    add_subgoal_from: Path | None = None
+    add_subgoal_from: Annotated[Path | None, unset("PATH")] = None
     """folder of demonstrations of a step on the way: one gene, and a reward for what it reaches"""
-    resume: Path | None = None
+    resume: Annotated[Path | None, unset("PATH")] = None
     """run folder to resume, as if it had never stopped; only --generations, --target-fitness and --time-limit may differ.
     With --baseline, --plan, --add-target-from or --add-subgoal-from a new phase begins there, of as many generations as the
     one before unless --generations says otherwise; so it does with --task, for the targets and starts of that file"""
-    target_fitness: float | None = None
+    target_fitness: Annotated[float | None, unset("FLOAT")] = None
     """stop once the best fitness of every run has reached this"""
-    time_limit: float | None = None
+    time_limit: Annotated[float | None, unset("FLOAT")] = None
     """stop after so many seconds of evolution"""
-    out: Path | None = None
+    out: Annotated[Path | None, unset("PATH")] = None
     """folder for the results (default: runs/TASK-DATE-TIME)"""
     device: Device = "auto"
     """where JAX computes"""
@@ -102,12 +113,12 @@ class LearnArguments:
 
     folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
     """folder with info.yaml and demoN/data_K.yaml"""
-    task: str | None = None
+    task: Annotated[str | None, unset("NAME")] = None
     """name of a task or YAML file: the scene in which the tree is tried (default: that of the demonstrations, or stack3)"""
     frames: tuple[str, ...] = ()
     """frames of your choice, as ACTION=FRAME with the number of the action, for instance 2=GreenBox; 2=auto takes that back.
     They are kept with the demonstrations"""
-    out: Path | None = None
+    out: Annotated[Path | None, unset("PATH")] = None
     """folder for the results (default: runs/learn-FOLDER-DATE-TIME)"""
     layouts: int = 20
     """layouts in which the tree is tried"""
@@ -128,9 +139,9 @@ class RunArguments:
 
     source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_FOLDER|TREE")]
     """folder that bt_jax.train or bt_jax.learn has written, or a tree as .txt or .xml"""
-    task: str | None = None
+    task: Annotated[str | None, unset("NAME")] = None
     """name of a task or YAML file (default: that of the folder, or stack; yumi_stack for the robot)"""
-    level: Level | Literal["robot"] | None = None
+    level: Annotated[Level | Literal["robot"] | None, unset("{physics,kinematic,robot}")] = None
     """physics, kinematic, or robot, the twin of a YuMi (default: that of the run folder, or physics)"""
     backend: Backend = "auto"
     """engine of the physics level; auto takes mujoco, which needs no compiling"""
@@ -138,7 +149,7 @@ class RunArguments:
     """number of the layout; training meets none of these"""
     layouts: int = 1
     """with more than one, run in the layouts seed, seed + 1, ... and report how often the tree succeeds"""
-    render: Path | None = None
+    render: Annotated[Path | None, unset("PATH")] = None
     """film the episode: .mp4, .gif, or .png for six stills"""
     expand: bool = False
     """show what is inside genes"""
@@ -147,8 +158,9 @@ class RunArguments:
     simplify: bool = False
     """first remove every node that does nothing in 100 unseen layouts; if it removes any, it writes
     simplified_tree.* into the folder"""
-    export: Path | None = None
-    """write the tree as .xml (BehaviorTree.CPP, Groot2), .svg, .dot or .txt"""
+    export: Annotated[Path | None, unset("PATH")] = None
+    """write the tree as .xml (BehaviorTree.CPP, Groot2), .svg, .dot or .txt, and run it only if --layouts, --render or
+    --verbose ask for it"""
     delay: float = 0.5
     """seconds between two ticks on a terminal"""
     device: Device = "auto"
@@ -180,22 +192,22 @@ class DemonstrateArguments:
 
     folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
     """folder of demonstrations; new ones are added"""
-    script: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="SCRIPT")] = None
+    script: Annotated[str | None, tyro.conf.Positional, unset("[SCRIPT]")] = None
     """the script, for instance "pick BlueBox; to (0, 0, 0.12) GreenBox; release", or a file with one; without it, the
     demonstrations in the folder are listed"""
-    task: str | None = None
+    task: Annotated[str | None, unset("NAME")] = None
     """name of a task or YAML file (default: that of --after, of the folder, or stack3)"""
     count: int = NEEDED
     """how many demonstrations, each in another layout"""
-    seed: int | None = None
+    seed: Annotated[int | None, unset("INT")] = None
     """number of the first layout (default: the number of demonstrations in the folder, so that each has another)"""
     noise: float = 0.0
     """standard deviation with which the person misses each place, along each axis, metres"""
-    after: Path | None = None
+    after: Annotated[Path | None, unset("PATH")] = None
     """run folder or tree that is executed first: the demonstration begins where it ends"""
-    rename: tuple[str, str] | None = None
+    rename: Annotated[tuple[str, str] | None, unset("OLD NEW")] = None
     """gives a demonstration another name: OLD NEW"""
-    delete: str | None = None
+    delete: Annotated[str | None, unset("NAME")] = None
     """removes the demonstration of this name"""
 
     def check(self) -> None:

@@ -81,10 +81,13 @@ def run(arguments: RunArguments, console: Console | None = None) -> None:
     written = expand(tree)
     known = Vocabulary.of([*leaves(tree), *leaves(written)])
     semantics, physics = LeafSemantics(task, known), _physics(task, level, arguments.backend)
-    console.print(f"[bold]{escape(task.title)}[/]\n{level}: {physics.description}")
     if arguments.export is not None:
         export = EXPORTS[arguments.export.suffix.lower()]
         write_atomic(arguments.export, export(written if arguments.expand else tree))
+        console.print(f"written    {escape(str(arguments.export))}")
+        if arguments.layouts == 1 and arguments.render is None and not arguments.verbose:
+            return
+    console.print(f"[bold]{escape(task.title)}[/]\n{level}: {physics.description}")
     if arguments.layouts > 1:
         _survey(console, semantics, physics, tree, arguments)
         return

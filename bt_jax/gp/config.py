@@ -36,8 +36,10 @@ class MutationConfig:
 
 @dataclasses.dataclass(frozen=True)
 class GPConfig:
-    """Everything that shapes an evolution; hashable, hence a static argument of jit. Where the paper's table I gives a
-    number, it is the default; `old_share` and `chain_ratio`, which are not in it, differ from the published runs."""
+    """How trees evolve. Where the paper's table I gives a number, it is the default; old_share and chain_ratio, which are
+    not in it, differ from the published runs."""
+
+    # Hashable, since it is a static argument of jit.
 
     population: int = 16
     """individuals, 8 to 100000"""
