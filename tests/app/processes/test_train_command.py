@@ -47,6 +47,13 @@ def test_going_on_with_what_was_taught(tmp_path):
     assert taught.gp.baseline_index == 0
 
 
+def test_anywhere_means_anywhere_after_an_earlier_place(tmp_path):
+    placed = RunConfig(load_task("stack"), GPConfig(baseline_index=1), Settings(), baseline=TREE)
+    folder = RunFolder.create(tmp_path / "run", placed)
+    words = TrainCommand(tmp_path / "inputs").go_on(folder.path, 70, Changes(TREE, baseline_index=None))
+    assert parse(words).gp.baseline_index is None
+
+
 def test_a_training_can_read_its_files_after_the_page_was_closed(tmp_path):
     command = TrainCommand(tmp_path)
     words = command.start(load_task("stack"), GPConfig())
