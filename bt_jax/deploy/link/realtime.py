@@ -65,8 +65,8 @@ def sleep_until(deadline: float) -> float:
 class Snapshot:
     """An array of float64 in shared memory with one writer and any number of readers.
 
-    The writer makes the version odd while it writes; a reader that sees an odd or a changed version reads again, and
-    after `patience` seconds takes the writer for dead.
+    The writer makes the version odd while it writes; a reader that sees an odd or a changed version reads again. If an odd
+    version stays the same for `patience` seconds, the writer is dead.
     """
 
     def __init__(self, size: int, *, patience: float = 2.0) -> None:
@@ -84,14 +84,15 @@ class Snapshot:
 
     def read(self) -> Float[np.ndarray, " size"]:
         """Return a consistent copy. Raise UserError if the writer does not end what it began to write."""
-        view, deadline = self._view(), None
+        view, seen, deadline = self._view(), -1.0, 0.0
         while True:
             version = view[0]
             values = view[1:].copy()
             if version % 2 == 0 and version == view[0]:
                 return values
             now = time.monotonic()
-            deadline = now + self._patience if deadline is None else deadline
+            if version != seen:  # a reader that is starved sees a live writer change it
+                seen, deadline = version, now + self._patience
             if now > deadline:
                 raise UserError("a process of the robot's link ended while it told its state; start the run again")
             time.sleep(0)

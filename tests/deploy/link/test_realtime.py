@@ -1,6 +1,8 @@
+import itertools
 import os
 import signal
 import threading
+import time
 
 import numpy as np
 
@@ -65,3 +67,17 @@ def test_a_reader_beside_a_writer_never_mixes_two_writes():
     finally:
         over.set()
         writer.join()
+
+
+def test_a_reader_that_is_starved_does_not_take_a_live_writer_for_dead(monkeypatch):
+    snapshot, clock = Snapshot(1, patience=1.0), itertools.count()
+    view = snapshot._view()
+    versions = iter([1.0, 3.0, 5.0, 7.0, 8.0])
+
+    def write(_):
+        view[0] = next(versions)
+
+    write(None)
+    monkeypatch.setattr(time, "sleep", write)
+    monkeypatch.setattr(time, "monotonic", lambda: float(next(clock)))
+    np.testing.assert_array_equal(snapshot.read(), np.zeros(1))
