@@ -71,12 +71,13 @@ class Executor:
         self._reached: frozenset[str] = frozenset()
         self._undecided: frozenset[Behavior] = frozenset()  # conditions, at the last tick
         self._since: tuple[Status, float] = (Status.RUNNING, 0.0)  # what the tree returns, and since when
+        self._time = 0.0  # s, when the link was last asked for it
         self._interrupted = False
         self._trace = ""  # of the error that ended the run
 
     def run(self) -> RunOutcome:
         """Run until the tree has succeeded, or failed for good, or something stops it. The arms hold afterwards."""
-        start = self.link.now()
+        self._time = start = self.link.now()
         self._since, self.runner.rest_at = (Status.RUNNING, start), start
         self._entries.start(self.program, start, self.limits, self.settings, self.dry)
         with self._interruptible():
@@ -103,7 +104,7 @@ class Executor:
     def _step(self, start: float) -> None:
         """Tick once and act on it. Raise Halt if the run is over."""
         began = time.monotonic()
-        now = self.link.now()
+        self._time = now = self.link.now()
         self._check(now, start)
         seen = self.observe()
         if seen.time - seen.image > self.limits.image:
@@ -212,7 +213,9 @@ class Executor:
 
     def _finish(self, end: Halt, start: float) -> RunOutcome:
         """Log how it ended; the arms hold already, so that a log that cannot be written changes nothing."""
-        seconds = self.link.now() - start
+        with contextlib.suppress(UserError, ControllerGone):  # the clock of a dead controller stands still
+            self._time = self.link.now()
+        seconds = self._time - start
         outcome = RunOutcome(end.status, end.reason, end.code, seconds, self.ticks, self.overruns)
         with contextlib.suppress(OSError, ValueError):
             if self._trace:

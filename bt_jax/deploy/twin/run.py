@@ -107,7 +107,10 @@ def run_twin(
         times = [first + float(t) for t in rng.uniform(*DISTURBED, disturbances)]
         person = Person(scene, controller, rng, times)
 
+        qpos, stats = controller.state()[1], controller.stats()
+
         def tick(shown: TickReport) -> None:
+            nonlocal qpos
             qpos = controller.state()[1]
             touch = person(link.now(), lambda: hands_of(scene, qpos))
             if touch is not None:
@@ -135,14 +138,15 @@ def run_twin(
             prepare(controller, perception)
         link.start()
         outcome = executor.run()
-        qpos = controller.state()[1]
+        with contextlib.suppress(UserError):  # of a controller that died while it told its state: what was known last
+            qpos, stats = controller.state()[1], controller.stats()
         return TwinRun(
             seed=seed,
             outcome=outcome,
             solved=solved(scene, qpos),
             distances=tuple(target_distances(scene, qpos)),
             touches=tuple(person.touches),
-            stats=controller.stats(),
+            stats=stats,
             counters=link.counters(),
             seconds=time.monotonic() - began,
         )

@@ -3,6 +3,7 @@ import threading
 
 import numpy as np
 
+from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, Control
 from bt_jax.deploy.execution.log import Log, read_log
 from bt_jax.deploy.execution.settings import Exit, Limits
@@ -236,3 +237,23 @@ def test_boxes_are_asked_for_reach_only_where_they_moved():
     cell.skills.reachable = lambda name, seen: asked.append(name) is None
     cell.executor.run()
     assert len(asked) <= 6 * len(TASK.box_names) < cell.executor.ticks
+
+
+def test_a_run_whose_clock_has_died_is_stopped_and_logged(tmp_path):
+    with Log(tmp_path / "log.jsonl") as log:
+        cell = IdealCell(log=log)
+
+        def die():
+            raise UserError("a process of the robot's link ended; start the run again")
+
+        def strike(shown):
+            if shown.seen.time > 1.0:
+                cell.link.now = die
+
+        cell.on_tick = strike
+        outcome = cell.executor.run()
+    assert outcome.exit_code == Exit.STOPPED
+    assert outcome.seconds == cell.shown[-1].seen.time
+    end = list(read_log(log.path))[-1]
+    assert (end["kind"], end["exit_code"]) == ("end", Exit.STOPPED)
+    assert "link ended" in end["reason"]
