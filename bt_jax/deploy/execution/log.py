@@ -213,6 +213,8 @@ def log_ends(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
                 tail = file.read(min(BLOCK, end - len(tail))) + tail
     except OSError as error:
         raise UserError(f"{path} cannot be read ({error}); give the log that a run has written") from error
+    if not first:
+        raise UserError(f"{path} is empty; give the log that a run has written")
     start = _entry(first)
     if start is None or start["kind"] != "start" or start.get("format") != FORMAT:
         raise UserError(f"{path} is no log of format {FORMAT}; use the version of bt_jax that wrote it")

@@ -14,7 +14,7 @@ from scipy.spatial.transform import RigidTransform
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, Kind, expand
-from bt_jax.deploy.execution.log import log_ends
+from bt_jax.deploy.execution.log import read_log
 from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.observer import Perceiving
 from bt_jax.deploy.execution.program import Program
@@ -141,7 +141,8 @@ def _twin(equipment: Equipment) -> str:
         raise UserError(
             "no log of the twin was given; run python -m bt_jax.deploy twin and give its log with --twin-log"
         )
-    start, end = log_ends(equipment.twin_log)
+    entries = list(read_log(equipment.twin_log))
+    start, end = entries[0], entries[-1]
     if start.get("settings", {}).get("robot") != "twin":
         raise UserError(f"{equipment.twin_log} is not of the twin; run this tree there and give the log of that")
     if start["digest"] != equipment.program.digest:

@@ -100,6 +100,9 @@ def test_the_ends_of_a_log_are_read_without_its_middle(written, tmp_path):
     assert log_ends(long)[1] == entries[-1], "a last line that was not finished is left out"
     long.write_text(first + "\n")
     assert log_ends(long) == (entries[0], entries[0])
+    long.write_text("")
+    with pytest.raises(UserError, match="is empty"):
+        log_ends(long)
     long.write_text("hello\n")
     with pytest.raises(UserError, match="no log"):
         log_ends(long)

@@ -175,6 +175,9 @@ def test_a_twin_run_that_failed_does_not_count(good, twin_log, tmp_path):
     path.write_text("\n".join([*lines[:-1], json.dumps(end)]))
     found = failing(dataclasses.replace(good, twin_log=path))
     assert "did not succeed" in found["twin:this"].detail
+    path.write_text("\n".join([*lines[:2], "garbage", *lines[2:]]))
+    found = failing(dataclasses.replace(good, twin_log=path))
+    assert "line 3 is not part of a log" in found["twin:this"].detail
 
 
 def test_a_run_on_a_robot_is_none_in_the_twin(good, twin_log, tmp_path):
