@@ -2,13 +2,14 @@
 
 JAX's persistent cache saves a new process the compiling, not the tracing and lowering that come before, which for the
 genetic operators take longer than a whole small evolution. `kept_jit` keeps the executable itself, under a key made of
-everything it depends on: the function, its static arguments, shapes and types, the source of this package, the versions
-of JAX and MuJoCo, the device. The two do not mix: an executable that JAX has loaded from its cache cannot be written
-again, so leave JAX's off where this is on.
+everything it depends on: the function, its static arguments, shapes and types, JAX's options, the source of this package,
+the versions of JAX and MuJoCo, the device. The two do not mix: an executable that JAX has loaded from its cache cannot
+be written again, so leave JAX's off where this is on.
 """
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import enum
 import functools
@@ -17,10 +18,11 @@ import importlib.metadata
 import inspect
 import os
 import pickle
+import time
+import warnings
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import jax
@@ -34,12 +36,25 @@ __all__ = ["keep_compiled", "kept_jit"]
 
 
 NOT_COMPILED = ("app", "deploy")  # parts of the package that nothing compiled depends on
+OPTIONS = (
+    "jax_enable_x64",
+    "jax_default_matmul_precision",
+    "jax_default_prng_impl",
+    "jax_threefry_partitionable",
+    "jax_random_seed_offset",
+    "jax_numpy_dtype_promotion",
+    "jax_numpy_rank_promotion",
+    "jax_debug_nans",
+    "jax_debug_infs",
+)  # of JAX, that compiled code depends on
 LIBRARIES = ("jax", "jaxlib", "mujoco", "mujoco-mjx")  # compiled code depends on their versions
 COMPILE_FAST = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False}
 LOAD_EVENT = "/bt_jax/load_executable_duration"
 WAIT_EVENT = "/bt_jax/wait_for_executable_duration"
 
-_Key = tuple[tuple[Any, ...], Any, tuple[Any, ...]]  # static arguments, structure, shapes and types of the others
+DAY = 86400.0  # s
+# Static arguments; structure, shapes and types of the others; values of OPTIONS.
+_Key = tuple[tuple[Any, ...], Any, tuple[Any, ...], tuple[Any, ...]]
 
 
 class _Store:
@@ -51,6 +66,10 @@ class _Store:
 def keep_compiled(folder: Path) -> None:
     """Load functions made by `kept_jit` from `folder`, and keep them there, from now on."""
     _Store.folder = folder
+    for unfinished in folder.glob(".*.bin.*"):  # by processes that were killed
+        with contextlib.suppress(OSError):
+            if time.time() - unfinished.stat().st_mtime > DAY:
+                unfinished.unlink()
 
 
 def kept_jit(
@@ -62,7 +81,8 @@ def kept_jit(
 ) -> Any:
     """`jax.jit` whose executables outlive the process once `keep_compiled` was called.
 
-    It works on functions without keyword-only parameters whose dynamic arguments are pytrees of arrays. Executables are kept
+    It works on functions without keyword-only parameters whose dynamic arguments are pytrees of arrays; with others a call
+    raises TypeError. Executables are kept
     if the static arguments are numbers, strings, enums, module-level functions, tuples and dataclasses of these, or their
     methods; with other ones (a closure means nothing in another process), and inside another traced function, it is
     `jax.jit`.
@@ -95,7 +115,7 @@ class _Kept:
         self._static_at = [i for i, name in enumerate(self._signature.parameters) if name in static_argnames]
         self._dynamic_at = [i for i, name in enumerate(self._signature.parameters) if name not in static_argnames]
         self._ready: dict[_Key, Callable] = {}
-        self._prepared: dict[_Key, Future[Callable]] = {}
+        self._prepared: dict[_Key, Future[Callable | None]] = {}
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         if kwargs or len(args) < len(self._signature.parameters):
@@ -111,7 +131,7 @@ class _Kept:
         key = self._key(args, leaves, structure)
         executable = self._ready.get(key)
         if executable is None:
-            executable = self._ready[key] = self._awaited(key) if key in self._prepared else self._loaded(key, args)
+            executable = self._ready[key] = self._awaited(key) or self._loaded(key, args)
         return executable(*dynamic)
 
     def prepare(self, *args: Any) -> None:
@@ -122,25 +142,41 @@ class _Kept:
             return
         key = self._key(args, *jax.tree.flatten([args[i] for i in self._dynamic_at]))
         if key not in self._ready and key not in self._prepared:
-            self._prepared[key] = _background().submit(self._loaded, key, args)
+            self._prepared[key] = _background().submit(self._ahead, key, args)
 
     def _jit_for(self, args: tuple[Any, ...]) -> Any:
         fast = self._small is not None and self._small(*args) and _compiles_fast()
         return self._jitted_fast if fast else self._jitted
 
     def _key(self, args: tuple[Any, ...], leaves: list[Any], structure: Any) -> _Key:
-        shapes = tuple([(leaf.shape, leaf.dtype) for leaf in leaves])
-        return tuple([args[i] for i in self._static_at]), structure, shapes
+        try:
+            shapes = tuple([(leaf.shape, leaf.dtype) for leaf in leaves])
+        except AttributeError:
+            found = ", ".join(sorted({type(leaf).__name__ for leaf in leaves if not hasattr(leaf, "shape")}))
+            raise TypeError(f"{self._name} takes arrays, found {found}; give np.asarray of it with a dtype") from None
+        return tuple([args[i] for i in self._static_at]), structure, shapes, _options()
 
     def _loaded(self, key: _Key, args: tuple[Any, ...]) -> Callable:
         return _load(_Store.folder, self._name, key, lambda: self._jit_for(args).lower(*args).compile())
 
-    def _awaited(self, key: _Key) -> Callable:
-        began = perf_counter()
+    def _ahead(self, key: _Key, args: tuple[Any, ...]) -> Callable | None:
+        """Return the executable; None if the thread that asked for it has other options of JAX than this one."""
+        return self._loaded(key, args) if key[-1] == _options() else None
+
+    def _awaited(self, key: _Key) -> Callable | None:
+        """Return the executable that was prepared, None if there is none."""
+        if key not in self._prepared:
+            return None
+        began = time.perf_counter()
         executable = self._prepared[key].result()
         del self._prepared[key]
-        jax.monitoring.record_event_duration_secs(WAIT_EVENT, perf_counter() - began)
+        jax.monitoring.record_event_duration_secs(WAIT_EVENT, time.perf_counter() - began)
         return executable
+
+
+def _options() -> tuple[Any, ...]:
+    """Return the values of OPTIONS in this thread."""
+    return tuple([getattr(jax.config, name) for name in OPTIONS])
 
 
 @functools.cache
@@ -182,31 +218,31 @@ def _load(folder: Path | None, name: str, key: _Key, compile_: Callable[[], Any]
     """Return the executable from the store, or a new one that is put there."""
     if folder is None:
         return compile_()
-    static, structure, leaves = key
+    static, *others = key
     try:
-        identity = "\n".join([name, repr(_described(static)), repr((structure, leaves)), _environment()])
+        identity = "\n".join([name, repr(_described(static)), repr(others), _environment()])
     except TypeError:
         return compile_()
     digest = hashlib.sha256(identity.encode()).hexdigest()
     path = folder / f"{name}-{digest[:32]}.bin"
     if path.is_file():
         try:
-            began = perf_counter()
+            began = time.perf_counter()
             content = path.read_bytes()
             if b"lapack_" in content:
                 _link_lapack()
             executable = deserialize_and_load(*pickle.loads(content))
-            jax.monitoring.record_event_duration_secs(LOAD_EVENT, perf_counter() - began)
+            jax.monitoring.record_event_duration_secs(LOAD_EVENT, time.perf_counter() - began)
             return executable
         except Exception:
             path.unlink(missing_ok=True)
     executable = compile_()
     try:
         write_atomic(path, pickle.dumps(serialize(executable)))
-    except (
-        Exception
-    ):  # keeping it only saves time: with a full disk, or a backend that cannot write, results stay the same
-        _Store.folder = None
+    except Exception as error:  # a full disk, or a backend that cannot write: results stay the same
+        if _Store.folder is not None:
+            _Store.folder = None
+            warnings.warn(f"compiled code is not kept any more, so that starts are slower: {error}", stacklevel=2)
     return executable
 
 
@@ -226,8 +262,7 @@ def _environment() -> str:
         if file.relative_to(package).parts[0] not in NOT_COMPILED:
             source.update(file.read_bytes())
     devices = [(device.platform, device.device_kind) for device in jax.devices()]
-    settings = [jax.config.values[name] for name in ("jax_enable_x64", "jax_default_matmul_precision")]
-    flags = (os.environ.get("XLA_FLAGS", ""), *settings)
+    flags = os.environ.get("XLA_FLAGS", "")
     versions = [importlib.metadata.version(library) for library in LIBRARIES]
     return repr((source.hexdigest(), versions, devices, flags, _processor()))
 

@@ -29,7 +29,7 @@ def configure_jax(device: Device = "auto") -> None:
 
     if device != "auto":
         jax.config.update("jax_platforms", "cpu" if device == "cpu" else None)
-    cache = Path(os.environ.get("BT_JAX_CACHE", Path.home() / ".cache" / "bt_jax"))
+    cache = Path(os.environ.get("BT_JAX_CACHE") or Path.home() / ".cache" / "bt_jax")
     keep_compiled(cache)
     jax.config.update("jax_enable_compilation_cache", False)  # it does not mix with `keep_compiled`
     if device == "gpu" and jax.default_backend() == "cpu":

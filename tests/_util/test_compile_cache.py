@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bt_jax._util import compile_cache
-from bt_jax._util.compile_cache import _described, kept_jit
+from bt_jax._util.compile_cache import _described, keep_compiled, kept_jit
 from bt_jax.tasks import load_task
 
 FACTORIZE = """
@@ -82,3 +82,48 @@ def test_what_goes_wrong_in_the_background_is_raised_by_the_call(tmp_path, monke
     wrong.prepare(jax.ShapeDtypeStruct((3,), np.float32))
     with pytest.raises(ValueError, match="no such tree"):
         wrong(np.ones(3, np.float32))
+
+
+def test_code_is_kept_for_each_setting_of_jax(tmp_path, monkeypatch):
+    monkeypatch.setattr(compile_cache._Store, "folder", tmp_path)
+
+    @kept_jit
+    def drawn(key):
+        return jax.random.bits(key, (5,))
+
+    key = jax.random.key_data(jax.random.key(0))
+    found = {}
+    for partitionable in (True, False):
+        with jax.threefry_partitionable(partitionable):
+            drawn.prepare(key)
+            found[partitionable] = drawn(key).tolist()
+            assert found[partitionable] == jax.jit(lambda key: jax.random.bits(key, (5,)))(key).tolist()
+    assert found[True] != found[False]
+    assert len(list(tmp_path.glob("*.bin"))) == 2
+
+
+def test_code_that_cannot_be_kept_is_told_once(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr(compile_cache._Store, "folder", tmp_path / "file")
+    double = kept_jit(lambda x: 2 * x)
+    with pytest.warns(UserWarning, match="not kept any more") as told:
+        found = [double(np.ones(size, np.float32)).tolist() for size in (1, 2)]
+    assert found == [[2], [2, 2]]
+    assert len(told) == 1
+
+
+def test_what_is_no_array_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(compile_cache._Store, "folder", tmp_path)
+    with pytest.raises(TypeError, match="takes arrays, found int"):
+        kept_jit(lambda x: 2 * x)(3)
+
+
+def test_what_killed_processes_left_is_removed(tmp_path, monkeypatch):
+    monkeypatch.setattr(compile_cache._Store, "folder", None)
+    names = (".f-0123.bin.0123456789abcdef", ".f-4567.bin.0123456789abcdef", "f-0123.bin")
+    for name in names:
+        (tmp_path / name).write_text("")
+    for name in (names[0], names[2]):
+        os.utime(tmp_path / name, (0, 0))
+    keep_compiled(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names[1:])
