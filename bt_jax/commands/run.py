@@ -121,7 +121,7 @@ def _open(arguments: RunArguments) -> tuple[Task, Level, Tree]:
         config = folder.config()
         folder.tree()  # says how to finish a run that has none yet
         task, level = config.task, level or config.settings.level
-    elif arguments.source.is_dir():
+    elif arguments.source.is_dir() and arguments.task is None:
         task = task_of_folder(arguments.source)
     if task is None or arguments.task is not None:
         task = load_task(arguments.task or "stack")
