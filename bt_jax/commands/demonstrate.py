@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shlex
 from pathlib import Path
 
 from rich.console import Console
@@ -47,7 +49,7 @@ def run(arguments: DemonstrateArguments) -> None:
         console.print(
             f"{total} of {NEEDED} demonstrations: with fewer, every place is taken to be in {task.robot_frame}"
         )
-    console.print(f"learn from them with python -m bt_jax.learn {escape(str(folder.path))}")
+    console.print(f"learn from them with python -m bt_jax.learn {escape(shlex.quote(str(folder.path)))}")
 
 
 def _task(arguments: DemonstrateArguments) -> Task:
@@ -81,7 +83,7 @@ def _script_text(given: str) -> str:
     """Return the script itself, or the content of a file of that name."""
     path = Path(given)
     try:
-        if not re.fullmatch(r"\S+\.\w+", given):
+        if not os.path.isfile(given) and not re.fullmatch(r"\S+\.\w+", given):  # long texts make Path.is_file raise
             return given
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:

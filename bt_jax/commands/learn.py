@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import shlex
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
@@ -172,7 +173,7 @@ def _verdict(lesson: Lesson, tried: Evaluation, arguments: LearnArguments) -> st
         said += (
             ".\n           Demonstrations that begin where a tree has ended show only the last step:\n"
             "           let evolution find the rest with python -m bt_jax.train "
-            f"{_origin(lesson.task, arguments)} --add-target-from {escape(str(arguments.folder))}"
+            f"{_origin(lesson.task, arguments)} --add-target-from {escape(shlex.quote(str(arguments.folder)))}"
         )
     return said
 
@@ -182,7 +183,7 @@ def _origin(task: Task, arguments: LearnArguments) -> str:
     task, by name if it comes with the package and by its file if not."""
     if (run := DemonstrationFolder(arguments.folder).run()) is not None:
         here = Path.cwd()
-        return f"--resume {escape(str(run.relative_to(here) if run.is_relative_to(here) else run))}"
+        return f"--resume {escape(shlex.quote(str(run.relative_to(here) if run.is_relative_to(here) else run)))}"
     if task.name in task_names() and load_task(task.name) == task:
         return task.name
-    return f"--task {escape(arguments.task or str(arguments.folder / 'task.yaml'))}"
+    return f"--task {escape(shlex.quote(arguments.task or str(arguments.folder / 'task.yaml')))}"

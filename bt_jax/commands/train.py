@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import shlex
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
@@ -30,7 +31,8 @@ def run(arguments: TrainArguments) -> None:
     configure_jax(arguments.device)
     config, folder = _configuration(arguments)
     if arguments.resume is None and not folder.is_free:
-        raise UserError(f"{folder.path} is not empty; choose another --out, or continue it with --resume {folder.path}")
+        quoted = shlex.quote(str(folder.path))
+        raise UserError(f"{folder.path} is not empty; choose another --out, or continue it with --resume {quoted}")
     run = TrainingRun(folder, config, resumed=arguments.resume is not None)
     display = TrainingDisplay(run.training, folder.path)
     reporters = [Reporter(folder.path, config.gp.generations)] if arguments.progress else []

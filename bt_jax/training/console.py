@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shlex
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -64,9 +65,9 @@ class TrainingDisplay:
     def finish(self, result: Result, session: Session) -> None:
         """Show the learnt tree and what is known of it."""
         self.console.print(Panel(Text(draw_text(result.tree).rstrip()), title="learnt tree", title_align="left"))
-        folder = escape(str(self.folder))
+        folder, quoted = escape(str(self.folder)), escape(shlex.quote(str(self.folder)))
         if session.stopped:
-            self.console.print(f"stopped after generation {result.generations}; go on with --resume {folder}")
+            self.console.print(f"stopped after generation {result.generations}; go on with --resume {quoted}")
         layouts = self.training.settings.layouts
         each = f" ({sum(result.trees_measured):,} trees in {layouts} layouts each)" if layouts > 1 else ""
         success = result.success_rate * len(result.test.solved)
@@ -82,12 +83,12 @@ class TrainingDisplay:
         )
         if not success:
             self.console.print(
-                f"advice       go on with --resume {folder} --generations {2 * result.generations}, or try another --seed, "
+                f"advice       go on with --resume {quoted} --generations {2 * result.generations}, or try another --seed, "
                 "or --plan",
                 soft_wrap=True,
             )
         elif len(prefix(result.tree)) > 1 + len(self.training.task.targets):
-            self.console.print(f"simplify     python -m bt_jax.run {folder} --simplify", soft_wrap=True)
+            self.console.print(f"simplify     python -m bt_jax.run {quoted} --simplify", soft_wrap=True)
         if session.broken:
             self.warn(f"the simulation diverged {session.broken} times; those trees got the worst fitness")
 

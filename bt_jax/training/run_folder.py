@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -97,7 +98,8 @@ class RunFolder:
         source = self.path / "best_tree.txt"
         if not source.is_file():
             raise UserError(
-                f"{self.path} holds no tree yet; finish it with python -m bt_jax.train --resume {self.path}"
+                f"{self.path} holds no tree yet; finish it with python -m bt_jax.train --resume "
+                f"{shlex.quote(str(self.path))}"
             )
         return parse_tree(source.read_text(encoding="utf-8"))
 

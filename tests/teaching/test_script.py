@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shlex
 
 import pytest
 
@@ -78,16 +79,18 @@ def test_demonstrations_remember_a_task_of_ones_own(tmp_path):
     mine = dataclasses.replace(TASK, name="mine", description="")
     run = RunFolder.create(tmp_path / "run", RunConfig(mine, GPConfig(), Settings()))
     run.save_tree(parse_tree("move(YellowBox, (0, 0, 0.052), KittingBox)"), title="")
-    done = command("bt_jax.demonstrate", tmp_path / "shown", SCRIPT, "--count", 1, "--after", run.path)
+    shown, script = tmp_path / "shown here", tmp_path / "my script.txt"
+    script.write_text(SCRIPT)
+    done = command("bt_jax.demonstrate", shown, script, "--count", 1, "--after", run.path)
     assert done.returncode == 0, done.stderr
-    assert task_of_folder(tmp_path / "shown") == mine
-    words = done.stdout.split("python -m ")[1].split()
-    assert words == ["bt_jax.learn", str(tmp_path / "shown")]
+    assert task_of_folder(shown) == mine
+    words = shlex.split(done.stdout.split("python -m ")[1])
+    assert words == ["bt_jax.learn", str(shown)]
     done = command(*words, "--level", "kinematic", "--layouts", 1, "--out", tmp_path / "learnt")
     assert done.returncode == 0, done.stderr
     assert task_of_folder(tmp_path / "learnt") == mine
     assert "0 of 1" in done.stdout
-    assert f"bt_jax.train --resume {run.path} --add-target-from {tmp_path / 'shown'}" in done.stdout
+    assert f"bt_jax.train --resume {run.path} --add-target-from '{shown}'" in done.stdout
 
 
 def test_demonstrations_are_kept_and_frames_chosen_on_the_command_line(tmp_path):
