@@ -56,9 +56,9 @@ def _task(arguments: DemonstrateArguments) -> Task:
     """Return the task to demonstrate in."""
     if arguments.task is not None:
         return load_task(arguments.task)
-    folders = [folder for folder in (arguments.after, arguments.folder) if folder is not None and folder.is_dir()]
-    known = (task_of_folder(folder) for folder in folders)
-    return next((task for task in known if task is not None), None) or load_task("stack3")
+    after = arguments.after
+    own = task_of_folder(after) if after is not None and after.is_dir() else None
+    return own or DemonstrationFolder(arguments.folder).task() or load_task("stack3")
 
 
 def _edit(console: Console, folder: DemonstrationFolder, arguments: DemonstrateArguments) -> None:

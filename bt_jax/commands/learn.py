@@ -41,7 +41,7 @@ from bt_jax.lfd.figure import cluster_figure
 from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
-from bt_jax.tasks import Target, Task, load_task, task_names, task_of_folder
+from bt_jax.tasks import Target, Task, load_task, task_names
 from bt_jax.training.levels import make_level
 from bt_jax.training.phases import choose_frames, lesson_from
 from bt_jax.training.settings import UNSEEN, Settings
@@ -54,7 +54,7 @@ def run(arguments: LearnArguments) -> None:
     console = Console(highlight=False, soft_wrap=True)
     arguments.check()
     settings = Settings(level=arguments.level, test_layouts=arguments.layouts)
-    own = task_of_folder(arguments.folder) if arguments.task is None else None
+    own = DemonstrationFolder(arguments.folder).task() if arguments.task is None else None
     task = own or load_task(arguments.task or "stack3")
     lesson = lesson_from(arguments.folder, task)
     if arguments.frames:

@@ -31,6 +31,7 @@ from bt_jax.lfd.demonstration_files import (
     read_mapping,
     write_demonstration,
 )
+from bt_jax.tasks import Task, load_task, task_names, task_of_folder
 
 __all__ = ["DemonstrationFolder"]
 
@@ -42,13 +43,15 @@ class DemonstrationFolder:
     path: Path
 
     def create(self, frames: Frames) -> None:
-        """Write `info.yaml`, or check that the one there says the same; and the task, unless one is there."""
+        """Write `info.yaml`, or check that the one there says the same; and the task, unless one is there or the
+        demonstrations that are there were recorded in another."""
+        recorded, same_task = frames.recorded, True
         if (self.path / "info.yaml").exists():
             known = self.frames()
             if known != frames:
                 raise UserError(f"{self.path} holds demonstrations with other frames; choose another folder")
-            old, new = known.recorded, frames.recorded
-            if old is not None and new is not None and old.boxes != new.boxes:
+            same_task = recorded is not None and known.recorded is not None and known.recorded.name == recorded.name
+            if recorded is not None and known.recorded is not None and known.recorded.boxes != recorded.boxes:
                 raise UserError(f"{self.path} holds demonstrations with boxes of other sizes; choose another folder")
         else:
             info: dict[str, Any] = {
@@ -56,11 +59,11 @@ class DemonstrationFolder:
                 "frames": list(frames.names),
                 "robot": frames.robot,
             }
-            if frames.recorded is not None:
-                info |= {"task": frames.recorded.name, "boxes": dict(frames.recorded.boxes)}
+            if recorded is not None:
+                info |= {"task": recorded.name, "boxes": dict(recorded.boxes)}
             write_atomic(self.path / "info.yaml", yaml.safe_dump(info))
-        task = None if frames.recorded is None else frames.recorded.task
-        if task is not None and not (self.path / "task.yaml").exists():
+        task = None if recorded is None else recorded.task
+        if task is not None and same_task and not (self.path / "task.yaml").exists():
             write_atomic(self.path / "task.yaml", yaml.safe_dump(task.to_dict(), sort_keys=False))
 
     def frames(self) -> Frames:
@@ -75,6 +78,15 @@ class DemonstrationFolder:
             if name not in names:
                 raise UserError(f"{source}: {key} '{name}' is not one of the frames; use one of {', '.join(names)}")
         return Frames(tuple(names), str(default), str(robot), _recorded(data, source))
+
+    def task(self) -> Task | None:
+        """Return the task in which they were recorded: the one that is kept here, or else the one of that name which comes
+        with the package. Return None if there is neither; raise UserError if what is here cannot be read."""
+        kept = task_of_folder(self.path)
+        if kept is not None or not (self.path / "info.yaml").is_file():
+            return kept
+        recorded = self.frames().recorded
+        return load_task(recorded.name) if recorded is not None and recorded.name in task_names() else None
 
     def names(self) -> list[str]:
         """Return the demonstrations: in the order that `info.yaml` may say, then in natural order, demo2 before demo10."""

@@ -105,6 +105,20 @@ def test_append_never_takes_the_name_of_another(folder):
     assert before.items() <= files(folder).items()
 
 
+def test_an_older_folder_keeps_its_task_whatever_is_recorded_into_it(tmp_path):
+    """Folders written before name their task in info.yaml only."""
+    folder = DemonstrationFolder(tmp_path / "shown")
+    assert folder.task() is None
+    folder.create(Frames.of(STACK3))
+    assert folder.task() == STACK3
+    (folder.path / "task.yaml").unlink()
+    folder.create(Frames.of(dataclasses.replace(STACK3, name="mine")))
+    assert not (folder.path / "task.yaml").exists()
+    assert folder.task() == STACK3
+    folder.create(Frames.of(STACK3))
+    assert (folder.path / "task.yaml").exists()
+
+
 def test_delete_takes_one_only(folder):
     before = files(folder)
     folder.delete("demo2")
