@@ -31,6 +31,8 @@ class Vocabulary(Generic[L]):
             raise ValueError("leaves must be distinct and sorted by kind; use Vocabulary.of")
         labels: set[str] = set()
         for leaf in self.leaves:
+            if leaf.kind not in (Kind.CONDITION, Kind.ACTION, Kind.GENE):
+                raise UserError(f"the leaf {leaf} is a {leaf.kind.name}; make it a CONDITION, an ACTION or a GENE")
             if leaf.label in labels:
                 raise UserError(f"two different behaviors are called '{leaf.label}'; rename one of them")
             labels.add(leaf.label)

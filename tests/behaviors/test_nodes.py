@@ -36,5 +36,8 @@ def test_symbols_are_ticked_and_drawn():
 def test_leaves_that_look_alike_are_refused():
     with pytest.raises(UserError, match="two different behaviors are called 'knock'"):
         Vocabulary.of([KNOCK, Symbol("knock", Kind.CONDITION)])
+    for kind in (Kind.PAD, Kind.SEQUENCE, Kind.FALLBACK):
+        with pytest.raises(UserError, match="make it a CONDITION"):
+            Vocabulary.of([KNOCK, Symbol("other", kind)])
     with pytest.raises(UserError, match="knock is not in the vocabulary"):
         Vocabulary.of([ENTER]).token(KNOCK)
