@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float32, Int, Int32, UInt64
+from jaxtyping import Array, Float32, Int, Int32, Real, UInt64
 
 from bt_jax.behaviors.vocabulary import FIRST_LEAF
 from bt_jax.encoding.arrays import Trees
@@ -24,7 +24,7 @@ from bt_jax.gp.steps import Population, diversity_of, first_trees, hashes_of, of
 
 __all__ = ["Evaluate", "Evolution", "Generation", "Population", "State", "best_of"]
 
-Fitness = Float32[np.ndarray, "R P"]
+Fitness = Real[np.ndarray, "R P"] | Real[Array, "R P"]
 Niched = tuple[Fitness, Int32[np.ndarray, "R P"]]
 Evaluate = Callable[[Trees], Fitness | Niched]
 
@@ -143,7 +143,9 @@ class Evolution:
         survivors_of.prepare(self.keys, now, old, offspring, self._static)
 
     def tell(self, state: State | None, offspring: Trees, fitness: Fitness | Niched) -> State:
-        """Return the state after the offspring that `ask` gave for `state` were measured: who survives."""
+        """Return the state after the offspring [R, M, N] that `ask` gave for `state` were measured: who survives.
+
+        Raise ValueError unless there is one finite fitness for each."""
         measured = self._population(offspring, fitness)
         if state is None:
             first = np.zeros(self.config.runs, int)
@@ -183,14 +185,22 @@ class Evolution:
         )
 
     def _population(self, trees: Trees, fitness: Fitness | Niched) -> Population:
-        """Return trees with what was measured of them."""
+        """Return trees [R, M, N] with what was measured of them. Raise ValueError for a fitness that is not finite, or not
+        [R, M]."""
         if isinstance(fitness, tuple) != self.config.niches:
             raise ValueError("the fitness is a pair if, and only if, config.niches is set")
-        if not isinstance(fitness, tuple):
-            return Population(trees, _on_device(fitness))
-        fitness, achieved = fitness
+        values, achieved = fitness if isinstance(fitness, tuple) else (fitness, None)
+        values, shape = np.asarray(values, np.float32), trees.sizes.shape[:2]
+        if values.shape != shape:
+            raise ValueError(f"the fitness has shape {values.shape}; give one value for each tree, {shape}")
+        if not np.isfinite(values).all():
+            raise ValueError(
+                "a fitness is not finite; give a tree that cannot be measured a very low one, such as -1e6"
+            )
+        if achieved is None:
+            return Population(trees, _on_device(values))
         niche = achieved * (self.config.max_nodes + 1) + np.asarray(trees.sizes)[..., 0]
-        return Population(trees, _on_device(fitness), _on_device(niche, np.int32))
+        return Population(trees, _on_device(values), _on_device(niche, np.int32))
 
     def run(
         self, state: State | None = None, *, target: float | None = None, time_limit: float | None = None

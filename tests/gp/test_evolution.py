@@ -189,6 +189,19 @@ def test_settings_that_cannot_work_are_refused():
         Evolution(CONFIG, Alphabet(num_conditions=1, num_actions=0, num_genes=0), evaluate)
 
 
+def test_a_fitness_is_one_finite_number_for_each_tree(single):
+    _, found = single
+    evolution, trees = Evolution(CONFIG, ALPHABET), found[0].population.trees
+    fitness = np.asarray(evaluate(trees))
+    for same in (fitness.astype(np.float64), jnp.asarray(fitness)):
+        assert_same(evolution.tell(None, trees, same).population, evolution.tell(None, trees, fitness).population)
+    with pytest.raises(ValueError, match="one value for each tree"):
+        evolution.tell(None, trees, fitness[:, 1:])
+    for bad in (np.nan, np.inf):
+        with pytest.raises(ValueError, match="not finite"):
+            evolution.tell(None, trees, np.where(fitness == fitness.max(), bad, fitness))
+
+
 def test_asking_and_telling_is_the_same_evolution(single):
     _, found = single
     evolution = Evolution(CONFIG, ALPHABET)
