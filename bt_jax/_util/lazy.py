@@ -45,6 +45,7 @@ def lazy_face(package: str, file: str) -> tuple[list[str], Callable[[str], Any],
         return value
 
     def directory() -> list[str]:
-        return sorted({*vars(sys.modules[package]), *public})
+        special = [name for name in vars(sys.modules[package]) if name.startswith("__")]
+        return sorted({*special, *public})
 
     return public, load, directory

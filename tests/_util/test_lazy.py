@@ -38,6 +38,7 @@ def test_a_name_loads_its_module_when_it_is_used(sample):
 def test_the_face_lists_its_names_before_they_are_loaded(sample):
     assert sample.__all__ == ["ONE", "inner", "two"]
     assert {"ONE", "inner", "two", "__name__"} <= set(dir(sample))
+    assert "lazy_face" not in dir(sample)
 
 
 def test_a_star_import_brings_exactly_the_public_names(sample):
