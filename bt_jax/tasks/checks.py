@@ -6,12 +6,15 @@ import dataclasses
 import functools
 import math
 import re
-from typing import Any, NoReturn
+from collections.abc import Callable
+from typing import NoReturn
 
 from bt_jax._util.errors import UserError
 from bt_jax.tasks.task import Kit, Task, Vec3
 
 __all__ = ["check"]
+
+Fail = Callable[[str, str, str], NoReturn]  # key, problem, remedy
 
 RESERVED = ("floor", "gripper", "kit", "metal", "nothing", "plate", "rubber", "sky", "table", "wall_back", "wall_front",
             "wall_left", "wall_right")  # fmt: skip
@@ -48,7 +51,7 @@ def check(task: Task, source: str) -> None:
     _check_targets(task, fail)
 
 
-def _check_sizes(task: Task, fail: Any) -> None:
+def _check_sizes(task: Task, fail: Fail) -> None:
     for i, box in enumerate(task.boxes):
         if box.size <= 0 or box.density <= 0:
             fail(f"boxes[{i}]", f"{box.name} has no size or weight", "make size and density positive")
@@ -66,7 +69,7 @@ def _check_sizes(task: Task, fail: Any) -> None:
             )
     for i, table in enumerate(task.tables):
         if min(table.size) <= 0:
-            fail(f"tables[{i}].size", "must be positive", "fix it")
+            fail(f"tables[{i}].size", "must be positive", "give three lengths in metres, such as [0.6, 0.4, 0.02]")
         if task.kit.size > min(table.size[:2]):
             fail(
                 "kit.size", f"{task.kit.size} m is wider than {table.name}", "make the kit smaller or the table larger"
@@ -77,14 +80,14 @@ def _check_sizes(task: Task, fail: Any) -> None:
                 fail(f"{section}.{key}", f"{value} is negative", "make it zero or more")
     for key in ("size", "thickness", "wall_height", "wall_thickness"):
         if getattr(task.kit, key) <= 0:
-            fail(f"kit.{key}", "must be more than zero", "fix it")
+            fail(f"kit.{key}", "must be more than zero", "give a length in metres, such as 0.01")
     if task.kit.inner <= 0:
         fail("kit.wall_thickness", "the walls leave no room", "make the walls thinner or the kit larger")
     if task.episode.max_ticks < 1 or task.episode.success_ticks < 1 or task.episode.action_ticks < 1:
         fail("episode", "the numbers of ticks must be at least 1", "raise them")
 
 
-def _check_layout(task: Task, fail: Any) -> None:
+def _check_layout(task: Task, fail: Fail) -> None:
     tables = [table.name for table in task.tables]
     if task.layout.kit != "random" and task.layout.kit not in tables:
         fail("layout.kit", f"there is no table '{task.layout.kit}'", f"use random or one of {', '.join(tables)}")
@@ -112,7 +115,7 @@ def _check_layout(task: Task, fail: Any) -> None:
         )
 
 
-def _check_fixed(task: Task, fail: Any) -> None:
+def _check_fixed(task: Task, fail: Fail) -> None:
     sizes = {box.name: box.size for box in task.boxes}
     fixed = task.layout.fixed
     if fixed and task.layout.kit == "random":
@@ -144,7 +147,7 @@ def _apart(a: Vec3, b: Vec3) -> float:
     return max(abs(x - y) for x, y in zip(a, b, strict=True))
 
 
-def _check_targets(task: Task, fail: Any) -> None:
+def _check_targets(task: Task, fail: Fail) -> None:
     rests_on: dict[str, str] = {}
     sizes = {box.name: box.size for box in task.boxes}
     for i, target in enumerate(task.targets):

@@ -6,6 +6,7 @@ Everything is inherited but the description, which is empty unless the task has 
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import json
 import math
 from collections.abc import Mapping
@@ -137,7 +138,9 @@ def _build(cls: type, data: Any, source: str, where: str) -> Any:
     fields = {field.name: field for field in dataclasses.fields(cls)}
     for key in data:
         if key not in fields:
-            raise UserError(f"{source}, key {where}{key}: not known here; use one of {', '.join(fields)}")
+            near = difflib.get_close_matches(str(key), fields, n=1)
+            remedy = f"did you mean {near[0]}?" if near else f"use one of {', '.join(fields)}"
+            raise UserError(f"{source}, key {where}{key}: not known here; {remedy}")
     for field in fields.values():
         required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
         if required and field.name not in data:
@@ -162,22 +165,26 @@ def _scalar(kind: str, value: Any, source: str, where: str) -> Any:
         return _number(value, source, where)
     if kind == "int":
         if not _number(value, source, where).is_integer():
-            raise UserError(f"{source}, key {where}: expected a whole number, found {value!r}; fix it")
+            raise UserError(f"{source}, key {where}: expected a whole number, found {value!r}; write one such as 10")
         return int(value)
     if kind == "Vec3":
         if not isinstance(value, list | tuple) or len(value) != 3:
-            raise UserError(f"{source}, key {where}: expected three numbers [x, y, z], found {value!r}; fix it")
+            raise UserError(
+                f"{source}, key {where}: expected three numbers, found {value!r}; write [x, y, z], such as [0.1, 0, 0.05]"
+            )
         return tuple(_number(x, source, where) for x in value)
     if kind.startswith("tuple"):
         if not isinstance(value, list | tuple) or not all(isinstance(x, str) for x in value):
-            raise UserError(f"{source}, key {where}: expected a list of names, found {value!r}; fix it")
+            raise UserError(
+                f"{source}, key {where}: expected a list of names, found {value!r}; write one such as [YellowBox]"
+            )
         return tuple(value)
     if not isinstance(value, str):
-        raise UserError(f"{source}, key {where}: expected a name, found {value!r}; fix it")
+        raise UserError(f"{source}, key {where}: expected a name, found {value!r}; write one such as YellowBox")
     return value
 
 
 def _number(value: Any, source: str, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise UserError(f"{source}, key {where}: expected a number, found {value!r}; fix it")
+        raise UserError(f"{source}, key {where}: expected a number, found {value!r}; write one such as 0.05")
     return float(value)

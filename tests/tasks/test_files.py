@@ -96,6 +96,7 @@ def fixed(*places, kit="TableRight", **over):
         (target(position=[0, 0, float("nan")]), "targets[0].position", "a number"),
         (target(position=[0, 0, True]), "targets[0].position", "a number"),
         (target(colour="red"), "targets[0].colour", "use one of object"),
+        (target(objekt="RedBox"), "targets[0].objekt", "did you mean object?"),
         ({"targets": [{"object": "YellowBox", "frame": "KittingBox"}]}, "targets[0].position", "add it"),
         ({"targets": []}, "targets", "add at least one"),
         ({"targets": None}, "targets", "expected a list"),
