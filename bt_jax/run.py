@@ -21,7 +21,10 @@ def main() -> None:
 def _run(arguments: RunArguments) -> int | None:
     from bt_jax.commands import run  # imports JAX and MuJoCo, which --help does without
 
-    return run.robot(arguments) if arguments.level == "robot" else run.run(arguments)
+    if arguments.level == "robot":
+        return run.robot(arguments)
+    run.run(arguments)
+    return None
 
 
 if __name__ == "__main__":
