@@ -1,7 +1,6 @@
 """A small cell for the link's tests: two arms of seven joints, fingers, and a box that falls."""
 
 import contextlib
-import socket
 from collections.abc import Callable
 
 import numpy as np
@@ -14,6 +13,7 @@ from bt_jax.deploy.link.settings import LinkConfig
 from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.planning.trajectory import Trajectory
 from bt_jax.deploy.twin.controller import Controller
+from bt_jax.deploy.twin.network import free_ports
 from bt_jax.deploy.twin.simulated_robot import CellModel
 
 ARMS = ("left", "right")
@@ -63,15 +63,6 @@ def cell() -> CellModel:
         finger_actuators={arm: (f"{arm}_a", f"{arm}_b") for arm in ARMS},
         flanges={arm: f"{arm}_flange" for arm in ARMS},
     )
-
-
-def free_ports() -> dict[str, int]:
-    """Two UDP ports that nobody uses."""
-    with contextlib.ExitStack() as stack:
-        sockets = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in ARMS]
-        for each in sockets:
-            each.bind(("", 0))
-        return {arm: each.getsockname()[1] for arm, each in zip(ARMS, sockets, strict=True)}
 
 
 @contextlib.contextmanager

@@ -14,9 +14,10 @@ from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.perception.calibration import CameraPose, Intrinsics, save_camera
 from bt_jax.deploy.twin.cell import build_scene
 from bt_jax.deploy.twin.controller import Controller
+from bt_jax.deploy.twin.network import free_ports
 from bt_jax.deploy.twin.rendered_camera import RenderedCamera, cell_camera
 from bt_jax.tasks import load_task
-from tests.helpers.cells import STARVED, free_ports, skipped_where_starved
+from tests.helpers.cells import STARVED, skipped_where_starved
 
 TASK = load_task("yumi_stack")
 TREE = "move(YellowBox, (0, 0, 0.021), KittingBox)\n"

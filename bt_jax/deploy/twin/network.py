@@ -1,4 +1,4 @@
-"""The twin's network cable, which can lose, delay and reorder messages in both directions."""
+"""The twin's network: its ports, and a cable that can lose, delay and reorder messages in both directions."""
 
 from __future__ import annotations
 
@@ -6,7 +6,27 @@ import contextlib
 import random
 import socket
 
-__all__ = ["Network"]
+from bt_jax._util.errors import UserError
+from bt_jax.deploy.yumi import ARMS
+
+__all__ = ["Network", "free_ports"]
+
+PORTS = range(
+    20_000, 32_000
+)  # below those that systems hand out themselves, so that no other socket gets one meanwhile
+TRIES = 1000
+
+
+def free_ports() -> dict[str, int]:
+    """Return a UDP port for each arm that nobody uses now. Raise UserError if there are none."""
+    found: list[int] = []
+    for port in random.SystemRandom().sample(PORTS, TRIES):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):
+            probe.bind(("", port))
+            found.append(port)
+        if len(found) == len(ARMS):
+            return dict(zip(ARMS, found, strict=True))
+    raise UserError("no UDP port is free; end programs that use the network")
 
 
 class Network:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import socket
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -36,6 +35,7 @@ from bt_jax.deploy.planning.paths import Pace
 from bt_jax.deploy.planning.process import PlanningProcess
 from bt_jax.deploy.twin.cell import CAMERA, TwinScene, build_scene, solved, target_distances
 from bt_jax.deploy.twin.controller import Controller, ControllerStats
+from bt_jax.deploy.twin.network import free_ports
 from bt_jax.deploy.twin.person import Person, Touch, hands_of
 from bt_jax.deploy.twin.rendered_camera import RenderedCamera, cell_camera
 
@@ -90,7 +90,7 @@ def run_twin(
     Raise UserError if nothing can be rendered here, so that the camera would see nothing.
     """
     began = time.monotonic()
-    scene, ports = build_scene(program.task, seed), _free_ports()
+    scene, ports = build_scene(program.task, seed), free_ports()
     rng = np.random.default_rng([seed, 1])
     with contextlib.ExitStack() as stack:
         controller = stack.enter_context(Controller(scene.cell, ports=ports, realtime=realtime))
@@ -172,15 +172,3 @@ def _perception(scene: TwinScene, controller: Controller, *, background: bool) -
 
 def _settings(seed: int, realtime: bool, disturbances: int) -> dict[str, Any]:
     return {"robot": "twin", "seed": seed, "realtime": realtime, "disturbances": disturbances}
-
-
-def _free_ports() -> dict[str, int]:
-    """Return two UDP ports that nobody uses now. Raise UserError if there are none."""
-    with contextlib.ExitStack() as stack:
-        sockets = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in yumi.ARMS]
-        try:
-            for each in sockets:
-                each.bind(("127.0.0.1", 0))
-        except OSError as error:
-            raise UserError(f"no UDP port is free ({error}); end programs that use the network") from error
-        return {arm: each.getsockname()[1] for arm, each in zip(yumi.ARMS, sockets, strict=True)}

@@ -17,7 +17,8 @@ from bt_jax.deploy.link.settings import LinkConfig, LinkTiming
 from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.planning.trajectory import Trajectory
 from bt_jax.deploy.twin.controller import Controller
-from tests.helpers.cells import ARMS, RULES, cell, free_ports, run_for, skipped_where_starved
+from bt_jax.deploy.twin.network import free_ports
+from tests.helpers.cells import ARMS, RULES, cell, run_for, skipped_where_starved
 
 CODE = "\n".join(re.sub(r'("[^"]*")|!.*', r"\1", line) for line in rapid_module().splitlines())  # without comments
 STATEMENT = re.sub(r"\s+", " ", CODE)

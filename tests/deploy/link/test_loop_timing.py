@@ -8,7 +8,8 @@ import pytest
 
 from bt_jax.deploy.link.loop_timing import KEPT, NEAR, LoopTimer
 from bt_jax.deploy.twin.controller import Controller
-from tests.helpers.cells import cell, free_ports
+from bt_jax.deploy.twin.network import free_ports
+from tests.helpers.cells import cell
 
 
 def test_only_late_rounds_are_kept_with_what_was_done_before():

@@ -11,7 +11,8 @@ from bt_jax.deploy.link.rws import EGM_MOTION, Motion, Rws, symbol
 from bt_jax.deploy.link.settings import LinkConfig
 from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.twin.controller import Controller
-from tests.helpers.cells import ARMS, RULES, cell, free_ports, move, run_for, running, skipped_where_starved
+from bt_jax.deploy.twin.network import free_ports
+from tests.helpers.cells import ARMS, RULES, cell, move, run_for, running, skipped_where_starved
 
 
 @pytest.mark.realtime

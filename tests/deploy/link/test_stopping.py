@@ -12,7 +12,8 @@ from bt_jax.deploy.link.safety import Rejected
 from bt_jax.deploy.link.settings import LinkConfig, LinkTiming
 from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.twin.controller import Controller
-from tests.helpers.cells import ARMS, RULES, cell, free_ports, move, run_for, running
+from bt_jax.deploy.twin.network import free_ports
+from tests.helpers.cells import ARMS, RULES, cell, move, run_for, running
 
 
 @pytest.mark.parametrize("realtime", [pytest.param(True, marks=pytest.mark.realtime), False])

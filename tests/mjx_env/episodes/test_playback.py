@@ -122,7 +122,7 @@ def test_genes_written_out_do_the_same():
 class _Broken:
     """Physics that diverges."""
 
-    name, why = "broken", ""
+    name, description = "broken", ""
 
     def settle(self, kit, poses, present):
         return Settled(poses, np.zeros(len(poses), bool), np.zeros(len(poses), np.int32), poses[..., 0])
