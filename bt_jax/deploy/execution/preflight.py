@@ -237,7 +237,7 @@ def _intrinsics(equipment: Equipment) -> str:
     error = equipment.intrinsics_error
     if error is None:
         raise UserError("the camera is not calibrated; run python -m bt_jax.deploy calibrate")
-    if error > REPROJECTION:
+    if not error <= REPROJECTION:  # NaN fails, too
         raise UserError(f"the calibration is off by {error:.2f} pixels; repeat it with sharper pictures")
     return f"reprojection error {error:.2f} pixels"
 
@@ -246,7 +246,7 @@ def _hand_eye(equipment: Equipment) -> str:
     residual = equipment.camera_residual
     if residual is None:
         raise UserError("where the camera stands is not known; run python -m bt_jax.deploy calibrate")
-    if residual > HAND_EYE:
+    if not residual <= HAND_EYE:  # NaN fails, too
         raise UserError(f"camera and robot disagree by {1000 * residual:.1f} mm; repeat the calibration")
     return f"residual {1000 * residual:.1f} mm"
 
