@@ -128,7 +128,9 @@ def test_a_killed_process_is_told_and_goes_on_from_its_checkpoint(evolution):
 def test_another_page_finds_the_evolution(evolution):
     evolution.start(STACK, LONG)
     until(evolution, "evolving")
+    advances(evolution)
     evolution.pause()
+    evolution.poll()
     other = Studio(evolution.workspace, load_task("pyramid"))
     other.restore()
     assert (other.evolution.run, other.evolution.stage, other.edited.task) == (evolution.run, "paused", STACK)
