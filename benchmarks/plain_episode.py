@@ -91,14 +91,18 @@ class PlainEpisode:
         return (self.held or "nothing") == leaf.args[0]
 
     def at(self, leaf: Behavior) -> bool:
+        return self.is_near(leaf) and self.held != leaf.object
+
+    def is_near(self, leaf: Behavior) -> bool:
         goal = self.in_world(leaf.frame, leaf.position)
-        close = np.linalg.norm(self.position(leaf.object) - goal) < self.task.episode.tolerance
-        return bool(close) and self.held != leaf.object
+        return bool(np.linalg.norm(self.position(leaf.object) - goal) < self.task.episode.tolerance)
 
     def can_pick(self, name: str) -> bool:
+        low = self.position(name)[2] < min(table.top for table in self.task.tables) - 0.1 * self.sizes[name]
+        return bool(not low) and self.is_clear(name)
+
+    def is_clear(self, name: str) -> bool:
         position, size = self.position(name), self.sizes[name]
-        if position[2] < min(table.top for table in self.task.tables) - 0.1 * size:
-            return False
         for other in self.task.box_names:
             offset = self.position(other) - position
             if other != name and abs(offset[:2]).max() < size and 0.6 * size < offset[2] < 1.3 * size:
@@ -111,13 +115,17 @@ class PlainEpisode:
             self.held, self.gripper_open = action.object, False
             self.body_qpos(action.object)[2] += LIFT * self.sizes[action.object]
         elif action.name == "place":
-            goal = self.in_world(action.frame, action.position)
-            goal[2] = max(goal[2], self.highest_under(action.object, goal) + self.sizes[action.object] / 2)
-            self.body_qpos(action.object)[:3] = goal
+            self.body_qpos(action.object)[:3] = self.release_position(action)
             self.held, self.gripper_open = None, True
         else:
             self.held, self.gripper_open = None, action.name == "open_gripper"
         self.settle()
+
+    def release_position(self, action: Behavior) -> np.ndarray:
+        """Where the gripper lets go: the goal, or over what is in the way of lowering the box there."""
+        goal = self.in_world(action.frame, action.position)
+        goal[2] = max(goal[2], self.highest_under(action.object, goal) + self.sizes[action.object] / 2)
+        return goal
 
     def settle(self) -> None:
         """Steps until nothing has moved for some steps; the held box stays where the gripper holds it."""

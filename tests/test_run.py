@@ -23,6 +23,7 @@ from bt_jax.tasks import load_task
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import Settings
+from bt_jax.training.training import Training
 
 STACK = "Sequence\n  move(YellowBox, (0, 0, 0.055), KittingBox)\n  move(GreenBox, (0, 0, 0.1), YellowBox)\n"
 HALF = "Sequence\n  pick(YellowBox)\n  open_gripper\n"
@@ -113,6 +114,24 @@ def test_a_run_folder_brings_its_task(tmp_path):
     assert "kinematic" in text
     with pytest.raises(UserError, match="no such subgoal"):
         shown(source=folder.path, task="stack")
+
+
+def test_a_layout_of_the_runs_test_is_played_again(stack, tmp_path):
+    task = load_task("stack")
+    settings = Settings(level="kinematic", test_layouts=5)
+    gp, tree = GPConfig(seed=7), parse_tree("move(YellowBox, (0, 0.12, 0), GreenBox)")
+    folder = RunFolder.create(tmp_path / "run", RunConfig(task, gp, settings))
+    folder.save_tree(tree, title="beside")
+    tested = Training(task, gp, settings).test(tree).fitness
+    assert len(set(tested)) > 1
+    for number, fitness in enumerate(tested, start=1):
+        assert f"fitness    {fitness:.1f}\n" in shown(source=folder.path, layout=number)
+    with pytest.raises(UserError, match="choose 1 to 5"):
+        shown(source=folder.path, layout=6)
+    with pytest.raises(UserError, match="name a run folder"):
+        shown(source=stack, layout=1)
+    with pytest.raises(UserError, match="leave out --layouts and --seed"):
+        shown(source=folder.path, layout=1, layouts=2)
 
 
 def test_simplify_says_what_it_writes_and_writes_nothing_that_is_the_same(tmp_path):

@@ -149,6 +149,8 @@ class RunArguments:
     """number of the layout; training meets none of these"""
     layouts: int = 1
     """with more than one, run in the layouts seed, seed + 1, ... and report how often the tree succeeds"""
+    layout: Annotated[int | None, unset("INT")] = None
+    """instead of a seed: the number, from 1, of one of the unseen layouts that the run folder's tree was tested in"""
     render: Annotated[Path | None, unset("PATH")] = None
     """film the episode: .mp4, .gif, or .png for six stills"""
     expand: bool = False
@@ -174,6 +176,8 @@ class RunArguments:
             raise UserError(f"--seed is {self.seed}; choose 0 or more")
         if not 0 <= self.delay <= 60:
             raise UserError(f"--delay is {self.delay}; choose seconds from 0 to 60")
+        if self.layout is not None and (self.layouts > 1 or self.seed):
+            raise UserError("--layout plays one layout of a run's test; leave out --layouts and --seed")
         if self.render is not None and self.layouts > 1:
             raise UserError("a film shows one layout; leave out --layouts, or choose one with --seed")
         defaults = RunArguments(self.source)

@@ -35,7 +35,7 @@ from bt_jax.mjx_env.physics.settler import Settler
 from bt_jax.mjx_env.render.film import check_film, film
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
-from bt_jax.mjx_env.world import World, concatenate
+from bt_jax.mjx_env.world import World, concatenate, take
 from bt_jax.tasks import Task, load_task, task_of_folder
 from bt_jax.training.levels import make_level
 from bt_jax.training.run_folder import RunFolder
@@ -91,7 +91,7 @@ def run(arguments: RunArguments, console: Console | None = None) -> None:
     if arguments.layouts > 1:
         _survey(console, semantics, physics, tree, arguments)
         return
-    settler, layout = Settler(task, physics), _layout(task, arguments.seed)
+    settler, layout = Settler(task, physics), _chosen_layout(task, arguments)
     playback = play(semantics, settler, tree, layout)
     shown = play(semantics, settler, written, layout) if arguments.expand else playback
     _show(console, shown, delay=arguments.delay, whole=arguments.verbose)
@@ -147,6 +147,20 @@ def _physics(task: Task, level: Level, backend: Backend) -> Physics:
 
 def _layout(task: Task, seed: int) -> World:
     return sample_layouts(task, [UNSEEN, seed], 1)
+
+
+def _chosen_layout(task: Task, arguments: RunArguments) -> World:
+    """Return the layout that the arguments name."""
+    if arguments.layout is None:
+        return _layout(task, arguments.seed)
+    if not (arguments.source / "config.json").is_file():
+        raise UserError("--layout numbers the layouts that a run was tested in; name a run folder, or choose a --seed")
+    config = RunFolder(arguments.source).config()
+    count = config.settings.test_layouts
+    if not 1 <= arguments.layout <= count:
+        raise UserError(f"--layout is {arguments.layout}; choose 1 to {count}")
+    tested = sample_layouts(task, [UNSEEN, config.gp.seed], count)
+    return take(tested, slice(arguments.layout - 1, arguments.layout))
 
 
 def _survey(console: Console, semantics: LeafSemantics, physics: Physics, tree: Tree, arguments: RunArguments) -> None:

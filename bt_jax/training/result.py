@@ -20,7 +20,15 @@ from bt_jax.training.pictures import draw_pictures
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.run_folder import RunFolder
 
-__all__ = ["Result", "Session", "Test"]
+__all__ = ["Failures", "Result", "Session", "Test"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Failures:
+    """The layouts of a test that a tree does not solve for one reason, numbered from 1."""
+
+    reason: str
+    layouts: tuple[int, ...]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,6 +37,7 @@ class Test:
 
     solved: Bool[np.ndarray, " K"]
     fitness: Float32[np.ndarray, " K"]
+    failures: tuple[Failures, ...] = ()  # the most frequent reason first
 
     @property
     def success_rate(self) -> float:
@@ -136,6 +145,7 @@ class Result:
             "test_layouts": len(self.test.solved),
             "test_fitness_mean": float(self.test.fitness.mean()),
             "test_fitness_std": float(self.test.fitness.std()),
+            "failures": [dataclasses.asdict(failures) for failures in self.test.failures],
             "generations": self.generations,
             "trees_measured": self.trees_measured,
             "episodes": self.episodes,

@@ -19,16 +19,18 @@ from bt_jax.encoding.walk import leaves
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.config import GPConfig
 from bt_jax.gp.evolution import Evolution, Generation, State, best_of
+from bt_jax.mjx_env.episodes.diagnosis import explain_failure
 from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
+from bt_jax.mjx_env.episodes.playback import play
 from bt_jax.mjx_env.episodes.rollout import RolloutEvaluator
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
-from bt_jax.mjx_env.world import concatenate
+from bt_jax.mjx_env.world import World, concatenate, take
 from bt_jax.tasks import Task
 from bt_jax.training.bar import GenerationBar, is_interactive
 from bt_jax.training.checkpoint import Checkpoint
 from bt_jax.training.levels import make_level, make_settle
-from bt_jax.training.result import Result, Test
+from bt_jax.training.result import Failures, Result, Test
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.settings import UNSEEN, Settings
 
@@ -130,12 +132,15 @@ class Training:
     def result(self, state: State, history: list[Generation]) -> Result:
         """Return the best trees, the best of all tested in unseen layouts."""
         checkpoint = Checkpoint(state, self.vocabulary.leaves, self.run_config.phase, history)
-        return Result(self.run_config, checkpoint, self.best_trees(state), self.test(self.best_tree(state)))
+        tree = self.best_tree(state)
+        test = self.test(tree)
+        test = dataclasses.replace(test, failures=self._failures(tree, test))
+        return Result(self.run_config, checkpoint, self.best_trees(state), test)
 
     def test(self, tree: Tree, *, count: int | None = None) -> Test:
         """Run a tree in `count` layouts (default: `test_layouts`) that no run of this training has seen."""
         count = self.settings.test_layouts if count is None else count
-        layouts = sample_layouts(self.task, [UNSEEN, self.config.seed], count)
+        layouts = self._unseen(count)
         per_tree = self.settings.layouts
         copies = -(-count // per_tree)
         one = encode(tree, self.vocabulary, self.config.max_nodes)
@@ -143,6 +148,20 @@ class Training:
         which = np.minimum(np.arange(copies * per_tree, dtype=np.int32), count - 1).reshape(copies, per_tree)
         result = self.evaluator(trees, layouts, which)
         return Test(result.solved.reshape(-1)[:count], result.values.reshape(-1)[:count])
+
+    def _failures(self, tree: Tree, test: Test) -> tuple[Failures, ...]:
+        """Play the tree again in the layouts of a test that it does not solve, and return why."""
+        semantics, settler, layouts = self.table.semantics, self.table.settler, self._unseen(len(test.solved))
+        reasons: dict[str, list[int]] = {}
+        for k in np.flatnonzero(~test.solved).tolist():
+            playback = play(semantics, settler, tree, take(layouts, slice(k, k + 1)))
+            if not playback.solved:
+                reasons.setdefault(explain_failure(self.task, playback), []).append(k + 1)
+        found = [Failures(reason, tuple(numbers)) for reason, numbers in reasons.items()]
+        return tuple(sorted(found, key=lambda failures: -len(failures.layouts)))
+
+    def _unseen(self, count: int) -> World:
+        return sample_layouts(self.task, [UNSEEN, self.config.seed], count)
 
 
 def _pinned(config: RunConfig, level: str) -> RunConfig:

@@ -7,12 +7,12 @@ import pytest
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, Control
 from bt_jax.encoding.arrays import encode
-from bt_jax.encoding.formats.text import parse_tree
+from bt_jax.encoding.formats.text import one_line, parse_tree
 from bt_jax.experiments.published import published_curves
 from bt_jax.gp.config import GPConfig, Selection
 from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS
 from bt_jax.mjx_env.physics.kinematic import Kinematic
-from bt_jax.tasks import load_task
+from bt_jax.tasks import Target, load_task
 from bt_jax.training.checkpoint import Checkpoint
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.run_folder import RunFolder
@@ -102,6 +102,22 @@ def test_the_known_solution_passes_on_unseen_layouts(single):
     assert test.fitness.shape == (10,)
     assert (test.fitness > -35).all()
     assert training.test(parse_tree(SOLUTION), count=3).solved.shape == (3,)
+
+
+def test_the_layouts_of_the_test_that_fail_are_named_with_the_reason():
+    task = dataclasses.replace(TASK, layout=dataclasses.replace(TASK.layout, kit="TableMiddle"))
+    on_left = f"move(GreenBox, (-1, -1, {TASK.tables[0].top}), {TASK.robot_frame})"  # a box may stand there already
+    tree = parse_tree(f"Sequence(move(YellowBox, (0, 0, 0.055), KittingBox), {on_left})")
+    target = Target("GreenBox", (-1.0, -1.0, TASK.tables[0].top), TASK.robot_frame)
+    task = dataclasses.replace(task, targets=(task.targets[0], target))
+    config = dataclasses.replace(CONFIG, generations=1)
+    result = evolve(task, config, dataclasses.replace(QUICK, test_layouts=60), baseline=tree)
+    assert one_line(result.tree) == one_line(tree)
+    test = result.test
+    assert 0 < test.success_rate < 1
+    assert {failures.reason for failures in test.failures} == {"BlueBox is where GreenBox should be put"}
+    numbers = [number for failures in test.failures for number in failures.layouts]
+    assert sorted(numbers) == (np.flatnonzero(~test.solved) + 1).tolist()
 
 
 def test_unseen_layouts_are_unseen():
