@@ -11,6 +11,8 @@ import tyro
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.startup import configure_jax, exit_code
+from bt_jax.app.access.address import is_loopback, is_name, own_address
+from bt_jax.app.access.logins import LOGIN_HOURS, new_token
 from bt_jax.app.processes.warm_worker import WarmWorker
 
 __all__ = ["Arguments", "main"]
@@ -25,12 +27,27 @@ class Arguments:
     port: int = 8080
     """of the page"""
     host: str = "127.0.0.1"
-    """who may open the page: this machine only, or with 0.0.0.0 everyone in the network, without a password"""
+    """the address to listen on: this machine only, or with 0.0.0.0 the network, which needs the token that is printed"""
+    allow_host: tuple[str, ...] = ()
+    """further names that the page is opened under, of this machine or of a reverse proxy; needs the token, too"""
     show: bool = True
     """open a browser"""
 
+    @property
+    def public(self) -> bool:
+        """Whether others than this machine can open the page."""
+        return not all(map(is_loopback, (self.host, *self.allow_host)))
+
+    @property
+    def names(self) -> frozenset[str]:
+        """The names that the page is served under, besides loopback's and the address of the connection."""
+        return frozenset(name.lower() for name in (self.host, *self.allow_host) if not is_loopback(name))
+
     def check(self) -> None:
-        """Raise UserError if the page cannot be served at this address."""
+        """Raise UserError if the page cannot be served at this address or under these names."""
+        for name in self.allow_host:
+            if not is_name(name):
+                raise UserError(f"--allow-host {name} is not the name of a host; give it without http:// and port")
         try:
             with socket.socket() as probe:
                 probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -57,8 +74,31 @@ def run(arguments: Arguments) -> None:
     except ModuleNotFoundError as error:
         raise UserError(f'{error.name} is not installed; run pip install -e ".[app]"') from error
     configure_jax("cpu")
-    print(f"the page is at http://{arguments.host}:{arguments.port} (Ctrl-C ends it; an evolution goes on)", flush=True)
-    serve(arguments.folder, host=arguments.host, port=arguments.port, show=arguments.show, warm_worker=warm_worker)
+    token = new_token() if arguments.public else ""
+    print(_announcement(arguments, token), flush=True)
+    path = f"/login?token={token}" if token else "/"
+    serve(
+        arguments.folder,
+        host=arguments.host,
+        port=arguments.port,
+        names=arguments.names,
+        token=token,
+        show=path if arguments.show else False,
+        warm_worker=warm_worker,
+    )
+
+
+def _announcement(arguments: Arguments, token: str) -> str:
+    """Return what the terminal says of the page: its address, and the token if it needs one."""
+    host = own_address() if arguments.host in ("0.0.0.0", "::") else arguments.host
+    url = f"http://{f'[{host}]' if ':' in host else host}:{arguments.port}"
+    ends = "(Ctrl-C ends it; an evolution goes on)"
+    if not token:
+        return f"the page is at {url} {ends}"
+    return (
+        f"the page is at {url}/login?token={token} {ends}\n"
+        f"whoever opens {url} without it is asked for the token {token}; a login lasts {LOGIN_HOURS:g} hours"
+    )
 
 
 def _create(folder: Path) -> None:

@@ -6,6 +6,9 @@ from pathlib import Path
 
 from nicegui import app, ui
 
+from bt_jax.app.access.guard_hosts import GuardHosts
+from bt_jax.app.access.guard_login import GuardLogin
+from bt_jax.app.access.logins import Logins
 from bt_jax.app.page import Page
 from bt_jax.app.processes.warm_worker import WarmWorker
 from bt_jax.app.state.studio import Studio
@@ -17,8 +20,24 @@ WATCH_SECONDS = 0.1  # between two readings of the evolution's progress
 RECONNECT_SECONDS = 30.0  # for which a window that is not heard of is kept, on a busy machine
 
 
-def serve(folder: Path, *, host: str, port: int, show: bool, warm_worker: WarmWorker) -> None:
-    """Serve the page, which works in a folder, until it is interrupted; the first evolution is done by `warm_worker`."""
+def serve(
+    folder: Path,
+    *,
+    host: str,
+    port: int,
+    names: frozenset[str],
+    token: str,
+    show: str | bool,
+    warm_worker: WarmWorker,
+) -> None:
+    """Serve the page, which works in a folder, until it is interrupted; the first evolution is done by `warm_worker`.
+
+    It answers to `names` besides loopback's, and lets only those in who know the `token`, everybody if it is empty. `show`
+    is the path that a browser opens.
+    """
+    if token:
+        app.add_middleware(GuardLogin, logins=Logins(token))
+    app.add_middleware(GuardHosts, names=names)  # added last, asked first
     workspace = Workspace(folder)
     studio = Studio(workspace, workspace.task("stack"), warm_worker)
     studio.restore()

@@ -46,5 +46,35 @@ def test_a_port_that_cannot_be_used(monkeypatch, capsys, tmp_path):
     assert "choose another" in refused(monkeypatch, capsys, "--folder", tmp_path, "--host", "no.such.host", "--no-show")
 
 
-def test_only_this_machine_may_open_the_page_unless_told_otherwise():
-    assert Arguments().host == "127.0.0.1"
+def served(monkeypatch, capsys, tmp_path, **given):
+    """What the server is told, and what the terminal says."""
+    told = {}
+    monkeypatch.setattr("bt_jax.app.server.serve", lambda folder, **more: told.update(more))
+    monkeypatch.setattr("bt_jax.app.__main__.WarmWorker", lambda: None)
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = probe.getsockname()[1]
+    run(Arguments(folder=tmp_path, port=port, **given))
+    return told, capsys.readouterr().out
+
+
+def test_only_this_machine_may_open_the_page_unless_told_otherwise(monkeypatch, capsys, tmp_path):
+    told, said = served(monkeypatch, capsys, tmp_path)
+    assert (told["host"], told["names"], told["token"], told["show"]) == ("127.0.0.1", frozenset(), "", "/")
+    assert "token" not in said
+
+
+@pytest.mark.parametrize(
+    ("given", "names"), [({"host": "0.0.0.0"}, {"0.0.0.0"}), ({"allow_host": ("Lab-PC", "localhost")}, {"lab-pc"})]
+)
+def test_whoever_comes_from_elsewhere_needs_the_token_that_is_printed(monkeypatch, capsys, tmp_path, given, names):
+    told, said = served(monkeypatch, capsys, tmp_path, **given)
+    assert told["names"] == names
+    assert len(told["token"]) >= 16
+    assert f"/login?token={told['token']} " in said
+    assert f"token {told['token']}; a login lasts 12 hours" in said
+    assert told["show"] == f"/login?token={told['token']}"
+
+
+def test_a_name_that_is_none(monkeypatch, capsys, tmp_path):
+    said = refused(monkeypatch, capsys, "--folder", tmp_path, "--no-show", "--allow-host", "http://lab-pc:8080")
+    assert "--allow-host http://lab-pc:8080 is not the name of a host; give it without http:// and port" in said

@@ -32,14 +32,15 @@ expect.set_options(timeout=PATIENCE)
 class Server:
     """A page that is being served: its address, the folder that it works in, and what it prints."""
 
-    def __init__(self, port: int, folder: Path, log: Path) -> None:
-        self.port, self.folder, self.log = port, folder, log
+    def __init__(self, port: int, folder: Path, log: Path, *options: str) -> None:
+        self.port, self.folder, self.log, self.options = port, folder, log, options
         self.url = f"http://127.0.0.1:{port}"
         self.process: subprocess.Popen | None = None
 
     def start(self) -> None:
         """Serves, and waits until the page answers."""
         words = [sys.executable, "-m", "bt_jax.app", "--folder", self.folder, "--port", self.port, "--no-show"]
+        words += self.options
         # NiceGUI serves differently if it detects a test.
         environment = {key: value for key, value in os.environ.items() if not key.startswith("PYTEST_")}
         environment["PYTHONPATH"] = str(ROOT)
@@ -49,6 +50,8 @@ class Server:
             try:
                 urllib.request.urlopen(self.url, timeout=5).close()
                 return
+            except urllib.error.HTTPError:
+                return  # it asks for a token
             except (urllib.error.URLError, OSError):
                 time.sleep(0.1)
         raise RuntimeError(f"the server has ended: {self.log.read_text()}")
@@ -64,12 +67,18 @@ class Server:
 
 
 @pytest.fixture(scope="module")
-def server(tmp_path_factory):
+def options():
+    """Further options of the server; a module may have its own."""
+    return ()
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory, options):
     folder = tmp_path_factory.mktemp("page")
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    served = Server(port, folder, folder.parent / f"{folder.name}.log")
+    served = Server(port, folder, folder.parent / f"{folder.name}.log", *options)
     try:
         served.start()
         yield served

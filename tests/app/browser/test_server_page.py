@@ -29,6 +29,35 @@ def test_no_address_leads_to_files(server, path):
     assert b"root:" not in answer.read()
 
 
+POLLING = "/_nicegui_ws/socket.io/?EIO=4&transport=polling"
+WEBSOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
+UPGRADE = {
+    "Connection": "Upgrade",
+    "Upgrade": "websocket",
+    "Sec-WebSocket-Version": "13",
+    "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+}
+
+
+@pytest.mark.parametrize(("path", "more", "good"), [("/", {}, 200), (POLLING, {}, 200), (WEBSOCKET, UPGRADE, 101)])
+def test_another_page_cannot_use_it(server, path, more, good):
+    own = f"127.0.0.1:{server.port}"
+
+    def status(**headers):
+        connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=60)
+        connection.request("GET", path, headers={**more, **headers})
+        answer = connection.getresponse()
+        connection.close()
+        return answer.status
+
+    assert status(Host=own) == good
+    assert status(Host=f"localhost:{server.port}", Origin=f"http://localhost:{server.port}") == good
+    assert status(Host=f"rebound.example:{server.port}") == 400
+    assert status(Host=own, Origin="http://evil.example") == 400
+    assert status(Host=own, Origin=f"http://127.0.0.1:{server.port + 1}") == 400
+    assert status(Host=own, Origin="null") == 400
+
+
 def test_an_unknown_step_shows_the_first(server, page, see):
     for step in ("nowhere", "../../etc", "<script>alert(1)</script>", ""):
         page.goto(f"{server.url}/?step={step}")
