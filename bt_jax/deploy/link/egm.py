@@ -16,12 +16,20 @@ from google.protobuf.message import DecodeError
 from bt_jax.deploy.link.egm_messages import EgmRobot, EgmSensor
 from bt_jax.deploy.yumi import Joints, PoseRow
 
-__all__ = ["CYCLE", "EXTERNAL", "Feedback", "Mci", "Setpoint"]
+__all__ = ["CYCLE", "EXTERNAL", "Feedback", "Mci", "Setpoint", "WrongAxes"]
 
 CYCLE = 0.004  # seconds between two messages
 EXTERNAL = 2  # place in the chain of the axis that travels as an external joint
 DATA, CORRECTION = 2, 3  # kinds of messages
 _SEQUENCE = 1 << 32  # numbers wrap here
+
+
+class WrongAxes(ValueError):
+    """A message that is not about six joints and an external one."""
+
+    def __init__(self, joints: int, external: int) -> None:
+        super().__init__(f"expected 6 joints and an external one, found {joints} and {external}")
+        self.joints, self.external = joints, external
 
 
 class Mci(enum.IntEnum):
@@ -75,7 +83,7 @@ class Feedback:
 
     @staticmethod
     def decode(data: bytes) -> Feedback:
-        """Read EgmRobot. Raise ValueError if it is not one, or not about seven axes."""
+        """Read EgmRobot. Raise ValueError if it is not one, WrongAxes if it is not about seven axes."""
         message = EgmRobot()
         _parse(message, data)
         return Feedback(
@@ -107,7 +115,7 @@ class Setpoint:
 
     @staticmethod
     def decode(data: bytes) -> Setpoint:
-        """Read EgmSensor. Raise ValueError if it is not one, or not about seven axes."""
+        """Read EgmSensor. Raise ValueError if it is not one, WrongAxes if it is not about seven axes."""
         message = EgmSensor()
         _parse(message, data)
         return Setpoint(message.header.seqno, message.header.tm / 1000, _read_joints(message.planned))
@@ -143,7 +151,7 @@ def _read_pose(part: Any) -> PoseRow | None:
 def _read_joints(part: Any) -> Joints:
     six, one = part.joints.joints, part.externalJoints.joints
     if len(six) != 6 or len(one) < 1:
-        raise ValueError(f"expected 6 joints and an external one, found {len(six)} and {len(one)}")
+        raise WrongAxes(len(six), len(one))
     degrees = list(six)
     degrees.insert(EXTERNAL, one[0])
     return np.radians(degrees)

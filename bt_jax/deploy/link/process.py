@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from bt_jax.deploy.link.egm import CYCLE, Feedback, Setpoint
 from bt_jax.deploy.link.realtime import take_priority
+from bt_jax.deploy.link.reception import Receiver, open_socket
 from bt_jax.deploy.link.safety import Rules, Supervisor
 from bt_jax.deploy.link.settings import LinkTiming
 from bt_jax.deploy.link.shared_state import MotionState, SharedState
@@ -39,6 +40,7 @@ class LinkStart:
 @dataclasses.dataclass
 class _ArmSession:
     socket: socket.socket
+    receiver: Receiver = dataclasses.field(default_factory=Receiver)
     feedback: Feedback | None = None
     address: tuple | None = None
     commanded: Joints | None = None
@@ -46,18 +48,6 @@ class _ArmSession:
     follower: Follower | None = None
     motion: int = 0
     answers: int = 0
-
-
-def open_socket(port: int) -> socket.socket:
-    """Return a UDP socket on every interface; the controller knows our port and speaks first."""
-    found = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        found.bind(("", port))
-    except OSError:
-        found.close()
-        raise
-    found.setblocking(False)
-    return found
 
 
 def serve(start: LinkStart, blocks: SharedState, pipe: Connection) -> None:
@@ -135,27 +125,34 @@ class _LinkLoop:
 
     def receive(self, name: str) -> None:
         """Take all messages that wait, and answer the newest."""
-        arm, count = self.arms[name], 0
+        arm, count, heard = self.arms[name], 0, False
         newest: Feedback | None = None
         while True:
             try:
                 data, address = arm.socket.recvfrom(4096)
             except (BlockingIOError, ConnectionError):
                 break
+            heard = True
             if address[0] != self.start.host:
+                arm.receiver.drop_foreign(address[0])
                 continue
             try:
                 feedback = Feedback.decode(data)
-            except ValueError:  # like a lost one: where nothing else comes, the silence stops the robot
+            except ValueError as problem:  # like a lost one: where nothing else comes, the silence stops the robot
+                arm.receiver.drop_invalid(problem)
                 continue
             before = arm.feedback
             if not self.supervisor.accept(name, feedback, time.monotonic(), moving_allowed=self.enabled):
+                arm.receiver.drop_old()
                 continue
+            arm.receiver.take(address, feedback.sequence, feedback.time)
             if before is not None and feedback.time > before.time:
                 arm.velocity = (feedback.joints - before.joints) / (feedback.time - before.time)
             arm.feedback, arm.address, newest = feedback, address, feedback
             count += 1
         self.late += max(count - 1, 0)
+        if heard:
+            self.blocks.receptions[name].write(arm.receiver.reception.numbers())
         if newest is not None:
             self.answer(name, arm, newest)
 

@@ -20,6 +20,7 @@ class LinkTiming:
     silent: float = 2.0  # without an answer to such a reading, until the robot is stopped
     ramp: float = 0.5  # for the robot's program to end guided motion: a look at the gripper, and its ramp
     idle: float = 0.002  # between two looks at the watchdog while no message comes
+    elsewhere: float = 0.5  # for which other ports are listened to where nothing comes
     parting: float = 0.5  # for which the arms are still held when the program above is gone
 
 

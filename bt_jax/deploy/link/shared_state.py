@@ -11,6 +11,7 @@ from bt_jax.deploy.link.egm import Feedback
 from bt_jax.deploy.link.loop_timing import LoopTimer
 from bt_jax.deploy.link.protocol import ArmState, Records
 from bt_jax.deploy.link.realtime import CONTEXT, Snapshot
+from bt_jax.deploy.link.reception import Reception
 from bt_jax.deploy.yumi import Joints, PoseRow
 
 __all__ = ["COUNTERS", "MotionState", "SharedState"]
@@ -35,6 +36,7 @@ class SharedState:
 
     def __init__(self, arms: tuple[str, ...]) -> None:
         self.arms = {arm: Snapshot(ARM_FIELDS) for arm in arms}
+        self.receptions = {arm: Snapshot(len(dataclasses.fields(Reception))) for arm in arms}
         self.counters = Snapshot(len(COUNTERS))
         self.alive = CONTEXT.RawValue("d", 0.0)  # the executor's last sign of life, `time.monotonic()`
         self.interrupted = CONTEXT.RawValue("b", 0)  # everything must come to rest

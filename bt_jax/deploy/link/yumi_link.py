@@ -21,6 +21,7 @@ from bt_jax.deploy.link.process import LinkStart, serve
 from bt_jax.deploy.link.protocol import ArmState, ControllerGone, Counters, Records, SimulatedController
 from bt_jax.deploy.link.rapid_program import RapidProgram
 from bt_jax.deploy.link.realtime import CONTEXT
+from bt_jax.deploy.link.reception import USUAL_PORTS, Reception, senders
 from bt_jax.deploy.link.rws import ControllerState
 from bt_jax.deploy.link.safety import Rejected, Rules, check_trajectory
 from bt_jax.deploy.link.settings import LinkConfig
@@ -167,9 +168,14 @@ class YumiLink:
         except UserError as problem:
             self.stop(str(problem))
 
-    def heard(self, arm: str) -> bool:
-        """Has the controller sent anything about this arm yet?"""
-        return bool(self._blocks.arms[arm].read()[-1])
+    def reception(self, arm: str) -> Reception:
+        """Return what came to the port of an arm so far."""
+        return Reception.of(self._blocks.receptions[arm].read())
+
+    def elsewhere(self) -> dict[int, str]:
+        """Listen for a moment at the usual ports of EGM that are not ours; return those to which something comes, with
+        the address of its sender."""
+        return senders(sorted(set(USUAL_PORTS) - set(self.config.ports.values())), self._timing.elsewhere)
 
     def arm(self, arm: str) -> ArmState:
         state = self._blocks.read_arm(arm, opening=self._program.openings[arm], grip_target=self._target[arm])

@@ -16,6 +16,7 @@ from bt_jax.deploy.execution.preflight import Equipment, passed, preflight, show
 from bt_jax.deploy.execution.program import Program
 from bt_jax.deploy.link.egm import CYCLE
 from bt_jax.deploy.link.protocol import ArmState, Counters
+from bt_jax.deploy.link.reception import Reception
 from bt_jax.deploy.link.rws import ControllerState
 from bt_jax.deploy.link.settings import LinkConfig
 from bt_jax.mjx_env.scene.layouts import sample_layouts
@@ -66,7 +67,7 @@ class CheckedCell(SimulatedTime):
     def __init__(self):
         super().__init__()
         self.rules, self.config = RULES, LinkConfig()
-        self.control, self.lost, self.silent = "motoron", 0.0, ()
+        self.control, self.lost, self.silent, self.others = "motoron", 0.0, (), {}
 
     def arm(self, arm):
         joints = np.full(7, 0.1)
@@ -74,8 +75,13 @@ class CheckedCell(SimulatedTime):
             self.time, joints, np.zeros(7), joints, False, 0, 0.0, False, flange(arm, joints), 0.05, 0.05
         )  # fmt: skip
 
-    def heard(self, arm):
-        return arm not in self.silent
+    def reception(self, arm):
+        sent = round(self.time / CYCLE)
+        taken = 0 if arm in self.silent else round((1 - self.lost) * sent)
+        return Reception(taken=taken, sequence=sent, time=self.time)
+
+    def elsewhere(self):
+        return self.others
 
     def state(self):
         return ControllerState(self.control, "AUTO", "stopped")
@@ -196,6 +202,8 @@ def test_lost_messages_and_a_silent_arm_fail(good):
     assert "lost" in failing(good)["link:feedback"].detail
     good.link.lost, good.link.silent = 0.0, ("right",)
     assert "right arm" in failing(good)["link:feedback"].detail
+    good.link.others = {6510: "192.168.125.1"}
+    assert "come to 6510 (from 192.168.125.1); name the ports" in failing(good)["link:feedback"].detail
 
 
 def test_a_controller_that_is_not_ready_fails(good):

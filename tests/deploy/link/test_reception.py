@@ -1,0 +1,127 @@
+"""What comes to the ports of EGM and is of no use is told apart, in a link to something that is no YuMi."""
+
+import re
+import socket
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from bt_jax.deploy.link import yumi_link
+from bt_jax.deploy.link.egm import CYCLE, Feedback, Mci
+from bt_jax.deploy.link.egm_messages import EgmRobot
+from bt_jax.deploy.link.reception import Reception, complaint
+from bt_jax.deploy.link.settings import LinkConfig
+from bt_jax.deploy.link.yumi_link import YumiLink
+from bt_jax.deploy.twin.controller import Controller
+from bt_jax.deploy.twin.network import free_ports
+from tests.helpers.cells import RULES, cell
+
+HOST, STRANGER = "127.0.0.1", "127.0.0.2"
+
+
+def message(sequence: int) -> bytes:
+    return Feedback(sequence, CYCLE * sequence, np.zeros(7), None, True, Mci.RUNNING, True).encode()
+
+
+def six_axes(sequence: int) -> bytes:
+    robot = EgmRobot.FromString(message(sequence))
+    robot.feedBack.ClearField("externalJoints")
+    return robot.SerializeToString()
+
+
+@pytest.fixture(scope="module")
+def link():
+    """A link to Robot Web Services; what comes to its ports is up to the test."""
+    with (
+        Controller(cell(), ports=free_ports(), realtime=False) as controller,
+        YumiLink(LinkConfig(HOST, free_ports(), controller.rws_port), RULES) as link,
+    ):
+        yield link
+
+
+def received(link, source: str, messages: list[bytes]) -> tuple[Reception, Reception]:
+    """What came to the left arm's port before these messages, and after them."""
+    before = link.reception("left")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.bind((source, 0))
+        for data in messages:
+            sender.sendto(data, (HOST, link.config.ports["left"]))
+    deadline = time.monotonic() + 10
+    after = before
+    while _count(after.since(before)) < len(messages) and time.monotonic() < deadline:
+        time.sleep(0.01)
+        after = link.reception("left")
+    assert _count(after.since(before)) == len(messages)
+    return before, after
+
+
+def _count(reception: Reception) -> int:
+    return reception.taken + reception.old + reception.foreign + reception.axes + reception.unreadable
+
+
+@pytest.mark.parametrize(
+    ("source", "make", "told"),
+    [
+        (HOST, six_axes, "5 EGM messages .* with 6 joints and 0 external ones .* --robot"),
+        (STRANGER, message, "5 messages .* from 127.0.0.2 and none from 127.0.0.1; .* --robot"),
+        (HOST, lambda _: b"hello, robot", "5 messages .* not of EGM; .* --ports"),
+    ],
+)
+def test_what_is_of_no_use_is_told(link, source, make, told):
+    before, after = received(link, source, [make(number) for number in range(5)])
+    found = complaint("left", link.config.ports["left"], HOST, before, after, 1.0)
+    assert re.search(told, found), found
+
+
+def test_numbers_that_do_not_rise_are_told(link):
+    received(link, HOST, [message(9)])
+    before, after = received(link, HOST, [message(9)] * 5)
+    assert "do not rise; restart" in complaint("left", 6511, HOST, before, after, 1.0)
+
+
+def test_messages_at_another_port_are_heard(link, monkeypatch):
+    port = free_ports()["left"]
+    monkeypatch.setattr(yumi_link, "USUAL_PORTS", (port, link.config.ports["left"]))
+    over = threading.Event()
+
+    def talk():
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            while not over.wait(0.02):
+                sender.sendto(message(1), (HOST, port))
+
+    talker = threading.Thread(target=talk)
+    talker.start()
+    try:
+        assert link.elsewhere() == {port: HOST}
+    finally:
+        over.set()
+        talker.join()
+    assert link.elsewhere() == {}
+
+
+GOOD = {"taken": 250, "sequence": 250, "time": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({}, None),
+        ({"axes": 2, "old": 1}, None),
+        ({"sources": 200}, "two senders .* a port of its own"),
+        ({"unreadable": 100}, "another kind"),
+        ({"taken": 42, "sequence": 42}, "every 24 ms instead of every 4; set SampleRate"),
+        ({"time": float("nan")}, "SampleRate"),
+        ({"taken": 200}, "only 200 of 250 messages .* 50 were lost; use a cable"),
+        ({"taken": 100, "sequence": 100, "time": 0.4}, "only 100 of 250 messages .* 0 were lost"),
+    ],
+)
+def test_how_often_messages_come_is_judged(changes, told):
+    before = Reception(taken=1000, sequence=1000, time=4.0)
+    came = Reception(**(GOOD | changes))
+    after = Reception(
+        **{name: value + getattr(before, name) for name, value in vars(came).items()},
+    )
+    found = complaint("left", 6511, HOST, before, after, 1.0)
+    assert found is None if told is None else re.search(told, found), found
