@@ -107,7 +107,7 @@ class Executor:
         self._time = now = self.link.now()
         self._check(now, start)
         seen = self.observe()
-        if seen.time - seen.image > self.limits.image:
+        if not seen.time - seen.image <= self.limits.image:
             why = f": {seen.lost}" if seen.lost else ""
             raise Halt(f"camera: no new image for {seen.time - seen.image:.1f} s{why}", Exit.STOPPED)
         self._reached |= seen_subgoals(self.program.task, seen)
@@ -132,7 +132,7 @@ class Executor:
         reason = self.link.stopped()
         if reason is not None:
             raise Halt(reason, Exit.STOPPED)
-        if now - start > self.limits.run:
+        if not now - start <= self.limits.run:
             raise self._failed(f"the time is up ({self.limits.run:g} s)", now)
 
     def _context(self, seen: Observation) -> Context:

@@ -143,7 +143,7 @@ class Movements:
                     yield
                 return True
             yield
-        if np.abs(state.commanded - trajectory.joints[-1]).max() > self.motion.arrived:
+        if not np.abs(state.commanded - trajectory.joints[-1]).max() <= self.motion.arrived:
             raise Failed(f"the {arm} arm was halted on its way")
         return False
 
@@ -163,7 +163,7 @@ class Movements:
             before = [gap for then, gap in earlier if began + self.grasp.reaction <= then <= now - self.grasp.reaction]
             if at_least is None and before and abs(opening - before[-1]) < self.grasp.still:
                 return
-            if now - began > self.grasp.patience:
+            if not now - began <= self.grasp.patience:
                 raise Failed(f"the {arm} fingers do not move as they should")
 
     def found(self, name: str) -> Routine:
@@ -176,7 +176,7 @@ class Movements:
         yield from self.go_home(yumi.ARMS)
         end = self.link.now() + self.motion.sight
         while name not in self.seen.poses:
-            if self.link.now() > end:
+            if not self.link.now() <= end:
                 raise Failed(f"{name} is not seen")
             yield
 
@@ -207,14 +207,14 @@ class Movements:
         return {name: pose for name, pose in self.known.items() if name not in held}
 
     def _dropped(self, arm: str, box: str) -> bool:
-        return self.link.arm(arm).opening < self.sizes[box] - self.grasp.fit or self.seen.holding != box
+        return not self.link.arm(arm).opening >= self.sizes[box] - self.grasp.fit or self.seen.holding != box
 
     def _shifted(self, watch: Poses, aim: str) -> bool:
         """Is something seen that has left its pose?"""
         seen = self.seen.poses
         return any(
-            float(np.linalg.norm(seen[name].translation - pose.translation))
-            > (self.motion.shifted if name == aim else self.motion.aside)
+            not np.linalg.norm(seen[name].translation - pose.translation)
+            <= (self.motion.shifted if name == aim else self.motion.aside)
             for name, pose in watch.items()
             if name in seen
         )

@@ -1,4 +1,7 @@
-"""What is checked before a robot may move. Each item passes with what was found, or fails with the remedy."""
+"""What is checked before a robot may move. Each item passes with what was found, or fails with the remedy.
+
+Every limit is written as `not (value <= limit)`, here and wherever something may move the robot: NaN fails.
+"""
 
 from __future__ import annotations
 
@@ -212,7 +215,7 @@ def _limits(equipment: Equipment) -> str:
     for arm in equipment.link.arms:
         joints = equipment.link.arm(arm).joints
         room = float(np.min(np.minimum(joints - rules.lower, np.array(rules.upper) - joints)))
-        if room < rules.margin:
+        if not room >= rules.margin:
             raise UserError(
                 f"a joint of the {arm} arm is {np.degrees(room):.1f} deg from its limit; jog it to the middle"
             )
@@ -230,7 +233,7 @@ def _kinematics(equipment: Equipment) -> str:
             )
         change = equipment.flange(arm, state.joints).inv() * state.flange
         away, turn = float(np.linalg.norm(change.translation)), change.rotation.magnitude()
-        if away > FLANGE or turn > TURN:
+        if not (away <= FLANGE and turn <= TURN):
             raise UserError(
                 f"the {arm} arm's flange is {1000 * away:.1f} mm and {np.degrees(turn):.1f} deg from where its joints put "
                 "it; check axis order, tool0, wobj0 and the base frames"
@@ -252,7 +255,7 @@ def _intrinsics(equipment: Equipment) -> str:
     error = equipment.intrinsics_error
     if error is None:
         raise UserError("the camera is not calibrated; run python -m bt_jax.deploy calibrate")
-    if not error <= REPROJECTION:  # NaN fails, too
+    if not error <= REPROJECTION:
         raise UserError(f"the calibration is off by {error:.2f} pixels; repeat it with sharper pictures")
     return f"reprojection error {error:.2f} pixels"
 
@@ -261,7 +264,7 @@ def _hand_eye(equipment: Equipment) -> str:
     residual = equipment.camera_residual
     if residual is None:
         raise UserError("where the camera stands is not known; run python -m bt_jax.deploy calibrate")
-    if not residual <= HAND_EYE:  # NaN fails, too
+    if not residual <= HAND_EYE:
         raise UserError(f"camera and robot disagree by {1000 * residual:.1f} mm; repeat the calibration")
     return f"residual {1000 * residual:.1f} mm"
 
@@ -276,7 +279,7 @@ def _images(equipment: Equipment) -> str:
         times.add(equipment.perception.image)
         link.wait(link.now() + 0.05)
     age = link.now() - max(times)
-    if age > IMAGE or len(times) < 4:
+    if not (age <= IMAGE and len(times) >= 4):
         why = f" ({equipment.perception.lost})" if equipment.perception.lost else ""
         raise UserError(f"{len(times)} images in {LISTEN:g} s, the last {age:.2f} s old{why}; check the camera's cable")
     return f"{len(times)} images in {LISTEN:g} s"

@@ -220,7 +220,7 @@ class _LinkLoop:
             return f"{name}: interrupted"
         if not self.enabled or arm.commanded is None or arm.feedback is None:
             return f"{name}: the robot was not started"
-        if np.max(np.abs(joints[0] - arm.commanded)) > self.start.rules.start:
+        if not np.max(np.abs(joints[0] - arm.commanded)) <= self.start.rules.start:
             return f"{name}: the path begins elsewhere than the arm is by now"
         arm.follower, arm.motion = Follower(trajectory), motion
         self.blocks.alive.value = time.monotonic()

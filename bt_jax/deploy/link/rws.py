@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import math
 from typing import Any
 
 import httpx
@@ -99,7 +100,14 @@ class Rws:
 
     def number(self, url: str) -> float:
         """Return a RAPID number, see `symbol`."""
-        return float(self._get(f"/rw/rapid/symbol/data/{url}", "value"))
+        text = self._get(f"/rw/rapid/symbol/data/{url}", "value")
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise UserError(f"{url} on the controller is '{text}' and no number; load BtJax again")
+        return value
 
     def set_number(self, url: str, value: float) -> None:
         """Write a RAPID number."""

@@ -53,6 +53,11 @@ class Rules:
     points: Points | None = None
     clearance_of: Callable[[], Clearance] | None = None  # called once in each process that checks
 
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if isinstance(value, float | tuple) and np.isnan(value).any():
+                raise ValueError(f"the rule '{name}' is not a number, and would allow everything")
+
 
 def check_setpoint(rules: Rules, arm: str, joints: Joints) -> None:
     """Raise Rejected if one configuration [7] breaks a rule that needs neither history nor the other arm."""
@@ -61,7 +66,7 @@ def check_setpoint(rules: Rules, arm: str, joints: Joints) -> None:
     lower, upper = np.array(rules.lower) + rules.margin, np.array(rules.upper) - rules.margin
     beyond = np.maximum(lower - joints, joints - upper)
     worst = int(np.argmax(beyond))
-    if beyond[worst] > SLACK:
+    if not beyond[worst] <= SLACK:
         raise Rejected(
             f"{arm}: joint {worst + 1} of the chain at {np.degrees(joints[worst]):.1f} deg is beyond "
             f"{np.degrees(lower[worst]):.1f} .. {np.degrees(upper[worst]):.1f} deg"
@@ -69,7 +74,7 @@ def check_setpoint(rules: Rules, arm: str, joints: Joints) -> None:
     if rules.points is None:
         return
     for name, point in rules.points(arm, joints).items():
-        if np.any(point < rules.lowest) or np.any(point > rules.highest):
+        if not (np.all(point >= rules.lowest) and np.all(point <= rules.highest)):
             raise Rejected(f"{arm}: {name} at ({', '.join(f'{x:.3f}' for x in point)}) m is outside the workspace")
 
 
@@ -90,10 +95,10 @@ def check_trajectory(
     if not np.all(np.isfinite(trajectory.joints)) or not np.all(np.isfinite(trajectory.times)):
         raise Rejected(f"{arm}: a joint is not a number")
     away = float(np.max(np.abs(trajectory.joints[0] - commanded)))
-    if away > rules.start:
+    if not away <= rules.start:
         raise Rejected(f"{arm}: the path begins {np.degrees(away):.1f} deg away from where the arm is")
     speeds = np.abs(trajectory.speeds())
-    if speeds.size and np.any(speeds > np.array(rules.speed) * (1 + 1e-6)):
+    if not np.all(speeds <= np.array(rules.speed) * (1 + 1e-6)):
         worst = int(np.argmax((speeds / rules.speed).max(axis=0)))
         raise Rejected(f"{arm}: joint {worst + 1} of the chain would turn at {speeds[:, worst].max():.2f} rad/s")
     for joints in trajectory.joints[1:]:
@@ -102,7 +107,7 @@ def check_trajectory(
         for time in np.append(np.arange(SEEN_EVERY, trajectory.duration, SEEN_EVERY), trajectory.duration):
             pair = (trajectory.at(time), other) if arm == "left" else (other, trajectory.at(time))
             distance = clearance(*pair)
-            if distance < rules.clearance:
+            if not distance >= rules.clearance:
                 raise Rejected(f"{arm}: the path comes as near as {1000 * distance:.0f} mm, {time:.2f} s on its way")
     return trajectory.slowed(max(1.0, float(speeds.max(initial=0.0)) / rules.override))
 
@@ -156,9 +161,9 @@ class Supervisor:
         """Latch a stop if an arm is silent, or the executor gave its last sign of life, `alive`, too long ago [s]."""
         for arm in self.arms:
             silence = self.silence(arm, now)
-            if silence > self.rules.stale:
+            if not silence <= self.rules.stale:
                 self.stop(f"{arm}: no feedback for {silence:.2f} s; the controller or the network is down")
-        if now - alive > (self.rules.overrun if moving else self.rules.idle):
+        if not now - alive <= (self.rules.overrun if moving else self.rules.idle):
             self.stop(f"the executor gave no sign of life for {now - alive:.1f} s; a tick takes too long")
 
     def admit(self, arm: str, target: Joints, *, commanded: Joints, measured: Joints) -> Joints:
@@ -188,5 +193,5 @@ class Supervisor:
         if self._clearance is None or not moving or len(setpoints) < 2:
             return
         distance = self._clearance(setpoints["left"], setpoints["right"])
-        if distance < self.rules.clearance:
+        if not distance >= self.rules.clearance:
             self.stop(f"the arms came as near as {1000 * distance:.0f} mm to each other or to a fixture")

@@ -101,7 +101,7 @@ def align(
                 weights = np.minimum(1, ROBUST / np.maximum(np.abs(residuals), 1e-9))
             weighted = weights[:, None] * jacobian
             hessian = jacobian.T @ weighted
-            if np.trace(hessian) < EDGELESS:
+            if not np.trace(hessian) >= EDGELESS:
                 return Alignment(rotation, position, math.inf, math.inf)
             step = -np.linalg.solve(hessian + DAMPING * np.eye(6) * np.trace(hessian), weighted.T @ residuals)
             rotation, position = cv2.Rodrigues(step[:3])[0] @ rotation, position + step[3:]

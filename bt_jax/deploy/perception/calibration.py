@@ -137,7 +137,7 @@ def locate_camera(points: PointRows, pixels: PixelRows, lens: Intrinsics) -> tup
             f"{len(points)} known points are seen and {LEAST_POINTS} are needed; put more markers in the view"
         )
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    if spread[1] < 0.1 * spread[0]:
+    if not spread[1] >= 0.1 * spread[0]:
         raise UserError("the known points lie nearly on a line; spread them over the table")
     starts = cv2.solvePnPGeneric(points, pixels, lens.matrix, lens.distortion, flags=cv2.SOLVEPNP_SQPNP)
     fits = []

@@ -141,7 +141,8 @@ class Detector:
             alignment = align(view, fit.rotation, fit.position, kept, near=True)
             fit = _Fit(alignment.rotation, alignment.position)
         moved = math.dist(fit.position, start.position)
-        if moved > self.gates.near or _angle(fit, start) > self.gates.distinct or alignment.sigma > self.gates.sigma:
+        turned = _angle(fit, start)
+        if not (moved <= self.gates.near and turned <= self.gates.distinct and alignment.sigma <= self.gates.sigma):
             return None
         error = self._error(fit, list(seen), seen, view) if seen else 0.0
         return Detection(body, fit.pose, None, error, alignment.sigma, tuple(marker.id for marker in kept))
@@ -150,7 +151,7 @@ class Detector:
         rivals = self._by_corners(seen, view)
         fits = [fit for rival in rivals if (fit := self._by_image(body, rival, seen, view))]
         fits.sort(key=lambda fit: (-len(fit.markers), fit.residual))
-        if not fits or fits[0].sigma > self.gates.sigma:
+        if not fits or not fits[0].sigma <= self.gates.sigma:
             return None
         best, alternative = fits[0], None
         for fit in fits[1:]:

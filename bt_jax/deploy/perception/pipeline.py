@@ -45,7 +45,7 @@ class Perception:
             self.lost = str(error)
             return
         self.lost = ""
-        if frame.time <= self.image:
+        if not frame.time > self.image:
             return
         self.image = frame.time
         to_camera = self.camera_pose.inv()

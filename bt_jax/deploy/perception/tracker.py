@@ -58,11 +58,13 @@ class Tracker:
     def update(
         self, time: float, measured: Mapping[str, RigidTransform], sigmas: Mapping[str, float] = MappingProxyType({})
     ) -> None:
-        """Take in what one image shows, taken at `time` [s]; a time that has passed already is ignored. `sigmas`: standard
-        deviations of the positions [m]."""
+        """Take in what one image shows, taken at `time` [s]; what has passed already is ignored, and so is what is
+        no number. `sigmas`: standard deviations of the positions [m]."""
         with self._lock:
             for name, pose in measured.items():
-                self._take(name, time, pose, sigmas.get(name, SIGMA))
+                sigma = sigmas.get(name, SIGMA)
+                if sigma > 0 and np.isfinite([time, sigma, *pose.as_matrix().ravel()]).all():
+                    self._take(name, time, pose, sigma)
 
     def poses(self, time: float) -> dict[str, RigidTransform]:
         """Return what is known and fresh at `time` [s]."""

@@ -39,11 +39,18 @@ class Unplannable(Exception):
 @dataclasses.dataclass(frozen=True)
 class Surroundings:
     """What a motion is planned among: `poses` of boxes and kit in the base frame, `joints` where each arm is, and the box
-    that one of them carries."""
+    that one of them carries. Raise Unplannable if any of it is not finite."""
 
     poses: Mapping[str, RigidTransform]
     joints: Mapping[str, Joints]
     carried: Carried | None = None
+
+    def __post_init__(self) -> None:
+        held = {} if self.carried is None else {self.carried.box: self.carried.pose}
+        for name, pose in [*self.poses.items(), *held.items()]:
+            _require_numbers(f"the pose of {name}", pose.as_matrix())
+        for arm, joints in self.joints.items():
+            _require_numbers(f"a joint of the {arm} arm", joints)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,6 +72,12 @@ class Reach:
     tcp: RigidTransform
 
 
+def _require_numbers(what: str, values: Float[np.ndarray, "..."]) -> None:
+    """Raise Unplannable if not all are finite: no distance to them would be too small."""
+    if not np.isfinite(values).all():
+        raise Unplannable(f"{what} is not a number")
+
+
 class Planner:
     """Plans for one cell. Poses are in the base frame."""
 
@@ -83,6 +96,7 @@ class Planner:
 
         Raise Unplannable.
         """
+        _require_numbers("the place", np.array([*position, yaw]))
         targets = [(carried.arm, tcp) for tcp in put_poses(position, yaw, carried.pose)]
         among = dataclasses.replace(among, carried=carried)
         return self._reach(targets, among, f"put {carried.box} down", supports=tuple(supports))
@@ -98,6 +112,8 @@ class Planner:
 
     def can_reach(self, arm: str, tcp: RigidTransform) -> bool:
         """Are there joints for a pose and for the one above it?"""
+        if not np.isfinite(tcp.as_matrix()).all():
+            return False
         kinematics = arm_kinematics(arm)
         return all(kinematics.solve(pose, yumi.HOME[arm]) is not None for pose in (tcp, raised(tcp, ABOVE)))
 

@@ -175,6 +175,27 @@ def test_a_joint_near_its_limit_fails(good, monkeypatch):
     assert "jog" in failing(good)["arms:joints"].detail
 
 
+@pytest.mark.parametrize(
+    ("change", "item"),
+    [
+        ({"joints": np.full(7, np.nan)}, "arms:joints"),
+        ({"flange": None}, "arms:feedback"),
+        ({"opening": np.nan}, "grippers:position"),
+    ],
+)
+def test_an_arm_that_tells_what_is_not_a_number_fails(good, monkeypatch, change, item):
+    told = good.link.arm
+    monkeypatch.setattr(good.link, "arm", lambda arm: dataclasses.replace(told(arm), **change))
+    assert item in failing(good)
+
+
+def test_kinematics_and_images_that_are_not_numbers_fail(good):
+    nowhere = RigidTransform.from_translation([np.nan, 0, 0])
+    assert "arms:feedback" in failing(dataclasses.replace(good, flange=lambda arm, joints: nowhere))
+    good.perception.frozen, good.perception.image = True, np.nan
+    assert "camera:images" in failing(good)
+
+
 def test_a_twin_run_that_failed_does_not_count(good, twin_log, tmp_path):
     lines = twin_log.read_text().splitlines()
     end = json.loads(lines[-1])
