@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 
 import tyro
 
@@ -12,13 +13,13 @@ from bt_jax.commands.arguments import LearnArguments
 __all__ = ["main"]
 
 
-def main() -> None:
-    """Entry point of the command line."""
-    arguments = tyro.cli(LearnArguments, prog="python -m bt_jax.learn")
-    sys.exit(exit_code(lambda: _learn(arguments)))
+def main(words: Sequence[str] | None = None) -> None:
+    """Entry point of the command line; the words are those after the command (default: those that the process was given)."""
+    sys.exit(exit_code(lambda: _learn(words)))
 
 
-def _learn(arguments: LearnArguments) -> None:
+def _learn(words: Sequence[str] | None) -> None:
+    arguments = tyro.cli(LearnArguments, prog="python -m bt_jax.learn", args=words)
     from bt_jax.commands.learn import run  # imports JAX and MuJoCo, which --help does without
 
     run(arguments)

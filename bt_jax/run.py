@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 
 import tyro
 
@@ -12,13 +13,13 @@ from bt_jax.commands.arguments import RunArguments
 __all__ = ["main"]
 
 
-def main() -> None:
-    """Entry point of the command line."""
-    arguments = tyro.cli(RunArguments, prog="python -m bt_jax.run")
-    sys.exit(exit_code(lambda: _run(arguments)))
+def main(words: Sequence[str] | None = None) -> None:
+    """Entry point of the command line; the words are those after the command (default: those that the process was given)."""
+    sys.exit(exit_code(lambda: _run(words)))
 
 
-def _run(arguments: RunArguments) -> int | None:
+def _run(words: Sequence[str] | None) -> int | None:
+    arguments = tyro.cli(RunArguments, prog="python -m bt_jax.run", args=words)
     from bt_jax.commands import run  # imports JAX and MuJoCo, which --help does without
 
     if arguments.level == "robot":

@@ -241,7 +241,7 @@ def test_a_run_that_nobody_reads_any_more_is_completed(tmp_path):
     process.stdout.readline()
     process.stdout.close()
     assert process.wait(timeout=120) == 0
-    assert process.stderr.read() == "warning: nobody reads what this prints any more; the training goes on\n"
+    assert process.stderr.read() == "warning: nobody reads what this prints any more; the command goes on\n"
     process.stderr.close()
     assert read_progress(tmp_path / "run").stage == "finished"
     assert json.loads((tmp_path / "run" / "result.json").read_text())["generations"] == 20

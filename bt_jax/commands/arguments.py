@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -90,7 +91,7 @@ class TrainArguments:
             raise UserError(f"--time-limit is {self.time_limit:g}; choose seconds above 0")
 
 
-def parse_train(words: list[str]) -> TrainArguments:
+def parse_train(words: Sequence[str]) -> TrainArguments:
     """Return the arguments of a command line; the settings of a resumed or published run are the defaults."""
     arguments = tyro.cli(TrainArguments, prog=TRAIN, args=words)
     if arguments.published and arguments.resume is not None:

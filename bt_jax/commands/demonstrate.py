@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from bt_jax._util.errors import UserError
+from bt_jax._util.startup import configure_jax
 from bt_jax.commands.arguments import DemonstrateArguments
 from bt_jax.encoding.formats.files import read_tree
 from bt_jax.lfd import DemonstrationFolder, Frames
@@ -33,6 +34,7 @@ def run(arguments: DemonstrateArguments) -> None:
     script = parse_script(_script_text(arguments.script))
     tree = None if arguments.after is None else read_tree(arguments.after)
     task = _task(arguments)
+    configure_jax("cpu")
     physics = MujocoPhysics(task)
     seed = arguments.seed
     if seed is None:

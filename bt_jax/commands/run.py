@@ -190,7 +190,7 @@ def _show(console: Console, playback: Playback, *, delay: float, whole: bool) ->
     """Show the tree at every tick: on a terminal in one place with pauses, else the `whole` tree or what has changed."""
     titles = [_title(number, tick) for number, tick in enumerate(playback.ticks, start=1)]
     drawings = [_drawing(playback.tree, tick) for tick in playback.ticks]
-    if not console.is_terminal:
+    if not console.is_terminal or console.is_dumb_terminal:
         before: list[Text] = []
         for title, lines in zip(titles, drawings, strict=True):
             console.print(title)

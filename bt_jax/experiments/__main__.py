@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 
 import tyro
 
@@ -12,13 +13,13 @@ from bt_jax.experiments.arguments import ExperimentsArguments
 __all__ = ["main"]
 
 
-def main() -> None:
-    """Entry point of the command line."""
-    arguments = tyro.cli(ExperimentsArguments, prog="python -m bt_jax.experiments")
-    sys.exit(exit_code(lambda: _experiments(arguments)))
+def main(words: Sequence[str] | None = None) -> None:
+    """Entry point of the command line; the words are those after the command (default: those that the process was given)."""
+    sys.exit(exit_code(lambda: _experiments(words)))
 
 
-def _experiments(arguments: ExperimentsArguments) -> None:
+def _experiments(words: Sequence[str] | None) -> None:
+    arguments = tyro.cli(ExperimentsArguments, prog="python -m bt_jax.experiments", args=words)
     from bt_jax.experiments.command import run  # imports JAX and MuJoCo, which --help does without
 
     run(arguments)

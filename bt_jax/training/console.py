@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import shlex
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -28,22 +26,12 @@ __all__ = ["TrainingDisplay"]
 LISTED = 8  # numbers of layouts that fail for one reason
 
 
-class _Console(Console):
-    """A console that falls silent when nobody reads it any more, as in `train | head`; Rich's ends the program."""
-
-    def on_broken_pipe(self) -> None:
-        with contextlib.suppress(SystemExit):
-            super().on_broken_pipe()
-        with contextlib.suppress(OSError):
-            print("warning: nobody reads what this prints any more; the training goes on", file=sys.stderr)
-
-
 class TrainingDisplay:
     """Shows a run on the console, as its listener: a progress bar, or some lines if this is not a terminal."""
 
     def __init__(self, training: Training, folder: Path) -> None:
         self.training, self.folder = training, folder
-        self.console = _Console(highlight=False)
+        self.console = Console(highlight=False)
         self._bar = GenerationBar(self.console, training.config.generations)
 
     def on_stage(self, stage: Stage, message: str = "") -> None:
