@@ -6,6 +6,7 @@ python -m benchmarks.departures
 from __future__ import annotations
 
 import dataclasses
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -128,7 +129,7 @@ class Arguments:
 
 def main(arguments: Arguments) -> None:
     found: dict[str, list[np.ndarray]] = {}
-    agree, occupied, evolved, changed = [], [], [], {}
+    agree, occupied, evolved, examples = [], [], [], {}
     for name in arguments.tasks:
         task = load_task(name)
         random, learnt = _random(task, arguments), _evolved(task, arguments)
@@ -150,9 +151,8 @@ def main(arguments: Arguments) -> None:
             far = np.abs(values - ours).max(axis=1)
             if far.max() > SAME:
                 i = int(far.argmax())
-                changed.setdefault(rule, []).append(
-                    {"task": name, "tree": one_line(trees[i]), "ours": ours[i].mean(), "changed": values[i].mean()}
-                )
+                fitness = {"ours": ours[i].mean(), "changed": values[i].mean()}
+                examples.setdefault(rule, []).append({"task": name, "tree": one_line(trees[i]), **fitness})
     values = {rule: np.concatenate(rows) for rule, rows in found.items()}
     rows = [_row(rule, values[rule], values["ours"], np.array(evolved)) for rule in RULES]
     report(
@@ -162,7 +162,7 @@ def main(arguments: Arguments) -> None:
         out=arguments.out,
         reference_as_product=float(np.concatenate(agree).mean()),
         trees_that_put_a_box_where_another_is=int(np.sum(occupied)),
-        examples=changed,
+        examples=examples,
     )
 
 
@@ -188,16 +188,20 @@ def _random(task: Task, arguments: Arguments) -> list[Tree]:
     """Half of the trees of a task: random ones of four sizes."""
     pool, trees = gene_pool(task), []
     count = arguments.trees // 2
-    for i, nodes in enumerate(SIZES):
+    for nodes in SIZES:
         batch = random_trees(
-            jax.random.key(1000 * arguments.seed + i), Alphabet.of(pool), count=count, num_nodes=64, nodes=nodes
+            jax.random.key(zlib.crc32(f"{task.name} {nodes} {arguments.seed}".encode())),
+            Alphabet.of(pool),
+            count=count,
+            num_nodes=64,
+            nodes=nodes,
         )
         trees.append([decode(batch[k], pool) for k in range(count)])
     return [trees[k % len(SIZES)][k] for k in range(count)]
 
 
 def _evolved(task: Task, arguments: Arguments) -> list[Tree]:
-    """The other half: every tenth generation's best and some of its population, of runs with the settings of table I."""
+    """The other half: of each of as many evolutions, one tree of the population after 40 generations."""
     count = arguments.trees - arguments.trees // 2
     training = Training(task, GPConfig(generations=40, runs=count, seed=arguments.seed), Settings())
     rng = np.random.default_rng(arguments.seed)
