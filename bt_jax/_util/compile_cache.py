@@ -3,8 +3,9 @@
 JAX's persistent cache saves a new process the compiling, not the tracing and lowering that come before, which for the
 genetic operators take longer than a whole small evolution. `kept_jit` keeps the executable itself, under a key made of
 everything it depends on: the function, its static arguments, shapes and types, JAX's options, the source of this package,
-the versions of JAX and MuJoCo, the device. The two do not mix: an executable that JAX has loaded from its cache cannot
-be written again, so leave JAX's off where this is on.
+the versions of JAX and MuJoCo, the device. A file begins with a digest of the key and the code; one that does not match is
+deleted and compiled again. The two do not mix: an executable that JAX has loaded from its cache cannot be written again, so
+leave JAX's off where this is on.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ import importlib.metadata
 import inspect
 import os
 import pickle
+import sys
 import time
-import warnings
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -30,6 +31,7 @@ import jax.monitoring
 import jax.numpy as jnp
 from jax.experimental.serialize_executable import deserialize_and_load, serialize
 
+from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
 
 __all__ = ["keep_compiled", "kept_jit"]
@@ -52,6 +54,7 @@ COMPILE_FAST = {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitter
 LOAD_EVENT = "/bt_jax/load_executable_duration"
 WAIT_EVENT = "/bt_jax/wait_for_executable_duration"
 
+DIGEST_BYTES = 32  # at the beginning of a kept file
 DAY = 86400.0  # s
 # Static arguments; structure, shapes and types of the others; values of OPTIONS.
 _Key = tuple[tuple[Any, ...], Any, tuple[Any, ...], tuple[Any, ...]]
@@ -223,27 +226,37 @@ def _load(folder: Path | None, name: str, key: _Key, compile_: Callable[[], Any]
         identity = "\n".join([name, repr(_described(static)), repr(others), _environment()])
     except TypeError:
         return compile_()
-    digest = hashlib.sha256(identity.encode()).hexdigest()
-    path = folder / f"{name}-{digest[:32]}.bin"
+    path = folder / f"{name}-{hashlib.sha256(identity.encode()).hexdigest()[:32]}.bin"
     if path.is_file():
         try:
             began = time.perf_counter()
             content = path.read_bytes()
-            if b"lapack_" in content:
+            found, code = content[:DIGEST_BYTES], content[DIGEST_BYTES:]
+            if found != _digest(identity, code):  # damaged code may crash, or compute other numbers
+                raise ValueError("damaged")
+            if b"lapack_" in code:
                 _link_lapack()
-            executable = deserialize_and_load(*pickle.loads(content))
+            executable = deserialize_and_load(*pickle.loads(code))
             jax.monitoring.record_event_duration_secs(LOAD_EVENT, time.perf_counter() - began)
             return executable
         except Exception:
-            path.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                path.unlink()
     executable = compile_()
     try:
-        write_atomic(path, pickle.dumps(serialize(executable)))
+        code = pickle.dumps(serialize(executable))
+        write_atomic(path, _digest(identity, code) + code)
     except Exception as error:  # a full disk, or a backend that cannot write: results stay the same
         if _Store.folder is not None:
             _Store.folder = None
-            warnings.warn(f"compiled code is not kept any more, so that starts are slower: {error}", stacklevel=2)
+            why = f"{error} with BT_JAX_CACHE" if isinstance(error, UserError) else error
+            print(f"warning: compiled code is not kept, so that starts are slower: {why}", file=sys.stderr)
     return executable
+
+
+def _digest(identity: str, code: bytes) -> bytes:
+    """Return what shows that code is whole and belongs to a key."""
+    return hashlib.sha256(identity.encode() + code).digest()
 
 
 @functools.cache

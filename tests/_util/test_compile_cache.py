@@ -31,6 +31,66 @@ print(float(factorize(4 * jnp.eye(2), 3.0)[0, 0]))
 """
 
 
+FLIP = """
+import sys
+import numpy as np
+from pathlib import Path
+from bt_jax._util import compile_cache
+from bt_jax._util.compile_cache import keep_compiled, kept_jit
+
+written, serialize = [], compile_cache.serialize
+compile_cache.serialize = lambda executable: written.append(1) or serialize(executable)
+
+def rooted(x):
+    return (x * x).sum() + 1
+
+def called():
+    return float(kept_jit(rooted)(np.arange(4, dtype=np.float32)))
+
+folder = Path(sys.argv[1])
+keep_compiled(folder)
+assert called() == called() == 15
+assert len(written) == 1
+path, = folder.iterdir()
+whole = path.read_bytes()
+for at in np.linspace(0, len(whole) - 1, 25).astype(int):
+    damaged = bytearray(whole)
+    damaged[at] ^= 1 << at % 8
+    path.write_bytes(damaged)
+    assert called() == 15
+    assert path.read_bytes() != bytes(damaged), at
+for content in (b"", whole[:32], whole[32:], whole[: len(whole) // 2]):
+    path.write_bytes(content)
+    assert called() == 15
+assert len(written) == 30, len(written)
+print("sound")
+"""
+
+
+def test_a_kept_executable_with_a_flipped_bit_is_compiled_again(tmp_path):
+    words = [sys.executable, "-c", FLIP, str(tmp_path)]
+    done = subprocess.run(words, capture_output=True, text=True, env=os.environ | {"JAX_PLATFORMS": "cpu"})
+    assert (done.returncode, done.stdout) == (0, "sound\n"), done.stderr
+
+
+def test_an_executable_under_the_name_of_another_is_compiled_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(compile_cache._Store, "folder", tmp_path)
+    kept_jit(_double)(np.ones(3, np.float32))
+    (first,) = tmp_path.iterdir()
+    kept_jit(_halved)(np.ones(3, np.float32))
+    other = next(path for path in tmp_path.iterdir() if path != first)
+    other.write_bytes(first.read_bytes())
+    assert kept_jit(_halved)(np.ones(3, np.float32)).tolist() == [0.5, 0.5, 0.5]
+
+
+def _double(x):
+    return 2 * x
+
+
+def _halved(x):
+    return x / 2
+
+
 def test_an_executable_that_calls_lapack_is_loaded_by_a_new_process(tmp_path):
     for arguments in ([], ["loads"]):
         words = [sys.executable, "-c", FACTORIZE, str(tmp_path), *arguments]
@@ -102,14 +162,16 @@ def test_code_is_kept_for_each_setting_of_jax(tmp_path, monkeypatch):
     assert len(list(tmp_path.glob("*.bin"))) == 2
 
 
-def test_code_that_cannot_be_kept_is_told_once(tmp_path, monkeypatch):
+def test_code_that_cannot_be_kept_is_told_once(tmp_path, monkeypatch, capsys):
     (tmp_path / "file").write_text("")
     monkeypatch.setattr(compile_cache._Store, "folder", tmp_path / "file")
     double = kept_jit(lambda x: 2 * x)
-    with pytest.warns(UserWarning, match="not kept any more") as told:
-        found = [double(np.ones(size, np.float32)).tolist() for size in (1, 2)]
+    found = [double(np.ones(size, np.float32)).tolist() for size in (1, 2)]
     assert found == [[2], [2, 2]]
-    assert len(told) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("warning: compiled code is not kept, so that starts are slower: ")
+    assert said.endswith("choose another folder with BT_JAX_CACHE\n")
+    assert said.count("\n") == 1
 
 
 def test_what_is_no_array_is_refused(tmp_path, monkeypatch):
