@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from rich.console import Console
 from rich.markup import escape
 from rich.panel import Panel
@@ -20,6 +19,7 @@ from rich.text import Text
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import unused, write_atomic
 from bt_jax._util.startup import configure_jax
+from bt_jax._util.yaml_files import to_yaml
 from bt_jax.behaviors import Vocabulary
 from bt_jax.commands.arguments import LearnArguments
 from bt_jax.encoding.arrays import encode_all
@@ -128,7 +128,7 @@ def write(out: Path, lesson: Lesson, tried: Evaluation) -> None:
     write_atomic(out / "learnt_tree.xml", to_xml(lesson.tree))
     write_atomic(out / "learnt_tree.svg", to_svg(lesson.tree, title=title))
     write_atomic(out / "clusters.png", cluster_figure(lesson))
-    write_atomic(out / "task.yaml", yaml.safe_dump(lesson.task.to_dict(), sort_keys=False))
+    write_atomic(out / "task.yaml", to_yaml(lesson.task.to_dict()))
     write_atomic(out / "lesson.json", json.dumps(as_data(lesson, tried), indent=2) + "\n")
 
 

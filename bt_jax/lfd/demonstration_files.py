@@ -13,9 +13,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
+from bt_jax._util.yaml_files import read_yaml, to_yaml
 from bt_jax.lfd.demonstration import Action, Demonstration, Frames, Pose
 
 __all__ = ["HUGE", "Unusable", "problem_of", "read_demonstration", "read_mapping", "write_demonstration"]
@@ -50,7 +50,7 @@ def write_demonstration(folder: Path, demonstration: Demonstration) -> None:
             "vec_pos": {frame: _numbers(pose.position) for frame, pose in action.poses.items()},
             "vec_quat": {frame: _numbers(_xyzw(pose.quaternion)) for frame, pose in action.poses.items()},
         }
-        write_atomic(folder / f"data_{i}.yaml", yaml.safe_dump(data, default_flow_style=None))
+        write_atomic(folder / f"data_{i}.yaml", to_yaml(data))
 
 
 def problem_of(demonstration: Demonstration, frames: Frames, *, where: str) -> str | None:
@@ -124,9 +124,9 @@ def _vector(value: Any, count: int, file: Path, where: str) -> tuple[float, ...]
 
 def read_mapping(file: Path) -> Mapping[str, Any]:
     try:
-        data = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError, yaml.YAMLError) as error:
-        raise Unusable(f"{file} cannot be read ({type(error).__name__}); restore or delete it.") from error
+        data = read_yaml(file)
+    except UserError as error:
+        raise Unusable(f"{error}, or delete it.") from error
     if not isinstance(data, Mapping):
         raise Unusable(f"{file} is empty or half written; restore or delete it.")
     return data

@@ -18,10 +18,9 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import is_name, write_atomic
+from bt_jax._util.yaml_files import to_yaml
 from bt_jax.lfd.demonstration import Demonstration, Demonstrations, Frames, Instance, RecordedTask
 from bt_jax.lfd.demonstration_files import (
     HUGE,
@@ -61,10 +60,10 @@ class DemonstrationFolder:
             }
             if recorded is not None:
                 info |= {"task": recorded.name, "boxes": dict(recorded.boxes)}
-            write_atomic(self.path / "info.yaml", yaml.safe_dump(info))
+            write_atomic(self.path / "info.yaml", to_yaml(info))
         task = None if recorded is None else recorded.task
         if task is not None and same_task and not (self.path / "task.yaml").exists():
-            write_atomic(self.path / "task.yaml", yaml.safe_dump(task.to_dict(), sort_keys=False))
+            write_atomic(self.path / "task.yaml", to_yaml(task.to_dict()))
 
     def frames(self) -> Frames:
         """Read `info.yaml`. Raise UserError if it is missing or incomplete."""
@@ -193,7 +192,7 @@ class DemonstrationFolder:
         try:
             return read_mapping(source)
         except Unusable as problem:
-            raise UserError(str(problem)) from None
+            raise UserError(str(problem).removesuffix(".")) from None
 
     def _order(self) -> list[str]:
         order = self._info().get("order")
@@ -225,7 +224,7 @@ class DemonstrationFolder:
         info = dict(self._info())
         changed = {key: value for key, value in {**info, **values}.items() if value or key not in values}
         if changed != info:
-            write_atomic(self.path / "info.yaml", yaml.safe_dump(changed))
+            write_atomic(self.path / "info.yaml", to_yaml(changed))
 
     def _existing(self, name: str) -> Path:
         self.frames()

@@ -253,8 +253,8 @@ BAD = {
     ),
     "half written": (write(""), r"data_2.yaml is empty or half written; restore or delete it\.$"),
     "list": (write("- 1"), r"data_2.yaml is empty or half written; restore or delete it\.$"),
-    "no YAML": (write("type: [pick"), r"data_2.yaml cannot be read .*; restore or delete it\.$"),
-    "no date": (write("type: 2020-99-99"), r"data_2.yaml cannot be read .*; restore or delete it\.$"),
+    "no YAML": (write("type: [pick"), r"data_2.yaml, line 2 is not valid YAML .*, or delete it\.$"),
+    "no date": (write("type: 2020-99-99"), r"data_2.yaml: type is '2020-99-99'; write pick or place"),
     "no positions": (write("type: place"), r"data_2.yaml: vec_pos is missing; record the demonstration again"),
 }
 
@@ -288,7 +288,7 @@ def test_where_nothing_is_usable_the_sentence_is_the_error(folder, kind):
 
 GOOD_INFO = {"frames": ["KittingBox", "base_link"], "default_frame": "base_link", "robot": "base_link"}
 BAD_INFO = {
-    "frames: [": "cannot be read",
+    "frames: [": "line 2 is not valid YAML",
     "": "empty or half written",
     yaml.safe_dump({**GOOD_INFO, "frames": 3}): "frames must be a list of names",
     yaml.safe_dump({**GOOD_INFO, "frames": ["base_link"]}): "at least two frames",

@@ -107,7 +107,7 @@ def fixed(*places, kit="TableRight", **over):
         (boxes(size=0.5) | {"gripper_opening": 1}, "boxes[0].size", "kit"),
         (boxes(size=0), "boxes[0]", "positive"),
         (boxes(density=-1), "boxes[0]", "positive"),
-        (boxes(size="1e-1"), "boxes[0].size", "a number"),
+        (boxes(size="0,1"), "boxes[0].size", "a number"),
         (boxes(name="YellowBox"), "boxes", "rename"),
         (boxes(name="a box"), "boxes", "letters"),
         ({"tables": []}, "tables", "add at least one"),
@@ -148,7 +148,7 @@ def test_an_invalid_task_is_refused_in_one_sentence(tmp_path, change, key, remed
     ("content", "words"),
     [
         (b"a: [1, 2\nb: 3\n", "line 2 is not valid YAML"),
-        (b"\xff\xfe\x00nonsense", "cannot be read"),
+        (b"\xff\xfe\x00nonsense", "line 1: not UTF-16-LE text; save the file as UTF-8"),
         (b"- 1\n- 2\n", "must be a mapping"),
         (b"", "must be a mapping"),
         (b"extends: shelf\n", "is not another task"),

@@ -12,9 +12,8 @@ import tempfile
 import time
 from pathlib import Path
 
-import yaml
-
 from bt_jax._util.errors import UserError
+from bt_jax._util.yaml_files import to_yaml
 from bt_jax.encoding.formats.text import format_tree
 from bt_jax.gp.config import GPConfig
 from bt_jax.tasks import Task
@@ -35,7 +34,7 @@ class TrainCommand:
 
     def start(self, task: Task, gp: GPConfig, out: Path | None = None) -> list[str]:
         """Return the command of a new run into a folder: the task as a file, and every setting that is not the default."""
-        words = ["--task", self._written(f"{task.name}.yaml", _yaml(task))]
+        words = ["--task", self._written(f"{task.name}.yaml", to_yaml(task.to_dict()))]
         for field in dataclasses.fields(gp):
             value, option = getattr(gp, field.name), field.name.replace("_", "-")
             if value == field.default:
@@ -50,7 +49,7 @@ class TrainCommand:
         """Return the command that continues a run up to a generation; with changes, in a new phase."""
         words = ["--resume", str(run.resolve()), "--generations", str(generations)]
         if changes.task is not None:
-            words += ["--task", self._written(f"{changes.task.name}.yaml", _yaml(changes.task))]
+            words += ["--task", self._written(f"{changes.task.name}.yaml", to_yaml(changes.task.to_dict()))]
         if changes.baseline is not None:
             words += ["--baseline", self._written("baseline.txt", format_tree(changes.baseline))]
         if changes.target_from is not None:
@@ -70,10 +69,6 @@ class TrainCommand:
         except OSError as error:
             raise UserError(f"{self._folder} cannot be written ({error.strerror}); free some space") from None
         return str(path)
-
-
-def _yaml(task: Task) -> str:
-    return yaml.safe_dump(task.to_dict(), sort_keys=False)
 
 
 def _clean(folder: Path) -> None:

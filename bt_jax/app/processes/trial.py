@@ -8,9 +8,8 @@ import tempfile
 from datetime import datetime
 from pathlib import Path
 
-import yaml
-
 from bt_jax._util.files import unused, write_atomic
+from bt_jax._util.yaml_files import to_yaml
 from bt_jax.app.processes.subprocess import run_command
 from bt_jax.tasks import Task
 
@@ -46,7 +45,7 @@ async def try_out(demonstrations: Path, task: Task, runs: Path, *, layouts: int 
     out = unused(runs / f"learn-{demonstrations.name.replace(' ', '-')}-{datetime.now():%Y%m%d-%H%M%S}")
     with tempfile.TemporaryDirectory(prefix="bt_jax-") as scratch:
         source = Path(scratch) / f"{task.name}.yaml"
-        write_atomic(source, yaml.safe_dump(task.to_dict(), sort_keys=False))
+        write_atomic(source, to_yaml(task.to_dict()))
         words = [str(demonstrations), "--task", str(source), "--out", str(out), "--layouts", str(layouts)]
         await run_command("bt_jax.learn", words, otherwise="the trial was stopped; try again")
     found = json.loads((out / "lesson.json").read_text(encoding="utf-8"))

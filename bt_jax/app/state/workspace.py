@@ -12,10 +12,9 @@ import re
 import shutil
 from pathlib import Path
 
-import yaml
-
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import is_name, unused, write_atomic
+from bt_jax._util.yaml_files import to_yaml
 from bt_jax.behaviors import Tree
 from bt_jax.encoding.formats.files import read_tree
 from bt_jax.lfd import DemonstrationFolder
@@ -110,7 +109,7 @@ class Workspace:
         if name in task_names():
             raise UserError(f"the task {name} comes with the package and stays as it is; choose another name")
         path = self.inside(self.tasks, f"{name}.yaml")
-        write_atomic(path, _yaml(dataclasses.replace(task, name=name)))
+        write_atomic(path, to_yaml(dataclasses.replace(task, name=name).to_dict()))
         return path
 
     def holds(self, task: Task) -> bool:
@@ -132,7 +131,7 @@ class Workspace:
 
     def save_draft(self, task: Task) -> None:
         """Replace the draft."""
-        write_atomic(self._draft, _yaml(task))
+        write_atomic(self._draft, to_yaml(task.to_dict()))
 
     def delete_draft(self) -> None:
         """Delete the draft, if there is one. Raise UserError if that fails."""
@@ -191,10 +190,6 @@ def _folders(folder: Path) -> list[Path]:
     if not folder.is_dir():
         return []
     return [path for path in folder.iterdir() if path.is_dir() and not path.is_symlink() and is_name(path.name)]
-
-
-def _yaml(task: Task) -> str:
-    return yaml.safe_dump(task.to_dict(), sort_keys=False, default_flow_style=None, width=120)
 
 
 def _changed(run: Path) -> float:

@@ -5,16 +5,15 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
-import yaml
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
 from bt_jax._util.errors import UserError
+from bt_jax._util.yaml_files import read_yaml
 from bt_jax.deploy.commands.arguments import CalibrateArguments
 from bt_jax.deploy.perception.arrays import ColorImage, Pixel
 from bt_jax.deploy.perception.calibration import (
@@ -140,12 +139,7 @@ def _alike(view: BoardView, other: BoardView, size: tuple[int, int]) -> bool:
 
 
 def _known_points(path: Path) -> dict[int, list[float]]:
-    try:
-        data: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UserError(f"{path} cannot be read ({error.strerror}); check its name") from error
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise UserError(f"{path} is not valid YAML; write one line 'ID: [x, y, z]' for each marker") from error
+    data = read_yaml(path)
     valid = isinstance(data, dict) and all(
         isinstance(number, int)
         and isinstance(position, list)

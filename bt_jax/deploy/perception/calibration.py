@@ -13,12 +13,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-import yaml
 from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
+from bt_jax._util.yaml_files import read_yaml, to_yaml
 from bt_jax.deploy.perception.arrays import (
     ColorImage,
     Corners,
@@ -169,7 +169,7 @@ def save_camera(path: Path, lens: Intrinsics, place: CameraPose | None = None) -
             "residual_m": place.residual,
             "points": place.points,
         }
-    write_atomic(path, yaml.safe_dump(data, sort_keys=False, default_flow_style=None))
+    write_atomic(path, to_yaml(data))
 
 
 def load_intrinsics(path: Path) -> Intrinsics:
@@ -199,13 +199,9 @@ def load_camera(path: Path) -> tuple[Intrinsics, CameraPose]:
 
 def _section(path: Path, key: str, remedy: str) -> Mapping[str, Any]:
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UserError(
-            f"{path} cannot be read ({error.strerror}); make it with python -m bt_jax.deploy {remedy}"
-        ) from error
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise UserError(f"{path} is not valid YAML; make it again with python -m bt_jax.deploy {remedy}") from error
+        data = read_yaml(path)
+    except UserError as error:
+        raise UserError(f"{error}, or make the file again with python -m bt_jax.deploy {remedy}") from error
     if not isinstance(data, dict) or not isinstance(data.get(key), dict):
         raise UserError(f"{path} has no {key}; add it with python -m bt_jax.deploy {remedy}")
     return data[key]
