@@ -143,7 +143,7 @@ def test_what_is_saved_is_loaded(tmp_path):
     ("text", "remedy"),
     [
         (None, "calibrate"),
-        ("{", "make it again"),
+        ("{", "make the file again"),
         ("[]", "calibrate"),
         ("intrinsics: {matrix: [[1]]}", "calibrate"),
         (
