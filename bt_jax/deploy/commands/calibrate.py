@@ -15,9 +15,11 @@ from rich.table import Table
 from bt_jax._util.errors import UserError
 from bt_jax._util.yaml_files import read_yaml
 from bt_jax.deploy.commands.arguments import CalibrateArguments
+from bt_jax.deploy.execution.settings import CalibrationLimits
 from bt_jax.deploy.perception.arrays import ColorImage, Pixel
 from bt_jax.deploy.perception.calibration import (
     BoardView,
+    alike,
     board_corners,
     calibrate_lens,
     charuco_board,
@@ -32,6 +34,7 @@ __all__ = ["calibrate_command"]
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp")
 IMAGES = 30  # of the markers, averaged
+LIMITS = CalibrationLimits()
 ATTEMPTS = 3000  # images of a live camera to look for the board in
 
 
@@ -55,7 +58,7 @@ def _lens(arguments: CalibrateArguments, console: Console) -> int:
                 raise UserError(f"{arguments.camera} holds pictures of several sizes; keep those of one camera")
             size = image.shape[:2]
             view = board_corners(image, board)
-            if view is not None and not (live and any(_alike(view, other, size) for other in views)):
+            if view is not None and not (live and any(alike(view, other, size[1]) for other in views)):
                 views.append(view)
                 progress.update(bar, completed=len(views))
             if live and len(views) == arguments.views:
@@ -66,7 +69,7 @@ def _lens(arguments: CalibrateArguments, console: Console) -> int:
     save_camera(arguments.file, lens)
     console.print(
         f"focal length {lens.matrix[0, 0]:.1f} {lens.matrix[1, 1]:.1f} px, centre {lens.matrix[0, 2]:.1f} "
-        f"{lens.matrix[1, 2]:.1f} px\nresidual {lens.error:.3f} px over {len(views)} views, worst view "
+        f"{lens.matrix[1, 2]:.1f} px\nresidual {lens.error:.3f} px over {len(errors)} views, worst view "
         f"{errors.max():.3f} px\nwritten to {arguments.file}; next: calibrate base"
     )
     return 0
@@ -91,7 +94,6 @@ def _place(arguments: CalibrateArguments, console: Console) -> int:
     numbers = sorted(set(known) & set(seen))
     pixels = np.array([np.median(seen[number], axis=0) for number in numbers]).reshape(-1, 2)
     place, distances = locate_camera(np.array([known[n] for n in numbers]).reshape(-1, 3), pixels, lens)
-    save_camera(arguments.file, lens, place)
     table = Table("marker", "distance from its ray, mm")
     for number, distance in zip(numbers, distances, strict=True):
         table.add_row(str(number), f"{1000 * distance:.2f}")
@@ -99,6 +101,12 @@ def _place(arguments: CalibrateArguments, console: Console) -> int:
     missing = sorted(set(known) - set(seen))
     if missing:
         console.print(f"not seen: {', '.join(map(str, missing))}")
+    if not place.residual <= LIMITS.residual:
+        raise UserError(
+            f"camera and markers disagree by {1000 * place.residual:.1f} mm, and {1000 * LIMITS.residual:g} mm is needed; "
+            f"measure again the places in {arguments.points} that are furthest off, and that they are metres"
+        )
+    save_camera(arguments.file, lens, place)
     x, y, z = place.pose.translation
     console.print(
         f"camera at ({x:.4f}, {y:.4f}, {z:.4f}) m in the base frame, residual {1000 * place.residual:.2f} mm\n"
@@ -129,13 +137,6 @@ def _images(arguments: CalibrateArguments) -> Iterator[ColorImage]:
         raise UserError(f"camera {arguments.camera}: {error}; check its cable") from error
     finally:
         camera.close()
-
-
-def _alike(view: BoardView, other: BoardView, size: tuple[int, int]) -> bool:
-    """Do two views show the board from nearly the same side? They differ once a common corner moved by 5 % of the width."""
-    there = {tuple(point): pixel for point, pixel in zip(*other, strict=True)}
-    moved = [np.linalg.norm(pixel - there[tuple(p)]) for p, pixel in zip(*view, strict=True) if tuple(p) in there]
-    return bool(moved) and float(max(moved)) < 0.05 * size[1]
 
 
 def _known_points(path: Path) -> dict[int, list[float]]:

@@ -21,6 +21,7 @@ from bt_jax.deploy.execution.log import read_log
 from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.observer import Perceiving
 from bt_jax.deploy.execution.program import Program
+from bt_jax.deploy.execution.settings import CalibrationLimits
 from bt_jax.deploy.execution.statuses import Context, Statuses
 from bt_jax.deploy.link.protocol import RobotLink
 from bt_jax.deploy.link.realtime import may_take_priority
@@ -39,8 +40,7 @@ FLANGE = (
     0.005  # metres between the controller's pose of the flange and ours: a calibrated arm differs from the nominal one
 )
 TURN = np.radians(1.0)
-HAND_EYE = 0.005  # metres of residual of the camera-to-base calibration
-REPROJECTION = 1.0  # pixels of the camera's own calibration
+CALIBRATION = CalibrationLimits()
 IMAGE = 0.5  # seconds that the newest image may be old
 
 
@@ -255,7 +255,7 @@ def _intrinsics(equipment: Equipment) -> str:
     error = equipment.intrinsics_error
     if error is None:
         raise UserError("the camera is not calibrated; run python -m bt_jax.deploy calibrate")
-    if not error <= REPROJECTION:
+    if not error <= CALIBRATION.reprojection:
         raise UserError(f"the calibration is off by {error:.2f} pixels; repeat it with sharper pictures")
     return f"reprojection error {error:.2f} pixels"
 
@@ -264,7 +264,7 @@ def _hand_eye(equipment: Equipment) -> str:
     residual = equipment.camera_residual
     if residual is None:
         raise UserError("where the camera stands is not known; run python -m bt_jax.deploy calibrate")
-    if not residual <= HAND_EYE:
+    if not residual <= CALIBRATION.residual:
         raise UserError(f"camera and robot disagree by {1000 * residual:.1f} mm; repeat the calibration")
     return f"residual {1000 * residual:.1f} mm"
 

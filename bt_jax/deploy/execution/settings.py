@@ -1,10 +1,10 @@
-"""The numbers of execution, each in one place: time limits of a run, grasping, motion, and exit codes."""
+"""The numbers of execution, each in one place: time limits of a run, grasping, motion, calibration, and exit codes."""
 
 from __future__ import annotations
 
 import dataclasses
 
-__all__ = ["TWIN_SECONDS", "Exit", "GraspSettings", "Limits", "MotionSettings"]
+__all__ = ["TWIN_SECONDS", "CalibrationLimits", "Exit", "GraspSettings", "Limits", "MotionSettings"]
 
 TWIN_SECONDS = 240.0  # for a run on the twin
 
@@ -28,6 +28,17 @@ class Limits:
     patience: float = 10.0  # for which the tree may fail before the run has failed
     success: float = 1.0  # for which it must succeed
     image: float = 1.0  # the newest image may be old
+
+
+@dataclasses.dataclass(frozen=True)
+class CalibrationLimits:
+    """How well the camera must be known."""
+
+    reprojection: float = 1.0  # px, root mean square, of the lens
+    focal: float = 0.01  # standard deviation of its focal lengths, as a share of them
+    centre: float = 0.01  # and of its centre, as a share of the image's width
+    turned: float = 15.0  # degrees between two of the views at least
+    residual: float = 0.005  # m, root mean square, of the camera's place
 
 
 @dataclasses.dataclass(frozen=True)

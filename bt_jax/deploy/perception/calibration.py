@@ -19,6 +19,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
 from bt_jax._util.yaml_files import read_yaml, to_yaml
+from bt_jax.deploy.execution.settings import CalibrationLimits
 from bt_jax.deploy.perception.arrays import (
     ColorImage,
     Corners,
@@ -36,6 +37,7 @@ __all__ = [
     "BoardView",
     "CameraPose",
     "Intrinsics",
+    "alike",
     "board_corners",
     "calibrate_lens",
     "charuco_board",
@@ -49,6 +51,8 @@ __all__ = [
 BOARD = (5, 7)  # squares across and down; on A4
 SQUARE = 0.035  # edge of one as printed, m
 LEAST_CORNERS, LEAST_VIEWS, LEAST_POINTS = 8, 6, 4
+ALIKE = 0.05  # of the image's width: two views are one if no corner lies further apart
+LIMITS = CalibrationLimits()
 BoardView = tuple[PointRows, PixelRows]
 """Corners of the board: in its own frame, and where one image shows them."""
 
@@ -95,23 +99,52 @@ def board_corners(image: ColorImage | GrayImage, board: cv2.aruco.CharucoBoard) 
 def calibrate_lens(
     views: Sequence[BoardView], width: int, height: int
 ) -> tuple[Intrinsics, Float[np.ndarray, " views"]]:
-    """Return the lens from several views of the board, and each view's root mean square error [px].
+    """Return the lens from several views of the board, and the root mean square error [px] of each; views alike count once.
 
-    Raise UserError if there are too few views.
+    Raise UserError if there are too few, or if they do not determine the lens: its residual is small then all the same.
     """
-    if len(views) < LEAST_VIEWS:
+    distinct: list[BoardView] = []
+    for view in views:
+        if not any(alike(view, other, width) for other in distinct):
+            distinct.append(view)
+    if len(distinct) < LEAST_VIEWS:
+        same = f" ({len(views) - len(distinct)} more are like others)" if len(views) > len(distinct) else ""
         raise UserError(
-            f"the board was seen in {len(views)} images and {LEAST_VIEWS} are needed; take more, each from another side"
+            f"the pictures show the board from {len(distinct)} of the {LEAST_VIEWS} sides that are needed{same}; take more, "
+            "with the board turned and at other distances"
         )
-    points, pixels = zip(*views, strict=True)
-    error, matrix, distortion, rotations, positions = cv2.calibrateCamera(
-        list(points), list(pixels), (width, height), None, None
+    points, pixels = zip(*distinct, strict=True)
+    error, matrix, distortion, turns, _, deviations, _, errors = cv2.calibrateCameraExtended(
+        list(points), list(pixels), (width, height), np.eye(3), np.zeros(5)
     )
-    errors = [
-        np.sqrt(np.mean(np.sum((cv2.projectPoints(p, r, t, matrix, distortion)[0].reshape(-1, 2) - q) ** 2, axis=1)))
-        for p, q, r, t in zip(points, pixels, rotations, positions, strict=True)
-    ]
-    return Intrinsics(matrix, np.ravel(distortion)[:5], width, height, float(error)), np.array(errors)
+    if not error <= LIMITS.reprojection:
+        raise UserError(
+            f"the lens explains the pictures to {error:.2f} px, and {LIMITS.reprojection:g} is needed; glue the board to "
+            "something flat, take sharper pictures, and do not change the focus"
+        )
+    focal = float(np.max(deviations.ravel()[:2] / np.diag(matrix)[:2]))
+    centre = float(np.max(deviations.ravel()[2:4])) / width
+    turned = _largest_turn(turns)
+    if not (focal <= LIMITS.focal and centre <= LIMITS.centre and turned >= LIMITS.turned):
+        raise UserError(
+            f"the board was turned by {turned:.0f} degrees at most, and the pictures leave the focal length open by "
+            f"{focal:.1%} and the centre by {centre:.1%} of the width, where {LIMITS.focal:.0%} is needed; take more, with "
+            "the board turned by 20 to 40 degrees to every side and at other distances"
+        )
+    return Intrinsics(matrix, np.ravel(distortion)[:5], width, height, float(error)), np.ravel(errors)
+
+
+def _largest_turn(turns: Sequence[Float[np.ndarray, "3 1"]]) -> float:
+    """Return the largest angle between the board's normals in two views [deg], from its rotation vectors."""
+    normals = np.array([Rotation.from_rotvec(np.ravel(turn)).as_matrix()[:, 2] for turn in turns])
+    return float(np.degrees(np.arccos(np.clip(normals @ normals.T, -1, 1).min())))
+
+
+def alike(view: BoardView, other: BoardView, width: int) -> bool:
+    """Do two views show the board from nearly the same side, in images of this width [px]?"""
+    there = {tuple(point): pixel for point, pixel in zip(*other, strict=True)}
+    moved = [np.linalg.norm(pixel - there[tuple(p)]) for p, pixel in zip(*view, strict=True) if tuple(p) in there]
+    return bool(moved) and float(max(moved)) < ALIKE * width
 
 
 def marker_centres(image: ColorImage | GrayImage) -> dict[int, Pixel]:

@@ -30,14 +30,14 @@ LENS = Intrinsics(
 POSE = RigidTransform.from_components([0.7, 0.02, 0.55], Rotation.from_quat([0.653, 0.653, -0.271, -0.271]))
 
 
-def views_of_the_board(count: int, noise: float = 0.05):
+def views_of_the_board(count: int, noise: float = 0.05, turn: float = 0.5):
     """Corners of the board as the lens would show them from random sides."""
     rng, board = np.random.default_rng(0), charuco_board()
     points = np.asarray(board.getChessboardCorners(), np.float32)
     for _ in range(count):
-        turn = Rotation.from_euler("xyz", rng.uniform(-0.5, 0.5, 3)).as_rotvec()
+        rotation = Rotation.from_euler("xyz", turn * rng.uniform(-1, 1, 3)).as_rotvec()
         place = np.array([-0.09, -0.12, 0.0]) + rng.uniform([-0.08, -0.05, 0.4], [0.08, 0.05, 0.7])
-        pixels = cv2.projectPoints(points, turn, place, LENS.matrix, LENS.distortion)[0].reshape(-1, 2)
+        pixels = cv2.projectPoints(points, rotation, place, LENS.matrix, LENS.distortion)[0].reshape(-1, 2)
         yield points, (pixels + rng.normal(0, noise, pixels.shape)).astype(np.float32)
 
 
@@ -77,6 +77,43 @@ def test_the_command_calibrates_from_pictures(tmp_path, capsys):
     assert lens.matrix[0, 0] == pytest.approx(600, rel=0.02)
     assert (lens.width, lens.height) == (640, 480)
     assert "residual" in capsys.readouterr().out
+
+
+def test_views_alike_count_once():
+    views = list(views_of_the_board(8))
+    lens, errors = calibrate_lens([*views, *views, views[0]], 640, 480)
+    alone, expected = calibrate_lens(views, 640, 480)
+    np.testing.assert_allclose(lens.matrix, alone.matrix, rtol=1e-6)
+    np.testing.assert_allclose(errors, expected, rtol=1e-4)
+    with pytest.raises(UserError, match=r"from 2 of the 6 sides .*5 more are like others.* turned and at other"):
+        calibrate_lens([*views[:2], *[views[1]] * 5], 640, 480)
+
+
+@pytest.mark.parametrize(("turn", "noise"), [(0.0, 0.3), (0.03, 0.05), (0.03, 0.3), (0.1, 0.3)])
+def test_a_lens_that_the_views_leave_open_is_refused(turn, noise):
+    """All of them look straight down on the board: many focal lengths explain them, with a small residual."""
+    with pytest.raises(UserError, match=r"leave the focal length open by .* turned by 20 to 40 degrees"):
+        calibrate_lens(list(views_of_the_board(12, noise, turn)), 640, 480)
+
+
+def test_pictures_that_no_lens_explains_are_refused():
+    with pytest.raises(UserError, match=r"explains the pictures to .* flat"):
+        calibrate_lens(list(views_of_the_board(15, noise=2.0)), 640, 480)
+
+
+def test_a_place_that_the_markers_contradict_is_not_written(tmp_path):
+    cv2.imwrite(str(tmp_path / "0.png"), cv2.cvtColor(fresh_scene().image(), cv2.COLOR_RGB2BGR))
+    file, known, scene = tmp_path / "camera.yaml", tmp_path / "points.yaml", fresh_scene()
+    save_camera(file, Intrinsics(PLACEMENT.matrix, np.zeros(5), 640, 480, 0.1))
+    before, rng = file.read_bytes(), np.random.default_rng(0)
+    centres = {
+        marker.id: ((scene.truth(marker.body) * marker.pose).translation + rng.normal(0, 0.02, 3)).tolist()
+        for marker in task_markers(TASK)
+    }
+    known.write_text(yaml.safe_dump(centres))
+    with pytest.raises(UserError, match=r"disagree by .* mm, and 5 mm is needed; measure again"):
+        calibrate_command(CalibrateArguments("base", camera=str(tmp_path), file=file, points=known))
+    assert file.read_bytes() == before
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.2])
