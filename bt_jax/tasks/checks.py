@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import math
 import re
@@ -10,9 +9,11 @@ from collections.abc import Callable
 from typing import NoReturn
 
 from bt_jax._util.errors import UserError
+from bt_jax.tasks.bounds import out_of_bounds
+from bt_jax.tasks.support import unsupported
 from bt_jax.tasks.task import Kit, Task, Vec3
 
-__all__ = ["check"]
+__all__ = ["check", "check_support"]
 
 Fail = Callable[[str, str, str], NoReturn]  # key, problem, remedy
 
@@ -46,15 +47,22 @@ def check(task: Task, source: str) -> None:
             fail(f"subgoals[{i}].name", f"'{subgoal.name}' is listed twice", "rename one of them")
         if not subgoal.conditions:
             fail(f"subgoals[{i}].conditions", "it has no conditions", "add a condition, for instance clear(YellowBox)")
+    for key, complaint in out_of_bounds(task):
+        raise UserError(f"{source}, key {key}: {complaint}")
     _check_sizes(task, fail)
     _check_layout(task, fail)
     _check_targets(task, fail)
 
 
+def check_support(task: Task, source: str) -> None:
+    """Raise UserError, naming `source`, key and remedy, for a target in the air or inside a table."""
+    for i, z in unsupported(task):
+        problem = f"nothing can be under {task.targets[i].object} there, which must rest on something"
+        _fail(source, f"targets[{i}].position", problem, f"write {round(z, 4):g} for z, or another place")
+
+
 def _check_sizes(task: Task, fail: Fail) -> None:
     for i, box in enumerate(task.boxes):
-        if box.size <= 0 or box.density <= 0:
-            fail(f"boxes[{i}]", f"{box.name} has no size or weight", "make size and density positive")
         if box.size > task.gripper_opening:
             fail(
                 f"boxes[{i}].size",
@@ -67,24 +75,13 @@ def _check_sizes(task: Task, fail: Fail) -> None:
                 f"{box.size} m does not fit in the kit, {2 * task.kit.inner:.3f} m between the walls",
                 "make the box smaller or kit.size larger",
             )
-    for i, table in enumerate(task.tables):
-        if min(table.size) <= 0:
-            fail(f"tables[{i}].size", "must be positive", "give three lengths in metres, such as [0.6, 0.4, 0.02]")
+    for table in task.tables:
         if task.kit.size > min(table.size[:2]):
             fail(
                 "kit.size", f"{task.kit.size} m is wider than {table.name}", "make the kit smaller or the table larger"
             )
-    for section in ("kit", "genes", "episode", "weights", "layout"):
-        for key, value in dataclasses.asdict(getattr(task, section)).items():
-            if isinstance(value, float | int) and value < 0:
-                fail(f"{section}.{key}", f"{value} is negative", "make it zero or more")
-    for key in ("size", "thickness", "wall_height", "wall_thickness"):
-        if getattr(task.kit, key) <= 0:
-            fail(f"kit.{key}", "must be more than zero", "give a length in metres, such as 0.01")
     if task.kit.inner <= 0:
         fail("kit.wall_thickness", "the walls leave no room", "make the walls thinner or the kit larger")
-    if task.episode.max_ticks < 1 or task.episode.success_ticks < 1 or task.episode.action_ticks < 1:
-        fail("episode", "the numbers of ticks must be at least 1", "raise them")
 
 
 def _check_layout(task: Task, fail: Fail) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 from bt_jax._util.decoding import decode
 from bt_jax._util.errors import UserError
 from bt_jax._util.yaml_files import read_yaml
-from bt_jax.tasks.checks import check
+from bt_jax.tasks.checks import check, check_support
 from bt_jax.tasks.task import Task
 
 __all__ = ["load_task", "task_from_dict", "task_names", "task_of_folder"]
@@ -46,13 +46,16 @@ def task_names() -> list[str]:
     return sorted(path.stem for path in FOLDER.glob("*.yaml"))
 
 
-def load_task(name_or_path: str | Path) -> Task:
-    """Read a task by name (one of `task_names()`) or from a YAML file.
+def load_task(name_or_path: str | Path, *, unfinished: bool = False) -> Task:
+    """Read a task by name (one of `task_names()`) or from a YAML file; an unfinished one may have targets in the air.
 
     Raise UserError, naming file, key and remedy, if the task is invalid.
     """
     path = _find(name_or_path)
-    return task_from_dict(_read(path), source=str(path))
+    task = task_from_dict(_read(path), source=str(path))
+    if not unfinished:
+        check_support(task, str(path))
+    return task
 
 
 def task_of_folder(folder: Path) -> Task | None:

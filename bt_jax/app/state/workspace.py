@@ -100,7 +100,7 @@ class Workspace:
         """Return a task by its name. Raise UserError if the file is invalid, gone or outside the workspace."""
         if name in task_names():
             return load_task(name)
-        return load_task(self.inside(self.tasks, f"{name}.yaml"))
+        return load_task(self.inside(self.tasks, f"{name}.yaml"), unfinished=True)
 
     def save_task(self, name: str, task: Task) -> Path:
         """Write a task file. Raise UserError if the name is that of a task of the package, or no name for a file."""
@@ -127,7 +127,7 @@ class Workspace:
 
     def draft(self) -> Task | None:
         """Return the draft of a task, None if there is none. Raise UserError if it is invalid."""
-        return load_task(self._draft) if self._draft.is_file() else None
+        return load_task(self._draft, unfinished=True) if self._draft.is_file() else None
 
     def save_draft(self, task: Task) -> None:
         """Replace the draft."""

@@ -1,0 +1,92 @@
+"""What the numbers of tasks and demonstrations may be: the one table of bounds. They are wide; a number outside is a slip,
+most often of the unit."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
+from typing import Any
+
+__all__ = ["BOUNDS", "POSITION", "Bound", "numbers", "out_of_bounds"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Bound:
+    """The least and the greatest value, in `unit`. `slip`: the unit that is written by mistake, and what it is in `unit`."""
+
+    low: float
+    high: float
+    unit: str = ""
+    slip: tuple[str, float] | None = None
+
+    def complaint(self, value: float) -> str | None:
+        """Return why a value is implausible, and what to write; None if it is plausible."""
+        if self.low <= value <= self.high:
+            return None
+        remedy = f"write {self.low:g} to {self.high:g} {self.unit}".rstrip()
+        if self.slip is not None and self.low <= value * self.slip[1] <= self.high:
+            name = {"m": "metres? "}.get(self.unit, "")
+            remedy += f" ({name}{value:g} {self.slip[0]} are {value * self.slip[1]:.3g} {self.unit}".rstrip() + ")"
+        return f"{value:g} is implausible; {remedy}"
+
+
+def _metres(low: float, high: float) -> Bound:
+    return Bound(low, high, "m", ("mm", 0.001))
+
+
+POSITION, LENGTH, GAP = _metres(-10.0, 10.0), _metres(0.0005, 2.0), _metres(0.0, 2.0)
+TICKS, COST = Bound(1.0, 10_000.0, "ticks"), Bound(0.0, 1e6)
+BOUNDS: Mapping[str, Bound] = MappingProxyType(
+    {  # key of a task, without the numbers of list entries
+        "tables.position": POSITION,
+        "tables.size": _metres(0.005, 10.0),
+        "kit.size": _metres(0.005, 2.0),
+        "kit.thickness": LENGTH,
+        "kit.wall_height": LENGTH,
+        "kit.wall_thickness": LENGTH,
+        "boxes.size": _metres(0.005, 2.0),
+        "boxes.color": Bound(0.0, 1.0, slip=("of 255", 1 / 255)),
+        "boxes.density": Bound(10.0, 25_000.0, "kg/m³", ("g/cm³", 1000.0)),  # foam to osmium
+        "targets.position": POSITION,
+        "layout.spacing": GAP,
+        "layout.margin": GAP,
+        "layout.fixed.position": POSITION,
+        "genes.gap": GAP,
+        "genes.grid": Bound(0.0, 20.0),
+        "genes.pitch": GAP,
+        "genes.height": GAP,
+        "episode.max_ticks": TICKS,
+        "episode.success_ticks": TICKS,
+        "episode.action_ticks": TICKS,
+        "episode.tolerance": _metres(0.0001, 1.0),
+        "weights.distance": COST,
+        "weights.node": COST,
+        "weights.timeout": COST,
+        "weights.failure": COST,
+        "weights.subgoal": COST,
+        "robot_position": POSITION,
+        "gripper_opening": _metres(0.005, 2.0),
+    }
+)
+
+
+def out_of_bounds(thing: Any) -> Iterator[tuple[str, str]]:
+    """Yield the keys, and the complaints, of all implausible numbers in a task."""
+    for key, name, value in numbers(thing, "", ""):
+        bound = BOUNDS.get(name)
+        if bound is not None and (complaint := bound.complaint(value)) is not None:
+            yield key, complaint
+
+
+def numbers(value: Any, key: str, name: str) -> Iterator[tuple[str, str, float]]:
+    """Yield the key, the key without the numbers of list entries, and the value of every number."""
+    if isinstance(value, int | float):
+        yield key, name, float(value)
+    elif isinstance(value, tuple):
+        for i, item in enumerate(value):
+            yield from numbers(item, f"{key}[{i}]", name)
+    elif dataclasses.is_dataclass(value):
+        dot = "." if key else ""
+        for field in dataclasses.fields(value):
+            yield from numbers(getattr(value, field.name), f"{key}{dot}{field.name}", f"{name}{dot}{field.name}")
