@@ -1,7 +1,8 @@
 from bt_jax.deploy.commands.replay import replay
 from bt_jax.deploy.execution.action_runner import Skills
 from bt_jax.deploy.execution.executor import Executor
-from bt_jax.deploy.execution.log import Log, read_log
+from bt_jax.deploy.execution.log import Log
+from bt_jax.deploy.execution.log_reader import read_log
 from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.observer import Observer
 from bt_jax.deploy.execution.outcome import RunOutcome, TickReport

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +12,10 @@ from rich.console import Console
 from rich.text import Text
 
 from bt_jax._util.errors import UserError
-from bt_jax.behaviors import expand, parse_behavior
+from bt_jax.behaviors import Tree, expand, parse_behavior
 from bt_jax.deploy.commands.arguments import ReplayArguments
 from bt_jax.deploy.execution.decision import Sight, Step, decide
-from bt_jax.deploy.execution.log import read_log
+from bt_jax.deploy.execution.log_reader import Damage, numbered_entries
 from bt_jax.deploy.execution.observation import Observation, pose_from_list
 from bt_jax.deploy.execution.program import Program
 from bt_jax.deploy.execution.settings import Limits
@@ -49,46 +49,75 @@ class Replayed:
 
 def program_of(start: Mapping[str, Any], source: Path) -> Program:
     """Return the program that a log was written for. Raise UserError if its digest does not fit its tree."""
-    try:
-        program = Program(task_from_dict(start["task"], source=str(source)), parse_tree(start["tree"]))
-        same = program.digest == start["digest"]
-    except KeyError as error:
-        raise UserError(f"{source} lacks {error}; give the log that a run has written") from error
-    if not same:
+    for key in ("task", "tree", "digest"):
+        if key not in start:
+            raise UserError(f"{source} lacks the {key}; give the log that a run has written")
+    program = Program(task_from_dict(start["task"], source=str(source)), parse_tree(start["tree"]))
+    if program.digest != start["digest"]:
         raise UserError(f"{source} was changed, its tree is not that of its digest; use the log as it was written")
     return program
 
 
 def replay(path: Path) -> Iterator[Replayed]:
-    """Tick the tree of a log again, with what was known at each tick that ticked it."""
-    entries = read_log(path)
-    start = next(entries)
-    program = program_of(start, path)
+    """Tick the tree of a log again, with what was known at each tick that ticked it. Raise UserError at a damaged line."""
+    damage = Damage(path, strict=True)
+    entries = numbered_entries(path, damage)
+    _, start = next(entries)
+    yield from _replayed(program_of(start, path), start, entries, damage)
+
+
+def _replayed(
+    program: Program, start: Mapping[str, Any], entries: Iterable[tuple[int, dict[str, Any]]], damage: Damage
+) -> Iterator[Replayed]:
     tree, patience = expand(program.tree), start.get("limits", {}).get("look", Limits().look)
-    for entry in entries:
+    for number, entry in entries:
         if entry["kind"] == "tick" and entry["statuses"] is not None:
-            seen = Observation.from_dict(entry["seen"])
-            context, sight = _context(entry["context"], seen), _sight(entry)
-            now = entry.get("time", seen.time)
-            decision = decide(program, tree, seen, context, sight, now=now, patience=patience)
-            phase = str(decision.step) if "sight" in entry else None
-            if phase == Step.STARTING and start["dry"]:
-                phase = f"would start {decision.wanted}"
-            yield Replayed(seen, _statuses(entry["statuses"]), decision.ticked.statuses, entry["phase"], phase)
+            tick = None
+            with damage.noted(number):
+                seen = Observation.from_dict(entry["seen"])
+                context, sight = _context(entry["context"], seen), _sight(entry)
+                now = entry.get("time", seen.time)
+                decision = decide(program, tree, seen, context, sight, now=now, patience=patience)
+                phase = str(decision.step) if "sight" in entry else None
+                if phase == Step.STARTING and start.get("dry"):
+                    phase = f"would start {decision.wanted}"
+                logged, statuses = _statuses(entry["statuses"]), decision.ticked.statuses
+                if len(logged) != len(statuses):
+                    raise ValueError(f"{len(logged)} statuses of {len(statuses)} nodes")
+                tick = Replayed(seen, logged, statuses, entry["phase"], phase)
+            if tick is not None:
+                yield tick
 
 
 def replay_command(arguments: ReplayArguments, console: Console | None = None) -> int:
-    """Print a log; return 0 if it replays as it was, 1 if the tree decides differently now."""
+    """Print a log; return 0 if it replays as it was, 1 if the tree decides differently now. Damaged lines are left out, and
+    named."""
     console = Console(highlight=False, soft_wrap=True) if console is None else console
-    entries = list(read_log(arguments.log))
-    start = entries[0]
-    tree = expand(program_of(start, arguments.log).tree)
-    console.print(f"tree       {start['digest'][:12]}\nversions   {_listed(start['versions'])}", markup=False)
-    previous, began = None, start["time"]
-    for entry in entries[1:]:
+    damage = Damage(arguments.log, strict=False)
+    entries = list(numbered_entries(arguments.log, damage))
+    start = entries[0][1]
+    program = program_of(start, arguments.log)
+    ticks = list(_replayed(program, start, entries, damage))
+    intact = [entry for number, entry in entries if number not in damage.lines]
+    console.print(f"tree       {program.digest[:12]}\nversions   {_listed(start.get('versions', {}))}", markup=False)
+    _tell(intact, expand(program.tree), start, arguments.every, console)
+    differing = sum(not tick.same for tick in ticks)
+    console.print(f"\n{_summary(intact)}", markup=False)
+    if damage.lines:
+        console.print(f"damaged    line {damage}: left out", markup=False, style="red")
+    console.print(f"replayed   {len(ticks)} ticks, {len(ticks) - differing} decided as they were")
+    return 1 if differing else 0
+
+
+def _tell(
+    entries: Sequence[Mapping[str, Any]], tree: Tree, start: Mapping[str, Any], every: bool, console: Console
+) -> None:
+    """Print what happened: `every` tick, or only those in which a status changed."""
+    previous, began = None, start.get("time", 0.0)
+    for entry in entries:
         if entry["kind"] == "tick":
             shown = (entry["statuses"], entry["phase"])
-            if entry["statuses"] is not None and (arguments.every or shown != previous):
+            if entry["statuses"] is not None and (every or shown != previous):
                 time = entry["seen"]["time"] - began
                 holding = entry["seen"]["holding"] or "nothing"
                 console.print(f"\n{time:8.2f} s  {entry['phase']}, holding {holding}", markup=False)
@@ -99,11 +128,6 @@ def replay_command(arguments: ReplayArguments, console: Console | None = None) -
             console.print(f"{entry['time'] - began:8.2f} s  {entry['action']} {entry['event']}{reason}", markup=False)
         elif entry["kind"] == "exception":
             console.print(entry["text"], markup=False, style="red")
-    ticks = list(replay(arguments.log))
-    differing = sum(not tick.same for tick in ticks)
-    console.print(f"\n{_summary(entries)}", markup=False)
-    console.print(f"replayed   {len(ticks)} ticks, {len(ticks) - differing} decided as they were")
-    return 1 if differing else 0
 
 
 def _summary(entries: list[dict[str, Any]]) -> str:
@@ -120,10 +144,10 @@ def _summary(entries: list[dict[str, Any]]) -> str:
     end = entries[-1]
     if end["kind"] != "end":
         return "\n".join([*lines, "end        the log breaks off: the program was killed"])
-    counted = ", ".join(f"{value} {name}" for name, value in end["counters"].items())
+    counted = ", ".join(f"{value} {name}" for name, value in end.get("counters", {}).items())
     lines.append(f"link       {counted}")
-    lines.append(f"ticks      {end['ticks']}, {end['overruns']} too slow")
-    lines.append(f"end        {end['reason']} after {end['seconds']:.1f} s (exit code {end['exit_code']})")
+    lines.append(f"ticks      {end.get('ticks')}, {end.get('overruns')} too slow")
+    lines.append(f"end        {end.get('reason')} after {end.get('seconds', 0.0):.1f} s (exit code {end['exit_code']})")
     return "\n".join(lines)
 
 

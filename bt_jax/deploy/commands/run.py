@@ -24,7 +24,8 @@ from bt_jax.deploy.commands.arguments import RunArguments
 from bt_jax.deploy.commands.check import print_preflight
 from bt_jax.deploy.commands.real_cell import RealCell, open_real_cell
 from bt_jax.deploy.execution.executor import Executor
-from bt_jax.deploy.execution.log import Log, log_ends
+from bt_jax.deploy.execution.log import Log
+from bt_jax.deploy.execution.log_reader import log_ends
 from bt_jax.deploy.execution.observer import Observer, Perceiving
 from bt_jax.deploy.execution.outcome import TickReport
 from bt_jax.deploy.execution.preflight import CheckResult, passed
@@ -58,13 +59,13 @@ def last_stop(folder: Path) -> str | None:
     Only the first and the last line of a log are read, the newest log first.
     """
     for log in sorted(folder.glob("*.jsonl"), key=lambda path: path.stat().st_mtime, reverse=True):
-        with contextlib.suppress(UserError, KeyError, OSError):
+        with contextlib.suppress(UserError, OSError):
             start, end = log_ends(log)
-            if "preflight" not in start["settings"] or start["dry"]:
+            if "preflight" not in start.get("settings", {}) or start.get("dry"):
                 continue
             if end["kind"] != "end":
                 return f"it ended without saying why ({log})"
-            return f"{end['reason']} ({log})" if end["exit_code"] == Exit.STOPPED else None
+            return f"{end.get('reason')} ({log})" if end["exit_code"] == Exit.STOPPED else None
     return None
 
 

@@ -13,7 +13,6 @@ import json
 import math
 import os
 import platform
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -30,12 +29,11 @@ from bt_jax.deploy.link.protocol import Records, RobotLink
 from bt_jax.deploy.yumi import JointRows
 from bt_jax.encoding.formats.text import one_line
 
-__all__ = ["FORMAT", "Log", "RunLog", "TickEntry", "log_ends", "read_log", "versions"]
+__all__ = ["FORMAT", "Log", "RunLog", "TickEntry", "versions"]
 
 FORMAT = 1
 DIGITS = 5  # of joints in `motion`, rad
 RECORD_EVERY = 5  # of the link's cycles, one is logged; all of the last ones before a stop
-BLOCK = 1 << 16  # bytes read at once from the end of a log
 
 
 def versions() -> dict[str, str]:
@@ -171,64 +169,6 @@ class RunLog:
         drain = getattr(self.link, "drain", None)
         if drain is not None:
             self.log.motion(self.link.arms, drain(), every=every)
-
-
-def read_log(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield the lines of a log in order, without a last one that was not finished.
-
-    Raise UserError if it is not a log of this version.
-    """
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"{path} cannot be read ({error}); give the log that a run has written") from error
-    for number, line in enumerate(lines, start=1):
-        try:
-            entry = json.loads(line)
-            kind = entry["kind"]
-        except (ValueError, KeyError, TypeError) as error:
-            if number == len(lines) and number > 1:
-                return
-            raise UserError(
-                f"{path}, line {number} is not part of a log; give the log that a run has written"
-            ) from error
-        if number == 1 and (kind != "start" or entry.get("format") != FORMAT):
-            raise UserError(f"{path} is no log of format {FORMAT}; use the version of bt_jax that wrote it")
-        yield entry
-    if not lines:
-        raise UserError(f"{path} is empty; give the log that a run has written")
-
-
-def log_ends(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the first and the last finished line of a log, without reading what is between them.
-
-    Raise UserError if it is not a log of this version.
-    """
-    try:
-        with path.open("rb") as file:
-            first = file.readline()
-            end, tail = file.seek(0, os.SEEK_END), b""
-            while len(tail.splitlines()) < 3 and len(tail) < end:  # the last line may be unfinished
-                file.seek(max(0, end - len(tail) - BLOCK))
-                tail = file.read(min(BLOCK, end - len(tail))) + tail
-    except OSError as error:
-        raise UserError(f"{path} cannot be read ({error}); give the log that a run has written") from error
-    if not first:
-        raise UserError(f"{path} is empty; give the log that a run has written")
-    start = _entry(first)
-    if start is None or start["kind"] != "start" or start.get("format") != FORMAT:
-        raise UserError(f"{path} is no log of format {FORMAT}; use the version of bt_jax that wrote it")
-    finished = (entry for line in reversed(tail.splitlines()) if (entry := _entry(line)) is not None)
-    return start, next(finished, start)
-
-
-def _entry(line: bytes) -> dict[str, Any] | None:
-    """Return a line of a log, None if it is not one."""
-    try:
-        entry = json.loads(line)
-    except ValueError:
-        return None
-    return entry if isinstance(entry, dict) and "kind" in entry else None
 
 
 def _joints(rows: Records) -> dict[str, list]:

@@ -17,7 +17,7 @@ from scipy.spatial.transform import RigidTransform
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, Kind, expand
-from bt_jax.deploy.execution.log import read_log
+from bt_jax.deploy.execution.log_reader import read_log
 from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.observer import Perceiving
 from bt_jax.deploy.execution.program import Program
@@ -150,13 +150,13 @@ def _twin(equipment: Equipment) -> str:
     start, end = entries[0], entries[-1]
     if start.get("settings", {}).get("robot") != "twin":
         raise UserError(f"{equipment.twin_log} is not of the twin; run this tree there and give the log of that")
-    if start["digest"] != equipment.program.digest:
+    if start.get("digest") != equipment.program.digest:
         raise UserError(f"{equipment.twin_log} is of another tree; run this one in the twin")
-    if start["task"] != equipment.program.task.to_dict():
+    if start.get("task") != equipment.program.task.to_dict():
         raise UserError(f"{equipment.twin_log} is of another task; run this one in the twin")
-    if end["kind"] != "end" or end["exit_code"] != 0 or start["dry"]:
+    if end["kind"] != "end" or end["exit_code"] != 0 or start.get("dry") is not False:
         raise UserError(f"the run in {equipment.twin_log} did not succeed; look into it with replay and fix the tree")
-    return f"succeeded in {end['seconds']:.0f} s, {end['ticks']} ticks"
+    return f"succeeded in {end.get('seconds', np.nan):.0f} s, {end.get('ticks')} ticks"
 
 
 def _priority(equipment: Equipment) -> str:

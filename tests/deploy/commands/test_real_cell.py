@@ -13,7 +13,8 @@ from bt_jax._util.errors import UserError
 from bt_jax.deploy.commands.arguments import FASTEST, CheckArguments, RunArguments
 from bt_jax.deploy.commands.check import check_command
 from bt_jax.deploy.commands.run import SENTENCE, run_command
-from bt_jax.deploy.execution.log import Log, read_log
+from bt_jax.deploy.execution.log import Log
+from bt_jax.deploy.execution.log_reader import read_log
 from bt_jax.deploy.execution.settings import Exit, Limits
 from tests.helpers.real_cells import connected
 from tests.helpers.terminal import Terminal

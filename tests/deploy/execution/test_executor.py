@@ -5,7 +5,8 @@ import numpy as np
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, Control
-from bt_jax.deploy.execution.log import Log, read_log
+from bt_jax.deploy.execution.log import Log
+from bt_jax.deploy.execution.log_reader import read_log
 from bt_jax.deploy.execution.settings import Exit, Limits
 from bt_jax.encoding.status import Status
 from bt_jax.mjx_env.episodes.playback import play

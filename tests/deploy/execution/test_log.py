@@ -9,7 +9,8 @@ from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior
 from bt_jax.deploy.commands.arguments import ReplayArguments
 from bt_jax.deploy.commands.replay import replay, replay_command
-from bt_jax.deploy.execution.log import Log, log_ends, read_log
+from bt_jax.deploy.execution.log import Log
+from bt_jax.deploy.execution.log_reader import log_ends, read_log
 from bt_jax.deploy.execution.settings import Exit
 from tests.helpers.ideal import TASK, IdealCell
 
@@ -151,6 +152,40 @@ def test_a_log_that_breaks_off_is_read_up_to_there(written, tmp_path):
     assert "breaks off" in console.export_text()
 
 
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda line: line[:40],
+        lambda line: "[" * 3000,
+        lambda line: "",
+        lambda line: "[]",
+        lambda line: line.replace('"phase"', '"phrase"'),
+        lambda line: line.replace('"time": ', '"time": 1e999, "was": '),
+        lambda line: line.replace('"statuses": "', '"statuses": "7'),
+        lambda line: line.replace('"statuses": "', '"statuses": ".'),
+        lambda line: line.replace('"seen": {', '"seen": 5, "then": {'),
+        lambda line: line.replace('"poses": {"YellowBox": [', '"poses": {"YellowBox": [0, 0, 0, 0, 0, 0, 0], "Old": ['),
+        lambda line: line.replace('"attempt": ', '"attempt": "fly(YellowBox)", "was": '),
+        lambda line: line.encode().replace(b'"tick"', b'"t\xffck"').decode("latin-1"),
+    ],
+)
+def test_a_damaged_line_is_told_and_hides_no_other(written, tmp_path, spoil):
+    lines = written.read_text().splitlines()
+    index = next(i for i, line in enumerate(lines) if i > 20 and '"statuses": "' in line)
+    good, damaged = lines[index], tmp_path / "damaged.jsonl"
+    lines[index] = spoil(good)
+    assert lines[index] != good
+    damaged.write_text("\n".join(lines), encoding="latin-1")
+    console = Console(record=True, width=120, file=io.StringIO())
+    assert replay_command(ReplayArguments(damaged), console) == 0
+    text = console.export_text()
+    assert f"damaged    line {index + 1}: left out" in text
+    count = len(list(replay(written))) - 1
+    assert f"{count} ticks, {count} decided as they were" in text
+    with pytest.raises(UserError, match=f"line {index + 1} is not part of a log"):
+        list(replay(damaged))
+
+
 def test_a_tree_that_was_changed_is_refused(written, tmp_path):
     changed = tmp_path / "changed.jsonl"
     changed.write_text(written.read_text().replace("move(BlueBox, (0, 0, 0.1)", "move(BlueBox, (0, 0, 0.2)", 1))
@@ -164,7 +199,7 @@ def test_what_is_no_log_is_refused(tmp_path, text):
     path.write_text(text)
     with pytest.raises(UserError, match=r"log|empty"):
         list(read_log(path))
-    with pytest.raises(UserError, match="cannot be read"):
+    with pytest.raises(UserError, match="there is no file"):
         list(read_log(tmp_path / "nowhere.jsonl"))
 
 

@@ -5,7 +5,8 @@ import signal
 
 import pytest
 
-from bt_jax.deploy.execution.log import Log, read_log
+from bt_jax.deploy.execution.log import Log
+from bt_jax.deploy.execution.log_reader import read_log
 from bt_jax.deploy.execution.settings import Exit
 from tests.helpers.ideal import IdealCell
 

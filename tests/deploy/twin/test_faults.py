@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform
 
 from bt_jax.behaviors import Behavior, expand
 from bt_jax.deploy.commands.replay import replay
-from bt_jax.deploy.execution.log import read_log
+from bt_jax.deploy.execution.log_reader import read_log
 from bt_jax.deploy.execution.program import Program
 from bt_jax.deploy.execution.settings import Exit, Limits
 from bt_jax.deploy.link.rws import GRIP_TARGET, Rws, symbol

@@ -3,7 +3,7 @@ import dataclasses
 import pytest
 
 from bt_jax.deploy.commands.replay import replay
-from bt_jax.deploy.execution.log import read_log
+from bt_jax.deploy.execution.log_reader import read_log
 from bt_jax.deploy.execution.program import Program
 from bt_jax.deploy.execution.settings import Exit
 from bt_jax.deploy.twin.run import run_twin
