@@ -128,7 +128,7 @@ def test_what_files_hold_is_read_again_only_if_they_have_changed(tmp_path, monke
     mine = workspace.task("mine")
     for name, real in (("load_task", load_task), ("RunConfig.read", RunConfig.read)):
         where = "bt_jax.app.state.workspace." if name == "load_task" else "bt_jax.training.run_config."
-        monkeypatch.setattr(where + name, lambda path, real=real: read.append(path) or real(path))
+        monkeypatch.setattr(where + name, lambda path, real=real, **options: read.append(path) or real(path, **options))
     for _ in range(3):
         assert workspace.holds(mine)
         assert workspace.run_holds("run", STACK)
