@@ -21,7 +21,12 @@ from bt_jax.app.widgets.scene_view import SceneView
 __all__ = ["Page"]
 
 STATIC = Path(__file__).parent / "static"
-SCRIPTS = ("keys.js", "undo_keys.js", "focus.js")
+STYLES = ("appearance.css", "page.css")
+SCRIPTS = ("appearance.js", "keys.js", "undo_keys.js", "focus.js")
+APPEARANCES = (
+    '<option value="system">As the system</option><option value="light">Light</option>'
+    '<option value="dark">Dark</option><option value="contrast">High contrast</option>'
+)
 BLUE, GREEN, ORANGE, VERMILION = "#0072b2", "#009e73", "#e69f00", "#d55e00"  # Okabe and Ito
 
 
@@ -33,7 +38,8 @@ class Page:
         self.step: Step = next((name for name in STEPS if name == step), STEPS[0])
         self._on_step: list[Callable[[Step], None]] = []
         ui.colors(primary=BLUE, secondary="#56616d", positive=GREEN, negative=VERMILION, warning=ORANGE)
-        ui.add_css(STATIC / "page.css")
+        for style in STYLES:
+            ui.add_css(STATIC / style)
         for script in SCRIPTS:
             ui.add_head_html(f"<script>{(STATIC / script).read_text(encoding='utf-8')}</script>")
         with ui.element("div").classes("page"):
@@ -48,7 +54,10 @@ class Page:
                             if name == "task":
                                 unsaved = ui.badge().props("floating rounded color=warning data-testid=unsaved-mark")
                                 unsaved.props('aria-label="not saved" title="not saved"').classes("unsaved-mark")
-            with ui.element("main").classes("page-main"):
+                ui.html(APPEARANCES, tag="select", sanitize=False).classes("page-appearance").props(
+                    'data-appearance data-testid=appearance aria-label="Colours" title="Colours"'
+                )
+            with ui.element("div").classes("page-main"):
                 self.scene_area = ui.element("section").classes("page-scene").props("aria-label=Scene")
                 with self.scene_area:
                     self.scene = SceneView(studio, self)
@@ -56,7 +65,7 @@ class Page:
                 with ui.element("section").classes("page-side"):
                     for name in STEPS:
                         self._panels[name] = ui.element("div").classes("page-panel").props(f"data-testid=panel-{name}")
-            with ui.element("footer").classes("page-footer").props("role=status aria-live=polite"):
+            with ui.element("div").classes("page-footer").props("role=status aria-live=polite"):
                 self._message = ui.label().props("data-testid=message")
         for name, panel in self._panels.items():
             with panel:

@@ -55,10 +55,13 @@ def serve(
     def window(step: str = "") -> None:
         Page(studio, step)
 
+    app.config.quasar_config["loadingBar"]["skipHijack"] = True  # a bar without a name, at every request
     ui.run(
         host=host,
         port=port,
         title="bt_jax",
+        language="en-US",
+        dark=None,
         show=show,
         reload=False,
         reconnect_timeout=RECONNECT_SECONDS,

@@ -158,7 +158,7 @@ class _Demonstrate:
             for one in self.library.kept:
                 self._row(one.name, one.summary, one.problem)
             if not self.library.kept:
-                ui.label("none yet").classes("teach-hint")
+                ui.label("none yet").classes("teach-hint").props("role=listitem")
 
     def _row(self, name: str, summary: str, problem: str) -> None:
         guard, playing = self.page.guard, self.teaching.replayed == name

@@ -65,7 +65,7 @@ class _Evolve:
                 self.mean = _figure("mean of the population", "evolve-mean")
                 self.episodes = _figure("episodes", "evolve-episodes")
             self.chart = (
-                ui.echart(curve_options([]))
+                ui.echart(curve_options([]), renderer="svg")
                 .classes("evolve-chart")
                 .props('data-testid=evolve-chart role=img aria-label="Learning curve"')
             )

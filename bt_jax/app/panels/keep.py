@@ -30,6 +30,7 @@ COLUMNS: list[dict[str, Any]] = [
     {"name": "best", "label": "best fitness", "field": "best", "sortable": True},
     {"name": "tested", "label": "works in", "field": "tested"},
 ]
+TICK = """<q-checkbox v-model="props.selected" dense :aria-label="'Run ' + props.row.run" />"""
 FORMATS: dict[str, Callable[[Tree], str]] = {"xml": to_xml, "svg": to_svg, "txt": format_tree}
 NOTHING = "\N{EN DASH}"
 
@@ -52,6 +53,8 @@ class _Keep:
                 .props("dense flat bordered hide-selected-banner data-testid=keep-runs")
                 .classes("keep-runs")
             )
+            self.table.add_slot("header-selection", '<span class="visually-hidden">ticked</span>')
+            self.table.add_slot("body-selection", TICK)
             with ui.row().classes("items-center gap-2"):
                 self.buttons = [
                     button("Open", "keep-open", "folder_open", page.guard(self._open)),
@@ -62,7 +65,7 @@ class _Keep:
                     button("Delete", "keep-delete", "delete", page.guard(self._delete)),
                 ]
             self.chart = (
-                ui.echart(curve_options([]))
+                ui.echart(curve_options([]), renderer="svg")
                 .classes("evolve-chart")
                 .props('data-testid=keep-chart role=img aria-label="Learning curves"')
             )

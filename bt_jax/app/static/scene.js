@@ -33,7 +33,7 @@ export default {
     }
     // Software is too slow for smooth edges: every picture of them would stall the page.
     this.renderer.setPixelRatio(this.software ? 1 : Math.min(window.devicePixelRatio, 2));
-    this.renderer.setClearColor(0xaeb6c0); // the floor, which need not be drawn then
+    this.paintFloor();
     canvas.setAttribute("role", "img");
     canvas.setAttribute("aria-label", this.label);
     this.camera = new THREE.PerspectiveCamera(30, 1, 0.02, 80);
@@ -49,6 +49,7 @@ export default {
     canvas.addEventListener("pointercancel", this.cancelDrag);
     canvas.addEventListener("pointerleave", () => (this.tip.style.display = "none"));
     window.addEventListener("keydown", this.onKey);
+    window.addEventListener("appearance", this.paintFloor);
     canvas.addEventListener("dblclick", () => this.lookAtAll());
     canvas.addEventListener("webglcontextrestored", () => this.draw());
     this.observer = new ResizeObserver(() => this.resize());
@@ -63,6 +64,7 @@ export default {
 
   beforeUnmount() {
     window.removeEventListener("keydown", this.onKey);
+    window.removeEventListener("appearance", this.paintFloor);
     clearInterval(this.connecting);
     this.observer?.disconnect();
     this.controls?.dispose();
@@ -204,6 +206,12 @@ export default {
       const { boxes, gripper } = stateAt(states, (time - began) / milliseconds);
       this.place(boxes, gripper);
       if (time >= began + milliseconds) this.motion = null;
+    },
+
+    // The floor is what is behind everything: it need not be drawn then.
+    paintFloor() {
+      this.renderer.setClearColor(getComputedStyle(this.$el).getPropertyValue("--scene").trim());
+      if (this.scene) this.draw();
     },
 
     draw() {
