@@ -11,7 +11,8 @@ from bt_jax.deploy.execution import preflight
 from bt_jax.deploy.execution.log import Log
 from bt_jax.deploy.execution.program import load_program
 from bt_jax.deploy.link.yumi_link import YumiLink
-from bt_jax.deploy.perception.calibration import CameraPose, Intrinsics, save_camera
+from bt_jax.deploy.perception.calibration import CameraPose, Intrinsics
+from bt_jax.deploy.perception.camera_file import save_camera
 from bt_jax.deploy.twin.cell import build_scene
 from bt_jax.deploy.twin.controller import Controller
 from bt_jax.deploy.twin.network import free_ports

@@ -13,7 +13,6 @@ from rich.progress import Progress
 from rich.table import Table
 
 from bt_jax._util.errors import UserError
-from bt_jax._util.yaml_files import read_yaml
 from bt_jax.deploy.commands.arguments import CalibrateArguments
 from bt_jax.deploy.execution.settings import CalibrationLimits
 from bt_jax.deploy.perception.arrays import ColorImage, Pixel
@@ -23,12 +22,11 @@ from bt_jax.deploy.perception.calibration import (
     board_corners,
     calibrate_lens,
     charuco_board,
-    load_intrinsics,
     locate_camera,
     marker_centres,
-    save_camera,
 )
 from bt_jax.deploy.perception.camera import CameraError, open_camera
+from bt_jax.deploy.perception.camera_file import load_intrinsics, load_points, save_camera
 
 __all__ = ["calibrate_command"]
 
@@ -81,7 +79,7 @@ def _place(arguments: CalibrateArguments, console: Console) -> int:
         raise UserError(
             "the places of the markers are missing; give --points FILE with a line 'ID: [x, y, z]' for each"
         )
-    known = _known_points(arguments.points)
+    known = load_points(arguments.points)
     seen: dict[int, list[Pixel]] = {}
     for _, image in zip(range(IMAGES), _images(arguments), strict=False):
         if image.shape[:2] != (lens.height, lens.width):
@@ -137,17 +135,3 @@ def _images(arguments: CalibrateArguments) -> Iterator[ColorImage]:
         raise UserError(f"camera {arguments.camera}: {error}; check its cable") from error
     finally:
         camera.close()
-
-
-def _known_points(path: Path) -> dict[int, list[float]]:
-    data = read_yaml(path)
-    valid = isinstance(data, dict) and all(
-        isinstance(number, int)
-        and isinstance(position, list)
-        and len(position) == 3
-        and all(isinstance(x, int | float) and np.isfinite(x) for x in position)
-        for number, position in data.items()
-    )
-    if not valid:
-        raise UserError(f"{path} does not list markers; write one line 'ID: [x, y, z]' for each, in metres")
-    return data

@@ -13,8 +13,9 @@ from bt_jax.deploy.execution.program import Program, load_program
 from bt_jax.deploy.execution.skills import YumiSkills
 from bt_jax.deploy.link.settings import LinkConfig
 from bt_jax.deploy.link.yumi_link import YumiLink, yumi_rules
-from bt_jax.deploy.perception.calibration import CameraPose, Intrinsics, load_camera
+from bt_jax.deploy.perception.calibration import CameraPose, Intrinsics
 from bt_jax.deploy.perception.camera import open_camera
+from bt_jax.deploy.perception.camera_file import load_camera
 from bt_jax.deploy.perception.pipeline import Perception
 from bt_jax.deploy.perception.threaded import BackgroundPerception
 from bt_jax.deploy.planning.process import PlanningProcess

@@ -1,15 +1,13 @@
 """Calibration of the cell's camera: its lens from pictures of a ChArUco board, its place from markers whose places in the
 robot's base frame are known, for instance because an arm's tip was led to their centres.
 
-Both results live in one YAML file; its lengths are metres, and the quaternion is xyzw, as its key says.
+Both results live in one file, see `camera_file`.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -17,8 +15,6 @@ from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax._util.errors import UserError
-from bt_jax._util.files import write_atomic
-from bt_jax._util.yaml_files import read_yaml, to_yaml
 from bt_jax.deploy.execution.settings import CalibrationLimits
 from bt_jax.deploy.perception.arrays import (
     ColorImage,
@@ -41,11 +37,8 @@ __all__ = [
     "board_corners",
     "calibrate_lens",
     "charuco_board",
-    "load_camera",
-    "load_intrinsics",
     "locate_camera",
     "marker_centres",
-    "save_camera",
 ]
 
 BOARD = (5, 7)  # squares across and down; on A4
@@ -182,62 +175,6 @@ def locate_camera(points: PointRows, pixels: PixelRows, lens: Intrinsics) -> tup
         raise UserError("no place of the camera explains what it sees; check the positions of the markers in the file")
     distances, seen = min(fits, key=lambda fit: float(np.sum(fit[0] ** 2)))
     return CameraPose(seen.inv(), float(np.sqrt(np.mean(distances**2))), len(points)), distances
-
-
-def save_camera(path: Path, lens: Intrinsics, place: CameraPose | None = None) -> None:
-    """Write what `load_camera` reads."""
-    data: dict[str, Any] = {
-        "intrinsics": {
-            "width": lens.width,
-            "height": lens.height,
-            "matrix": np.asarray(lens.matrix, float).tolist(),
-            "distortion": np.ravel(lens.distortion).astype(float).tolist(),
-            "error_px": lens.error,
-        }
-    }
-    if place is not None:
-        data["pose_in_base"] = {
-            "position": place.pose.translation.tolist(),
-            "quaternion_xyzw": place.pose.rotation.as_quat().tolist(),
-            "residual_m": place.residual,
-            "points": place.points,
-        }
-    write_atomic(path, to_yaml(data))
-
-
-def load_intrinsics(path: Path) -> Intrinsics:
-    """Read the lens alone. Raise UserError if the file has none."""
-    data = _section(path, "intrinsics", "calibrate intrinsics")
-    try:
-        matrix, distortion = np.array(data["matrix"], float).reshape(3, 3), np.array(data["distortion"], float).ravel()
-        lens = Intrinsics(matrix, distortion, int(data["width"]), int(data["height"]), float(data["error_px"]))
-    except (KeyError, TypeError, ValueError) as error:
-        raise UserError(f"{path}, key intrinsics: {error} is missing or no number; calibrate the lens again") from error
-    if not (np.isfinite(matrix).all() and np.isfinite(distortion).all() and matrix[0, 0] > 0 and matrix[1, 1] > 0):
-        raise UserError(f"{path}, key intrinsics: these numbers belong to no lens; calibrate it again")
-    return lens
-
-
-def load_camera(path: Path) -> tuple[Intrinsics, CameraPose]:
-    """Read lens and place of a calibrated camera. Raise UserError if one of them is missing or invalid."""
-    lens = load_intrinsics(path)
-    data = _section(path, "pose_in_base", "calibrate base")
-    try:
-        position, quaternion = np.array(data["position"], float), np.array(data["quaternion_xyzw"], float)
-        pose = RigidTransform.from_components(position, Rotation.from_quat(quaternion))
-        return lens, CameraPose(pose, float(data["residual_m"]), int(data["points"]))
-    except (KeyError, TypeError, ValueError) as error:
-        raise UserError(f"{path}, key pose_in_base: {error}; calibrate the camera's place again") from error
-
-
-def _section(path: Path, key: str, remedy: str) -> Mapping[str, Any]:
-    try:
-        data = read_yaml(path)
-    except UserError as error:
-        raise UserError(f"{error}, or make the file again with python -m bt_jax.deploy {remedy}") from error
-    if not isinstance(data, dict) or not isinstance(data.get(key), dict):
-        raise UserError(f"{path} has no {key}; add it with python -m bt_jax.deploy {remedy}")
-    return data[key]
 
 
 def _crossing(corners: Corners) -> Pixel:

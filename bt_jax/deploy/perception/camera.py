@@ -15,14 +15,27 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import cv2
+import msgspec
 import numpy as np
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
+from bt_jax._util.text_files import read_bytes
 from bt_jax.deploy.perception.arrays import ColorImage, Distortion, Matrix3
 from bt_jax.deploy.perception.calibration import Intrinsics
 
 __all__ = ["Camera", "CameraError", "CameraFrame", "RecordedCamera", "Recorder", "UvcCamera", "open_camera"]
+
+
+Row = tuple[float, float, float]
+
+
+class _RecordedFrame(msgspec.Struct):
+    """What the file beside a recorded image says."""
+
+    time: float
+    matrix: tuple[Row, Row, Row]
+    distortion: list[float]
 
 
 class CameraError(RuntimeError):
@@ -186,8 +199,7 @@ def open_camera(
 def _recorded(path: Path) -> tuple[Path, float, Matrix3, Distortion]:
     """Return what a recording says of one image: its file, when it was taken [s], and the lens."""
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-        matrix, distortion = np.array(data["matrix"], float), np.array(data["distortion"], float)
-        return path.with_suffix(".png"), float(data["time"]), matrix, distortion
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        frame = msgspec.json.decode(read_bytes(path), type=_RecordedFrame)
+    except (ValueError, RecursionError) as error:
         raise UserError(f"{path} does not describe a recorded image ({error}); record again") from error
+    return path.with_suffix(".png"), frame.time, np.array(frame.matrix, float), np.array(frame.distortion, float)

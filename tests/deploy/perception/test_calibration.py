@@ -12,15 +12,12 @@ from bt_jax._util.errors import UserError
 from bt_jax.deploy.commands.arguments import CalibrateArguments
 from bt_jax.deploy.commands.calibrate import calibrate_command
 from bt_jax.deploy.perception.calibration import (
-    CameraPose,
     Intrinsics,
     calibrate_lens,
     charuco_board,
-    load_camera,
-    load_intrinsics,
     locate_camera,
-    save_camera,
 )
+from bt_jax.deploy.perception.camera_file import load_camera, load_intrinsics, save_camera
 from bt_jax.deploy.perception.markers import task_markers
 from tests.helpers.rendered import PLACEMENT, TASK, fresh_scene
 
@@ -164,43 +161,6 @@ def test_the_command_locates_the_camera_of_the_scene(tmp_path, capsys):
     assert place.residual < 0.001
     assert np.linalg.norm(place.pose.translation - PLACEMENT.pose.translation) < 0.005
     assert "residual" in capsys.readouterr().out
-
-
-def test_what_is_saved_is_loaded(tmp_path):
-    file = tmp_path / "camera.yaml"
-    save_camera(file, LENS, CameraPose(POSE, 0.0012, 7))
-    lens, place = load_camera(file)
-    np.testing.assert_array_equal(lens.matrix, LENS.matrix)
-    np.testing.assert_array_equal(lens.distortion, LENS.distortion)
-    np.testing.assert_allclose(place.pose.as_matrix(), POSE.as_matrix(), atol=1e-12)
-    assert (place.residual, place.points, lens.error) == (0.0012, 7, 0.1)
-
-
-@pytest.mark.parametrize(
-    ("text", "remedy"),
-    [
-        (None, "calibrate"),
-        ("{", "make the file again"),
-        ("[]", "calibrate"),
-        ("intrinsics: {matrix: [[1]]}", "calibrate"),
-        (
-            "intrinsics: {matrix: [[0, 0, 0], [0, 0, 0], [0, 0, 1]], distortion: [0], width: 6, height: 4, error_px: 0}",
-            "again",
-        ),
-    ],
-)
-def test_bad_files_are_told(tmp_path, text, remedy):
-    file = tmp_path / "camera.yaml"
-    if text is not None:
-        file.write_text(text)
-    with pytest.raises(UserError, match=remedy):
-        load_camera(file)
-
-
-def test_a_lens_alone_is_no_camera(tmp_path):
-    save_camera(tmp_path / "camera.yaml", LENS)
-    with pytest.raises(UserError, match="calibrate base"):
-        load_camera(tmp_path / "camera.yaml")
 
 
 @pytest.mark.parametrize(
