@@ -162,7 +162,7 @@ def test_fewer_generations_than_a_run_has_are_refused_and_change_nothing(monkeyp
     before = config.read_text()
     for generations in (3, 5):
         said = refused(monkeypatch, capsys, "--resume", whole[1], "--generations", generations)
-        assert f"is at generation 6 and --generations is {generations}; give more than 6" in said
+        assert f"is at generation 6 and {generations} are asked for; give --generations more than 6" in said
     assert config.read_text() == before
 
 

@@ -6,5 +6,11 @@ __all__ = ["UserError"]
 class UserError(Exception):
     """Something the user can fix; the message is one sentence that ends with the remedy.
 
-    The command lines print it without a traceback and exit with code 2.
+    The command lines print it without a traceback and exit with code 2. A command or an option is named in the remedy only,
+    after a semicolon: the page, which has neither, leaves that part out (`app.phrases`). Where the page has a remedy of its
+    own, the error carries a `code`, by which the page finds its phrase, and the parameters of that phrase.
     """
+
+    def __init__(self, sentence: str, *, code: str = "", **parameters: object) -> None:
+        super().__init__(sentence)
+        self.code, self.parameters = code, parameters

@@ -11,11 +11,13 @@ from pathlib import Path
 
 from bt_jax._util.errors import UserError
 
-__all__ = ["is_name", "unused", "write_atomic"]
+__all__ = ["NAME_RULE", "is_name", "unused", "write_atomic"]
+
+NAME_RULE = "letters, digits, spaces, . + - and _, beginning with a letter, a digit or _; at most 100"
 
 
 def is_name(text: str) -> bool:
-    """Return whether a text can name a file or folder: within one folder, visible, harmless."""
+    """Return whether a text can name a file or folder (`NAME_RULE`): within one folder, visible, harmless."""
     return re.fullmatch(r"\w[\w .+-]{0,99}", text) is not None
 
 

@@ -13,9 +13,12 @@ from nicegui import background_tasks, ui
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.panels import PANELS
-from bt_jax.app.state.bus import Topic
+from bt_jax.app.phrases import phrase
+from bt_jax.app.state.bus import Kind, Message, Topic
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.context import STEPS, Step
+from bt_jax.app.widgets.message_line import MessageLine
+from bt_jax.app.widgets.notice_strip import NoticeStrip
 from bt_jax.app.widgets.scene_view import SceneView
 
 __all__ = ["Page"]
@@ -57,6 +60,7 @@ class Page:
                 ui.html(APPEARANCES, tag="select", sanitize=False).classes("page-appearance").props(
                     'data-appearance data-testid=appearance aria-label="Colours" title="Colours"'
                 )
+            NoticeStrip(studio.notices, self)
             with ui.element("div").classes("page-main"):
                 self.scene_area = ui.element("section").classes("page-scene").props("aria-label=Scene")
                 with self.scene_area:
@@ -65,14 +69,14 @@ class Page:
                 with ui.element("section").classes("page-side"):
                     for name in STEPS:
                         self._panels[name] = ui.element("div").classes("page-panel").props(f"data-testid=panel-{name}")
-            with ui.element("div").classes("page-footer").props("role=status aria-live=polite"):
-                self._message = ui.label().props("data-testid=message")
+            with ui.element("div").classes("page-footer"):
+                self._message = MessageLine()
         for name, panel in self._panels.items():
             with panel:
                 self._build(name)
         for topic in ("task", "runs", "tree"):
             self.on(topic, lambda: unsaved.set_visibility(studio.unsaved))
-        self.on("message", lambda: self._message.set_text(studio.bus.message))
+        self.on("news", lambda: self._message.hear(studio.bus.news), now=False)
         self._tabs.set_value(self.step)
         self._show(self.step)
 
@@ -104,6 +108,7 @@ class Page:
     def _show(self, step: Step) -> None:
         if step != self.step:
             ui.navigate.history.replace(f"?step={step}")
+            self._message.clear()
         self.step = step
         for name, panel in self._panels.items():
             panel.set_visibility(name == step)
@@ -128,38 +133,33 @@ class Page:
         except Exception as error:
             self._fail(error)
 
+    def say(self, text: str, kind: Kind = "info") -> None:
+        """Say one sentence in this window."""
+        self._message.say(Message(text, kind))
+
     def guard(self, handler: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a handler whose errors become a sentence on the page."""
+        """Return a handler of what a person does in this window: an error is said there as a sentence, and what was said
+        before goes with the next success."""
 
         @functools.wraps(handler)
         async def guarded(*args: Any, **kwargs: Any) -> None:
+            said = self._message.count
             try:
                 result = handler(*args, **kwargs)
                 if inspect.isawaitable(result):
                     await result
             except Exception as error:
                 self._fail(error)
+                return
+            if self._message.count == said:
+                self._message.clear()
 
         return guarded
 
     def _fail(self, error: Exception) -> None:
         """Report an error: a UserError is a sentence for people, any other is a defect of the program."""
-        if isinstance(error, UserError):
-            self._complain(str(error))
-            return
-        traceback.print_exception(error)
-        self._complain(f"{type(error).__name__}: {error}; nothing was lost, see the terminal")
-
-    def _complain(self, sentence: str) -> None:
-        """Say what went wrong, in the footer and as a notification in this window."""
-        self.studio.bus.say(sentence)
-        with self.client:
-            ui.notify(
-                sentence,
-                color="dark",
-                icon="warning",
-                position="bottom-left",  # over the scene, not over what one clicks next
-                multi_line=True,
-                actions=[{"label": "Close", "color": "white", "noCaps": True}],
-                timeout=8000,
-            )
+        sentence = phrase(error, self.studio.workspace.root)
+        if not isinstance(error, UserError):
+            traceback.print_exception(error)
+            sentence = f"{type(error).__name__}: {sentence}; nothing was lost, see the terminal"
+        self.say(sentence, "error")

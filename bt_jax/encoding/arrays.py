@@ -70,7 +70,10 @@ def encode(tree: Node[L], vocabulary: Vocabulary[L], num_nodes: int) -> Trees:
     visit(tree)
     if len(tokens) > num_nodes:
         raise UserError(
-            f"the tree has {len(tokens)} nodes and {num_nodes} fit; raise --max-nodes (at most {MAX_NODES})"
+            f"the tree has {len(tokens)} nodes and {num_nodes} fit; raise --max-nodes (at most {MAX_NODES})",
+            code="too many nodes",
+            nodes=len(tokens),
+            room=num_nodes,
         )
     padding = [0] * (num_nodes - len(tokens))
     return Trees(np.array(tokens + padding, np.int16), np.array(sizes + padding, np.uint8))

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from bt_jax._util.errors import UserError
-from bt_jax._util.files import is_name, write_atomic
+from bt_jax._util.files import NAME_RULE, is_name, write_atomic
 from bt_jax._util.yaml_files import to_yaml
 from bt_jax.lfd.demonstration import Demonstration, Demonstrations, Frames, Instance, RecordedTask
 from bt_jax.lfd.demonstration_files import (
@@ -166,9 +166,7 @@ class DemonstrationFolder:
         """Give a demonstration another name; it stays where it is in the order. Raise UserError if that is taken or no
         name."""
         if not is_name(new):
-            raise UserError(
-                f"'{new}' cannot name a demonstration; use letters, digits, spaces, . + - and _, 100 at most"
-            )
+            raise UserError(f"'{new}' cannot name a demonstration; use {NAME_RULE}")
         if (self.path / new).exists():
             raise UserError(f"{self.path / new} exists already; choose another name")
         source, chosen = self._existing(name), dict(self._chosen())

@@ -20,12 +20,14 @@ from bt_jax.training.settings import Settings
 __all__ = ["KEPT", "Changes", "choose_frames", "lesson_from", "resumed", "subgoal_name"]
 
 KEPT = (
-    "--resume keeps the settings; give only --generations, --target-fitness or --time-limit, or a new --task, --baseline, "
-    "--add-target-from or --add-subgoal-from"
+    "a run that goes on keeps its settings; give only --generations, --target-fitness or --time-limit, or a new "
+    "--task, --baseline, --add-target-from or --add-subgoal-from"
 )
 
 
-NO_BASELINE = "--baseline-index says where a new baseline enters; give one with --baseline, --plan or demonstrations"
+NO_BASELINE = (
+    "there is no new baseline to insert; leave out --baseline-index, or give --baseline, --plan or demonstrations"
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,7 +79,7 @@ class Changes:
             baseline = plan_task(task)
         gp = dataclasses.replace(config.gp, baseline_index=self.baseline_index)
         if baseline is None and self.baseline_index is not None:
-            raise UserError(NO_BASELINE)
+            raise UserError(NO_BASELINE, code="new baseline")
         return dataclasses.replace(
             config, task=task, baseline=baseline, extra_leaves=tuple(dict.fromkeys(leaves)), gp=gp
         )
@@ -101,12 +103,16 @@ def resumed(folder: RunFolder, gp: GPConfig, settings: Settings, changes: Change
         raise UserError(KEPT)
     phase = changes.begin_phase
     if not phase and changes.baseline_index is not None:
-        raise UserError(NO_BASELINE)
+        raise UserError(NO_BASELINE, code="new baseline")
     gp.check()
     saved, generations = folder.load_checkpoint(), gp.generations
     now = 0 if saved is None else saved.state.generation
     if generations <= now and generations != config.gp.generations:
-        raise UserError(f"the run is at generation {now} and --generations is {generations}; give more than {now}")
+        raise UserError(
+            f"the run is at generation {now} and {generations} are asked for; give --generations more than {now}",
+            code="generations reached",
+            now=now,
+        )
     if not phase:
         return dataclasses.replace(config, gp=dataclasses.replace(config.gp, generations=generations))
     if saved is None:

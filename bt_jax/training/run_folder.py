@@ -99,7 +99,9 @@ class RunFolder:
         if not source.is_file():
             raise UserError(
                 f"{self.path} holds no tree yet; finish it with python -m bt_jax.train --resume "
-                f"{shlex.quote(str(self.path))}"
+                f"{shlex.quote(str(self.path))}",
+                code="no tree yet",
+                run=self.path.name,
             )
         return parse_tree(source.read_text(encoding="utf-8"))
 

@@ -175,7 +175,9 @@ def _checked_leaves(baseline: Tree, config: GPConfig) -> list[Behavior]:
     broken = violations(baseline, gene_under_fallback=config.gene_under_fallback)
     if broken:
         remedy = "allow it with --gene-under-fallback" if "directly under a Fallback" in broken[0] else "fix the tree"
-        raise UserError(f"the baseline cannot be evolved: {broken[0]}; {remedy}")
+        raise UserError(
+            f"the baseline cannot be evolved: {broken[0]}; {remedy}", code="gene under fallback", problem=broken[0]
+        )
     return leaves(baseline)
 
 

@@ -10,6 +10,7 @@ from nicegui import ui
 from bt_jax._util.errors import UserError
 from bt_jax.app.panels.going_on import ask_goal
 from bt_jax.app.panels.parts import MOST, button, heading, whole, whole_field
+from bt_jax.app.phrases import phrase
 from bt_jax.app.plain_words import Words
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.context import PageContext, Step
@@ -36,11 +37,11 @@ ANYWHERE = -1
 
 @dataclasses.dataclass(frozen=True)
 class _Preview:
-    """The task as it is and as it will be; `problem` says why it cannot be changed like this, empty if it can."""
+    """The task as it is and as it will be; `problem` says why it cannot be changed like this, None if it can."""
 
     before: Task
     after: Task
-    problem: str = ""
+    problem: UserError | None = None
 
 
 def build(studio: Studio, page: PageContext) -> None:
@@ -137,8 +138,10 @@ class _Combine:
                     said = f"on the way, once: {said}"
                 new = subgoal not in preview.before.subgoals
                 _line(f"{said} (new)" if new else said, marked=new)
-            if preview.problem:
-                ui.label(preview.problem).classes("teach-bad").props("data-testid=combine-problem")
+            if preview.problem is not None:
+                ui.label(phrase(preview.problem, self.studio.workspace.root)).classes("teach-bad").props(
+                    "data-testid=combine-problem"
+                )
 
     def _refresh_state(self) -> None:
         if self.page.step != "combine":
@@ -182,7 +185,7 @@ def _preview(task: Task, run: RunFolder | None, changes: Changes) -> _Preview:
         task = config.task
         return _Preview(task, changes.applied(config).task)
     except UserError as error:
-        return _Preview(task, task, str(error))
+        return _Preview(task, task, error)
 
 
 def _places(tree: Tree | None, words: Words) -> dict[int, str]:

@@ -39,7 +39,7 @@ class _Demonstrate:
         self._listed: object = None
         page.on("demonstrations", self._refresh)
         page.on("tree", self._refresh)
-        page.on_step(page.guard(self._enter))
+        page.on_step(self._enter)
         if not self.library.read:
             ui.timer(0, page.guard(self.library.refresh), once=True)
 
@@ -76,7 +76,7 @@ class _Demonstrate:
 
     async def _begin(self, *, reached: bool = False) -> None:
         await self.teaching.begin(reached=reached)
-        self.studio.bus.say("Pick an object: click it, or press its number.")
+        self.page.say("Pick an object: click it, or press its number.")
 
     def _choose_layout(self) -> None:
         self.teaching.set_elsewhere(bool(self.elsewhere.value))
@@ -103,7 +103,7 @@ class _Demonstrate:
             self._check_set(chosen)
             self.teaching.stop_replay()
             await self.library.delete(name)
-            self.studio.bus.say(f"{name} is deleted. {self.library.progress}")
+            self.page.say(f"{name} is deleted. {self.library.progress}", "success")
 
     def _check_set(self, chosen: str) -> None:
         if self.library.set_name != chosen:

@@ -165,23 +165,23 @@ class GripperControls:
 
     async def _pick(self, name: str) -> None:
         await self.teaching.pick(name)
-        self.studio.bus.say(
+        self.page.say(
             f"{name} is in the gripper: carry it with the arrow keys and page up and down, then let go with R."
         )
 
     async def _release(self) -> None:
         await self.teaching.release()
-        self.studio.bus.say("The object is released. Pick another one, or finish.")
+        self.page.say("The object is released. Pick another one, or finish.")
 
     async def _undo(self) -> None:
         await self.teaching.undo()
         session = self.teaching.session
         held = None if session is None else session.held
-        self.studio.bus.say("Taken back." if held is None else f"Taken back; {held} is in the gripper.")
+        self.page.say("Taken back." if held is None else f"Taken back; {held} is in the gripper.")
 
     async def _finish(self) -> None:
         name = await self.teaching.finish()
-        self.studio.bus.say(f"{name} is kept. {self.studio.library.progress}")
+        self.page.say(f"{name} is kept. {self.studio.library.progress}", "success")
 
     async def _discard(self) -> None:
         session = self.teaching.session
@@ -192,7 +192,7 @@ class GripperControls:
             if self.teaching.session is not session:
                 raise UserError("that demonstration has ended already; nothing was discarded")
         await self.teaching.discard()
-        self.studio.bus.say("The demonstration was discarded; the others are kept.")
+        self.page.say("The demonstration was discarded; the others are kept.")
 
     def _set_step(self) -> None:
         value = self.step.value

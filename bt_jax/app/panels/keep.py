@@ -50,7 +50,7 @@ class _Keep:
             self.hint = ui.label().props("data-testid=keep-hint")
             self.table = (
                 ui.table(columns=COLUMNS, rows=[], row_key="run", selection="multiple", on_select=self._select)
-                .props("dense flat bordered hide-selected-banner data-testid=keep-runs")
+                .props("dense flat bordered hide-selected-banner wrap-cells data-testid=keep-runs")
                 .classes("keep-runs")
             )
             self.table.add_slot("header-selection", '<span class="visually-hidden">ticked</span>')
@@ -71,8 +71,8 @@ class _Keep:
             )
             with ui.row().classes("w-full no-wrap gap-2 keep-trees"):
                 self.trees = [_Side(number) for number in range(2)]
-        page.on("runs", page.guard(self._list), now=False)
-        page.on_step(page.guard(self._list))
+        page.on("runs", self._list, now=False)
+        page.on_step(self._list)
 
     async def _list(self, *_: object) -> None:
         """Read the runs again, if this step is shown."""
@@ -126,28 +126,30 @@ class _Keep:
         if record.config.task != self.studio.edited.task and not await may_leave(self.studio):
             return
         self.studio.open_run(record.name)
-        self.studio.bus.say(f"The run {record.name} is open: run its tree in step 6, or go on evolving it in step 2.")
+        self.page.say(
+            f"The run {record.name} is open: run its tree in step 6, or go on evolving it in step 2.", "success"
+        )
 
     async def _download(self, kind: str) -> None:
         record = await self._one()
         if record.tree is None:
             raise UserError(f"{record.name} has no tree yet; let it evolve a generation")
         ui.download.content(FORMATS[kind](record.tree), f"{record.name}.{kind}")
-        self.studio.bus.say(f"The tree of {record.name} is in your downloads, as {record.name}.{kind}.")
+        self.page.say(f"The tree of {record.name} is in your downloads, as {record.name}.{kind}.", "success")
 
     async def _film(self) -> None:
         record = await self._one()
         folder = self.studio.workspace.run(record.name).path.resolve()
-        self.studio.bus.say(f"Filming {record.name}; this takes a while, and you can go on.")
+        self.page.say(f"Filming {record.name}; this takes a while, and you can go on.")
         ui.download.file(await film_run(folder), f"{record.name}.mp4")
-        self.studio.bus.say(f"The film of {record.name} is in your downloads, and in its folder.")
+        self.page.say(f"The film of {record.name} is in your downloads, and in its folder.", "success")
 
     async def _delete(self) -> None:
         name = (await self._one()).name
         question = f"Delete the run {name} for good, with its trees and curves?"
         if await ask(question, yes="Delete", testid="keep-delete"):
             await self.studio.delete_run(name)
-            self.studio.bus.say(f"The run {name} is deleted.")
+            self.page.say(f"The run {name} is deleted.", "success")
 
 
 class _Side:

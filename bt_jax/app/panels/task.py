@@ -83,7 +83,7 @@ class _Task:
                     .props("dense data-testid=task-fixed")
                 )
             ui.separator()
-            with ui.row().classes("items-center gap-2 no-wrap"):
+            with ui.row().classes("items-center gap-2 w-full"):
                 self.name = (
                     ui.input("Name of your task").props("dense outlined data-testid=task-name").classes("task-name")
                 )
@@ -91,7 +91,7 @@ class _Task:
                 self.revert = button("Discard changes", "task-revert", "restart_alt", page.guard(self._revert)).props(
                     "outline"
                 )
-                self.saved = ui.label().classes("hint").props("data-testid=task-saved")
+                self.saved = ui.label().classes("hint task-saved").props("data-testid=task-saved")
         self.tabs.on_value_change(lambda event: self._turn())
         self.tabs.set_value("targets")
         page.on("task", self._refresh)
@@ -167,8 +167,7 @@ class _Task:
         task, name = self.studio.edited.task, box.name
         with ui.row().classes("items-center gap-2 no-wrap"):
             _name(box)
-            self.words[name] = ui.label("may be anywhere").props(f"data-testid=task-words-{name}")
-            ui.space()
+            self.words[name] = ui.label("may be anywhere").classes("task-words").props(f"data-testid=task-words-{name}")
             if not has_target:
                 button("Add a target", f"task-add-{name}", "add", self.page.guard(lambda: self._add(name)))
                 return
@@ -234,9 +233,7 @@ class _Task:
         self._edit(fixed_layout(task, world) if task.layout.fixed else task, world)
 
     def _edit(self, task: Task, start: World | None = None) -> None:
-        """Change the task; an earlier refusal no longer matters."""
         self.studio.edit_task(task, start)
-        self.studio.bus.say("")
 
     async def _choose(self) -> None:
         name = self.choice.value

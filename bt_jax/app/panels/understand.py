@@ -127,7 +127,7 @@ class _Understand:
         if lesson.inferences[index].frame == frame and lesson.inferences[index].chosen:
             return
         await self.studio.library.choose_frame(index, frame)
-        self.studio.bus.say(f"The place is now relative to {frame}, and the tree is learnt again.")
+        self.page.say(f"The place is now relative to {frame}, and the tree is learnt again.", "success")
 
     def _goal(self, lesson: Lesson) -> None:
         words = Words(lesson.task)
@@ -157,14 +157,14 @@ class _Understand:
         await self.studio.library.try_out()
         trial = self.studio.library.trial
         if trial is not None:
-            self.studio.bus.say(f"{trial.sentence} All that was learnt is kept in {trial.folder}.")
+            self.page.say(f"{trial.sentence} All that was learnt is kept in {trial.folder}.", "success")
 
     def _download(self, kind: str) -> None:
         lesson = self.studio.library.lesson
         if lesson is None:
             raise UserError("nothing has been learnt yet; demonstrate in step 3")
         ui.download.content(FORMATS[kind](lesson.tree), f"learnt_tree.{kind}")
-        self.studio.bus.say(f"The learnt tree is in your downloads, as learnt_tree.{kind}.")
+        self.page.say(f"The learnt tree is in your downloads, as learnt_tree.{kind}.", "success")
 
     def _run(self) -> None:
         studio, lesson = self.studio, self.studio.library.lesson

@@ -19,6 +19,7 @@ import threading
 from collections.abc import Sequence
 
 from bt_jax._util.errors import UserError
+from bt_jax.app.phrases import without_commands
 from bt_jax.app.processes.subprocess import NICE, last_words
 
 __all__ = ["WarmWorker", "main"]
@@ -93,7 +94,10 @@ def main() -> None:
     requests: queue.Queue[list[str] | None] = queue.Queue()
 
     def evolve(words: list[str]) -> None:
-        run(parse_train(words))
+        try:
+            run(parse_train(words))
+        except UserError as error:
+            raise UserError(without_commands(error)) from error  # the page reads it
 
     def compile_for(words: list[str]) -> None:
         warm(parse_train(words), until=lambda: not requests.empty())

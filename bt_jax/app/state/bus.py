@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
+import dataclasses
 import traceback
 from collections import defaultdict
 from collections.abc import Callable
 from typing import Literal
 
-__all__ = ["Bus", "Topic"]
+__all__ = ["Bus", "Kind", "Message", "Topic"]
 
-Topic = Literal["task", "scene", "evolution", "tree", "demonstrations", "lesson", "player", "runs", "message"]
+Topic = Literal["task", "scene", "evolution", "tree", "demonstrations", "lesson", "player", "runs", "news", "notices"]
+Kind = Literal["info", "success", "warning", "error"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Message:
+    """A sentence for a person."""
+
+    text: str = ""
+    kind: Kind = "info"
 
 
 class Bus:
-    """Passes changes on to subscribers, on the event loop only. `message` is the sentence in the footer of every window."""
+    """Passes changes on to subscribers, on the event loop only. `news` is what was said last to all windows, since none of
+    them has caused it; what one window has caused is said there."""
 
     def __init__(self) -> None:
-        self.message = ""
+        self.news = Message()
         self._subscribers: dict[Topic, list[Callable[[], None]]] = defaultdict(list)
 
     def subscribe(self, topic: Topic, callback: Callable[[], None]) -> Callable[[], None]:
@@ -33,7 +44,7 @@ class Bus:
                 except Exception:
                     traceback.print_exc()
 
-    def say(self, message: str) -> None:
-        """Show one sentence in the footer of every window."""
-        self.message = message
-        self.changed("message")
+    def say(self, text: str, kind: Kind = "info") -> None:
+        """Say one sentence in every window that is open."""
+        self.news = Message(text, kind)
+        self.changed("news")

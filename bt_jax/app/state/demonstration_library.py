@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
+from pathlib import Path
 
 from bt_jax._util.errors import UserError
+from bt_jax.app.phrases import phrase
 from bt_jax.app.processes.trial import Trial, try_out
 from bt_jax.app.state.bus import Bus
 from bt_jax.app.state.edited_task import EditedTask
@@ -99,7 +101,7 @@ class DemonstrationLibrary:
         """Read the set again and learn from it."""
         async with self._reading:
             folder, task = self.folder, self._edited.task
-            kept, lesson, problem = await self._worker.work(_learnt, folder, task)
+            kept, lesson, problem = await self._worker.work(_learnt, folder, task, self._workspace.root)
             if (self._edited.task, self.folder) != (task, folder):
                 return  # another one was chosen meanwhile, and is read next
             same = self.read and (kept, lesson, problem) == (self.kept, self.lesson, self.problem)
@@ -137,7 +139,7 @@ class DemonstrationLibrary:
         self._refreshing = loop.create_task(self.refresh())
 
 
-def _listed(folder: DemonstrationFolder) -> tuple[ListedDemonstration, ...]:
+def _listed(folder: DemonstrationFolder, root: Path) -> tuple[ListedDemonstration, ...]:
     """Return the demonstrations of a set in their order, unusable ones included."""
     if not (folder.path / "info.yaml").is_file():
         return ()
@@ -149,6 +151,7 @@ def _listed(folder: DemonstrationFolder) -> tuple[ListedDemonstration, ...]:
         problems = read.problems
     except UserError as error:
         problems = (str(error),)
+    problems = tuple(phrase(problem, root) for problem in problems)
     found = []
     for name in folder.names():
         if name in moved:
@@ -162,10 +165,13 @@ def _listed(folder: DemonstrationFolder) -> tuple[ListedDemonstration, ...]:
     return tuple(found)
 
 
-def _learnt(folder: DemonstrationFolder, task: Task) -> tuple[tuple[ListedDemonstration, ...], Lesson | None, str]:
-    """Return the demonstrations of a set, what they teach for a task, and why they teach nothing."""
-    kept = _listed(folder)
+def _learnt(
+    folder: DemonstrationFolder, task: Task, root: Path
+) -> tuple[tuple[ListedDemonstration, ...], Lesson | None, str]:
+    """Return the demonstrations of a set, what they teach for a task, and why they teach nothing; `root` is the page's
+    folder."""
+    kept = _listed(folder, root)
     try:
         return kept, (lesson_from(folder.path, task) if kept else None), ""
     except UserError as error:
-        return kept, None, str(error)
+        return kept, None, phrase(error, root)

@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import unused
+from bt_jax.app.phrases import phrase
 from bt_jax.app.processes.standby import Standby
 from bt_jax.app.processes.train_command import NO_CHANGES, TrainCommand
 from bt_jax.app.processes.warm_worker import WarmWorker
@@ -245,9 +246,10 @@ class EvolutionProcess:
 
     def _failure(self) -> str:
         """Return why it has failed."""
-        if self._heard is not None and self._heard.message:
-            return self._heard.message
-        return self._process.last_words() if self._process else "The evolution has failed."
+        said = self._heard.message if self._heard is not None else ""
+        if not said and self._process is not None:
+            said = self._process.last_words()
+        return phrase(said, self.workspace.root) if said else "The evolution has failed."
 
     def _pid(self) -> int | None:
         if self._process is not None:

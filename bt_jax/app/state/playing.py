@@ -194,7 +194,7 @@ class Playing:
                     self._show(player, moving=not stop.is_set())
         except Exception as error:
             traceback.print_exc()
-            self._bus.say(f"the tree could not go on ({error}); press Start over")
+            self._bus.say(f"The tree could not go on ({error}); press Start over.", "error")
         if not stop.is_set():
             self.on = False
             self._bus.changed("player")

@@ -9,14 +9,18 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import dataclasses
+from collections.abc import Mapping
+from types import MappingProxyType
 
 from bt_jax._util.errors import UserError
+from bt_jax.app.phrases import phrase
 from bt_jax.app.processes.train_command import NO_CHANGES
 from bt_jax.app.processes.warm_worker import WarmWorker
-from bt_jax.app.state.bus import Bus
+from bt_jax.app.state.bus import Bus, Kind
 from bt_jax.app.state.demonstration_library import DemonstrationLibrary
 from bt_jax.app.state.edited_task import EditedTask, same_goal, same_things
-from bt_jax.app.state.evolution_process import EvolutionProcess
+from bt_jax.app.state.evolution_process import EvolutionProcess, EvolutionStage
+from bt_jax.app.state.notices import Notice, Notices
 from bt_jax.app.state.playing import Playing
 from bt_jax.app.state.run_record import read_record
 from bt_jax.app.state.teaching import Teaching
@@ -31,6 +35,10 @@ from bt_jax.training.phases import Changes
 
 __all__ = ["Studio"]
 
+KINDS: Mapping[EvolutionStage, Kind] = MappingProxyType(
+    {"finished": "success", "failed": "error", "killed": "error", "vanished": "error"}
+)
+
 
 class Studio:
     """The parts: `edited` is the task of step 1, `evolution` the process that evolves, for a task of its own, `playing` the
@@ -44,6 +52,8 @@ class Studio:
         self.playing = Playing(self.bus, self.worker, self.edited)
         self.library = DemonstrationLibrary(self.bus, self.worker, workspace, self.edited)
         self.teaching = Teaching(self.bus, self.worker, self.edited, self.library, self.playing)
+        self.notices = Notices(self.bus)
+        self._restored: Notice | None = None  # stands as long as the draft that was restored differs from every file
         self._following: Task | None = None  # the edited task that takes over what the evolution is taught
 
     def open_task(self, task: Task, start: World | None = None) -> None:
@@ -102,16 +112,20 @@ class Studio:
             draft = self.workspace.draft()
             if draft is not None and draft != self.edited.task:
                 self._open_task(draft)
-                self.bus.say(f"Your unsaved changes of {draft.name} were restored; step 1 can save or discard them.")
+                self._restored = Notice(
+                    f"Your unsaved changes of {draft.name} were restored; step 1 can save them.", self.revert_task
+                )
+                self.notices.add(self._restored)
         except UserError as error:
-            self.bus.say(f"The draft of your task cannot be restored: {error}. {self._set_draft_aside()}")
+            why = phrase(error, self.workspace.root)
+            self.notices.add(Notice(f"The draft of your task cannot be restored: {why}. {self._set_draft_aside()}"))
 
     def _set_draft_aside(self) -> str:
         """Keep a draft that cannot be read; return a sentence that says where."""
         try:
             return f"It is kept as {self.workspace.set_draft_aside().name}."
         except UserError as error:
-            return f"{error}."
+            return f"{phrase(error, self.workspace.root)}."
 
     def start_evolution(self, gp: GPConfig) -> None:
         """Evolve a tree for the edited task, in a new run folder. Raise UserError if an evolution is running."""
@@ -180,7 +194,7 @@ class Studio:
             self.bus.changed("tree")
         another = (evolution.stage, evolution.gone) != (before, gone)
         if another:
-            self.bus.say(evolution.sentence)
+            self.bus.say(evolution.sentence, KINDS.get(evolution.stage, "info"))
             self.bus.changed("runs")
         self.bus.changed("evolution")
         try:
@@ -189,7 +203,7 @@ class Studio:
             if another:
                 self._keep_draft()
         except UserError as error:
-            self.bus.say(str(error))
+            self.bus.say(phrase(error, self.workspace.root), "error")
 
     def _check_not_teaching(self) -> None:
         if self.teaching.busy:
@@ -215,4 +229,5 @@ class Studio:
         if self.unsaved:
             self.workspace.save_draft(self.edited.task)
         else:
+            self.notices.remove(self._restored)
             self.workspace.delete_draft()

@@ -13,7 +13,7 @@ import shutil
 from pathlib import Path
 
 from bt_jax._util.errors import UserError
-from bt_jax._util.files import is_name, unused, write_atomic
+from bt_jax._util.files import NAME_RULE, is_name, unused, write_atomic
 from bt_jax._util.yaml_files import to_yaml
 from bt_jax.behaviors import Tree
 from bt_jax.encoding.formats.files import read_tree
@@ -104,8 +104,8 @@ class Workspace:
 
     def save_task(self, name: str, task: Task) -> Path:
         """Write a task file. Raise UserError if the name is that of a task of the package, or no name for a file."""
-        if not re.fullmatch(r"[\w-]+", name):
-            raise UserError(f"'{name}' cannot name a task; use letters, digits, underscores and dashes")
+        if not re.fullmatch(r"[\w-]{1,64}", name):
+            raise UserError(f"'{name}' cannot name a task; use letters, digits, _ and -; at most 64")
         if name in task_names():
             raise UserError(f"the task {name} comes with the package and stays as it is; choose another name")
         path = self.inside(self.tasks, f"{name}.yaml")
@@ -161,7 +161,9 @@ class Workspace:
     def inside(self, folder: Path, name: str) -> Path:
         """Return the path of a name in a folder of the workspace. Raise UserError if it would lead out of it."""
         path = folder / name
-        if not is_name(name) or path.resolve().parent != folder.resolve():
+        if not is_name(name):
+            raise UserError(f"'{name}' cannot name anything here; use {NAME_RULE}")
+        if path.resolve().parent != folder.resolve():
             raise UserError(f"'{name}' leads out of {self.root}; choose a name from the list")
         return path
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Literal, Protocol, runtime_checkable
 
-from bt_jax.app.state.bus import Topic
+from bt_jax.app.state.bus import Kind, Topic
 
 __all__ = ["STEPS", "PageContext", "Step"]
 
@@ -31,5 +31,9 @@ class PageContext(Protocol):
     def go(self, step: Step) -> None:
         """Show another step in this window."""
 
+    def say(self, text: str, kind: Kind = "info") -> None:
+        """Say one sentence in this window."""
+
     def guard(self, handler: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a handler whose errors become a sentence on the page."""
+        """Return a handler of what a person does in this window: an error is said there as a sentence, and what was said
+        before goes with the next success."""

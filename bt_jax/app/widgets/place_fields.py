@@ -6,6 +6,7 @@ import asyncio
 import dataclasses
 import functools
 from collections.abc import Awaitable, Callable, Collection, Sequence
+from typing import Any
 
 from nicegui import ui
 
@@ -35,6 +36,7 @@ class PlaceFields:
         step: str = "task",
     ) -> None:
         self._name, self._moved, self._spot = name, moved, spot
+        self._apply = page.guard(self._move)
         self._turn = asyncio.Lock()  # each number applies to the place that the ones before it have led to
         self._reference = (
             ui.select(list(references), value=spot.reference, label="measured from")
@@ -48,7 +50,7 @@ class PlaceFields:
                 f'dense outlined data-testid={step}-{axis}-{name} aria-label="{name}, {label}"'
             )
             for event in APPLY:
-                field.on(event, page.guard(functools.partial(self._apply, axis)))
+                field.on(event, functools.partial(self._left, axis))
             self._fields[axis] = field.classes("place-number")
         self._restore()
 
@@ -65,19 +67,22 @@ class PlaceFields:
         for axis in axes:
             self._fields[axis].set_value(_centimetres(self._spot, axis))
 
-    async def _apply(self, axis: str) -> None:
+    async def _left(self, axis: str) -> None:
+        """Apply what was written into a field, if it is something else than before."""
         value = self._fields[axis].value
         written = None if value is None else round(value, 1)
         async with self._turn:
             if written == _centimetres(self._spot, axis):
                 return
-            try:
-                if written is None:
-                    raise UserError(f"a number is missing for {self._name}; write how many centimetres")
-                await self._moved(dataclasses.replace(self._spot, **{axis: written / 100}))
-            finally:
-                if self._fields[axis].value in (value, written):
-                    self._restore([axis])
+            await self._apply(axis, written)
+            if self._fields[axis].value in (value, written):
+                self._restore([axis])
+
+    async def _move(self, axis: str, written: float | None) -> None:
+        if written is None:
+            raise UserError(f"a number is missing for {self._name}; write how many centimetres")
+        changed: dict[str, Any] = {axis: written / 100}
+        await self._moved(dataclasses.replace(self._spot, **changed))
 
     async def _change(self) -> None:
         """Measure from elsewhere, starting in the middle or on top: the same numbers would mean another place."""

@@ -154,10 +154,8 @@ def window(windows, server, request, tmp_path):
 
 @pytest.fixture
 def page(window, windows):
-    """The window that the tests of a module share, without the notifications of the test before."""
+    """The window that the tests of a module share."""
     windows.shared = windows.shared or windows.open()
-    windows.shared.evaluate("document.querySelectorAll('.q-notification button').forEach((close) => close.click())")
-    expect(windows.shared.locator(".q-notification")).to_have_count(0)
     return windows.shared
 
 

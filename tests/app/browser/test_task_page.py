@@ -150,10 +150,11 @@ def test_unsaved_changes_outlive_the_server(page, see, server):
     server.stop()
     server.start()
     page.goto(server.url)
-    expect(see("message")).to_contain_text("Your unsaved changes of stack were restored")
+    expect(see("notices")).to_contain_text("Your unsaved changes of stack were restored")
     expect(see("task-words-GreenBox")).to_have_text("may be anywhere")
-    see("task-revert").click()
+    see("notice-discard").click()
     expect(see("task-words-GreenBox")).to_have_text("on top of YellowBox")
+    expect(see("notices")).to_have_text("")
 
 
 def test_a_target_is_written_by_keyboard(page, see):
@@ -292,10 +293,10 @@ def test_a_broken_task_file_is_a_sentence(page, see, server):
 def test_a_name_that_cannot_be(page, see, server):
     for name, says in (
         ("stack", "the task stack comes with the package"),
-        ("../evil", "'../evil' cannot name a task"),
+        ("../evil", "'../evil' cannot name a task; use letters, digits, _ and -; at most 64"),
         ("", "'' cannot name a task"),
     ):
         see("task-name").fill(name)
         see("task-save").click()
-        expect(page.locator(".q-notification", has_text=says), name).to_be_visible()
+        expect(see("message"), name).to_contain_text(says)
     assert not (server.folder / "evil.yaml").exists()

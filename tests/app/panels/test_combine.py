@@ -31,7 +31,7 @@ def shown(tmp_path):
 def test_targets_are_those_of_the_run_and_not_of_the_page(tmp_path, shown):
     run = RunFolder.create(tmp_path / "run", RunConfig(STACK, GPConfig(), Settings()))
     preview = _preview(RESTACK, run, Changes(target_from=shown))
-    assert preview.problem == ""
+    assert preview.problem is None
     assert preview.before == STACK
     assert preview.after.targets == (*STACK.targets, ON_GREEN)
     assert _preview(RESTACK, run, Changes()).after == STACK
@@ -48,7 +48,7 @@ def test_without_a_run_it_is_the_task_of_the_page(shown):
 def test_what_cannot_be_is_said(tmp_path):
     preview = _preview(STACK, None, Changes(target_from=tmp_path / "nothing"))
     assert preview.before == preview.after == STACK
-    assert "there is no folder" in preview.problem
+    assert "there is no folder" in str(preview.problem)
 
 
 def test_places_are_the_children_of_the_root():

@@ -30,6 +30,10 @@ def studio(tmp_path, monkeypatch):
     return studio
 
 
+def noticed(studio):
+    return " ".join(notice.text for notice in studio.notices.standing)
+
+
 def other_boxes(task):
     boxes = (*task.boxes, Box("Cup", 0.05, (1.0, 0.0, 0.0)))
     return dataclasses.replace(task, name="cups", boxes=boxes)
@@ -90,12 +94,12 @@ def test_unsaved_changes_are_restored_by_the_next_page(studio):
     after = Studio(studio.workspace, load_task("stack"))
     after.restore()
     assert after.edited.task == fewer
-    assert "Your unsaved changes of stack3 were restored" in after.bus.message
+    assert "Your unsaved changes of stack3 were restored" in noticed(after)
     after.undo_edit() if after.edited.can_undo else after.revert_task()
     assert after.edited.task == STACK3
     again = Studio(studio.workspace, load_task("stack"))
     again.restore()
-    assert (again.edited.task, again.bus.message) == (load_task("stack"), "")
+    assert (again.edited.task, noticed(again)) == (load_task("stack"), "")
 
 
 def test_an_edit_counts_though_its_draft_cannot_be_written(studio, monkeypatch):
@@ -131,8 +135,8 @@ def test_a_draft_that_cannot_be_read_is_kept_under_another_name(studio, tmp_path
     for name in ("draft.yaml.unreadable", "draft.yaml.unreadable-2"):
         (tmp_path / "draft.yaml").write_text(text)
         studio.restore()
-        assert "draft of your task cannot be restored" in studio.bus.message
-        assert f"It is kept as {name}." in studio.bus.message
+        assert "draft of your task cannot be restored" in noticed(studio)
+        assert f"It is kept as {name}." in noticed(studio)
         assert studio.edited.task == STACK3
         studio.edit_task(untarget(STACK3, "BlueBox"))
         assert (tmp_path / name).read_text() == text
@@ -162,7 +166,7 @@ def test_a_draft_that_cannot_be_renamed_hinders_nothing(studio, tmp_path, monkey
     (tmp_path / "draft.yaml").write_text("targets: [")
     monkeypatch.setattr("pathlib.Path.rename", fail)
     studio.restore()
-    assert "copy it before you change the task" in studio.bus.message
+    assert "copy it before you change the task" in noticed(studio)
     assert (tmp_path / "draft.yaml").is_file()
 
 
@@ -208,7 +212,7 @@ def test_a_failing_draft_does_not_hinder_the_watch(evolved, monkeypatch):
     monkeypatch.setattr("bt_jax.app.state.workspace.write_atomic", fail)
     evolving(evolved.evolution, monkeypatch, taught=STACK3)
     evolved.watch()
-    assert (seen, evolved.bus.message) == (["evolving"], "the disk is full")
+    assert (seen, evolved.bus.news.text) == (["evolving"], "the disk is full")
 
 
 @pytest.fixture

@@ -225,7 +225,7 @@ async def test_the_list_is_kept(studio, tmp_path):
     assert studio.library.problem == ""
     with pytest.raises(UserError, match="has no demonstration 'demo2'"):
         await studio.library.delete("demo2")
-    with pytest.raises(UserError, match="leads out of"):
+    with pytest.raises(UserError, match="cannot name anything"):
         await studio.library.use_set("../elsewhere")
     assert studio.library.set_name == "demonstrations"
 
@@ -260,7 +260,7 @@ async def test_of_two_replays_the_last_is_shown_and_can_be_stopped(studio):
     await asyncio.gather(studio.teaching.replay("demo1"), studio.teaching.replay("demo2"))
     assert studio.teaching.replayed == "demo2"
     await asyncio.sleep(0.01)
-    assert studio.bus.message.startswith("demo2")
+    assert studio.bus.news.text.startswith("demo2")
     studio.teaching.stop_replay()
     await asyncio.sleep(0.01)
     others = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]

@@ -41,7 +41,7 @@ def run_in(workspace, name="one"):
 def test_a_name_that_leads_out_is_refused(tmp_path, name):
     workspace = Workspace(tmp_path)
     for read in (workspace.run, workspace.delete_run, workspace.demonstration_set, workspace.task):
-        with pytest.raises(UserError, match="choose"):
+        with pytest.raises(UserError, match="cannot name anything here; use letters"):
             read(name)
     with pytest.raises(UserError):
         workspace.save_task(name, STACK)
