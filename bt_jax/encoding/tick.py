@@ -40,11 +40,13 @@ class Ticked:
 
     status: Int8[Array, " E"]  # of the root
     leaf: Int32[Array, " E"]  # node that is RUNNING; N or N + 1 where the tree has succeeded or failed
+    noted: Int32[Array, " E"]  # what the leaves that were ticked say above their status, joined bit by bit
     visited: Bool[Array, "E N"] | None  # leaves that were ticked, where asked for
 
 
-# Of the walk: the node of each E, whether it is RUNNING, and which nodes were visited.
-Carry = tuple[jax.Array, jax.Array, jax.Array | None]
+# Of the walk: the node of each E, whether it is RUNNING, what was noted, and which nodes were visited.
+Carry = tuple[jax.Array, jax.Array, jax.Array, jax.Array | None]
+STATUS = 3  # the bits of what a leaf says that are its status
 
 
 def jump_table(trees: Trees) -> JumpTable:
@@ -99,31 +101,35 @@ def jump_table(trees: Trees) -> JumpTable:
 
 def tick_trees(
     table: JumpTable,
-    status_of: Callable[[Int32[Array, " E"]], Int8[Array, " E"]],
+    outcome_of: Callable[[Int32[Array, " E"]], Int8[Array, " E"] | Int32[Array, " E"]],
     *,
     tree: Int32[Array, " E"] | None = None,
     trace: bool = False,
 ) -> Ticked:
-    """Tick E trees once. `status_of` gives the status of the leaf with a token, for each of the E; `tree[e]` is the row
-    of the table that e ticks (default: E = P, each its own). `trace` also returns which leaves were ticked."""
+    """Tick E trees once. `outcome_of` gives what the leaf with a token says, for each of the E: its status, and in the bits
+    above what is to be `noted`; `tree[e]` is the row of the table that e ticks (default: E = P, each its own). `trace` also
+    returns which leaves were ticked."""
     num_nodes = table.words.shape[1]
     rows = jnp.arange(table.words.shape[0]) if tree is None else tree
     flat = table.words.reshape(-1)
     offset = rows * num_nodes
 
     def visit(carry: Carry) -> Carry:
-        at, running, visited = carry
+        at, running, noted, visited = carry
         active = (at < num_nodes) & ~running
         word = flat[offset + jnp.minimum(at, num_nodes - 1)]
-        status = status_of(word >> 16)
+        outcome = outcome_of(word >> 16).astype(jnp.int32)
+        status = outcome & STATUS
+        noted = noted | jnp.where(active, outcome & ~STATUS, 0)
         target = jnp.where(status == Status.SUCCESS, word >> 8 & 255, word & 255)
         running = running | (active & (status == Status.RUNNING))
         if visited is not None:
             visited = visited | (active[:, None] & (jnp.arange(num_nodes)[None] == at[:, None]))
-        return jnp.where(active & ~running, target, at), running, visited
+        return jnp.where(active & ~running, target, at), running, noted, visited
 
     visited = jnp.zeros((rows.shape[0], num_nodes), bool) if trace else None
-    start: Carry = jnp.asarray(table.first)[rows].astype(jnp.int32), jnp.zeros(rows.shape, bool), visited
-    at, running, visited = lax.while_loop(lambda c: jnp.any((c[0] < num_nodes) & ~c[1]), visit, start)
+    first, none = jnp.asarray(table.first)[rows].astype(jnp.int32), jnp.zeros(rows.shape, jnp.int32)
+    start: Carry = first, jnp.zeros(rows.shape, bool), none, visited
+    at, running, noted, visited = lax.while_loop(lambda c: jnp.any((c[0] < num_nodes) & ~c[1]), visit, start)
     status = jnp.where(running, Status.RUNNING, jnp.where(at == num_nodes, Status.SUCCESS, Status.FAILURE))
-    return Ticked(status.astype(jnp.int8), at, visited)
+    return Ticked(status.astype(jnp.int8), at, noted, visited)

@@ -18,7 +18,7 @@ from bt_jax.behaviors import Behavior, Tree
 from bt_jax.gp.config import GPConfig
 from bt_jax.gp.evolution import Generation, State
 from bt_jax.lfd import Demonstrations, Frames, Lesson, learn, plan_task
-from bt_jax.tasks import Task, load_task, with_subgoal
+from bt_jax.tasks import Task, load_task
 from bt_jax.teaching.script import parse_script, record
 from bt_jax.training.levels import make_level
 from bt_jax.training.settings import Settings
@@ -36,8 +36,8 @@ class Experiment:
     the demonstration or without.
 
     `script` is what is demonstrated `demonstrations` times, once the first `reached` targets of `task` have been reached.
-    By `use`, its places become genes and its tree the baseline, or all of it one gene with a reward for the subgoal that it
-    reaches. `wanted` is the fitness by which a run counts as solved.
+    By `use`, its places become genes and its tree the baseline, or all of it one gene that is done once its subgoal, the
+    task's own, has been reached. `wanted` is the fitness by which a run counts as solved.
     """
 
     number: int
@@ -185,7 +185,5 @@ def _with_lesson(experiment: Experiment, config: GPConfig, settings: Settings, l
     config = dataclasses.replace(config, baseline_index=experiment.baseline_index)
     if experiment.use == "genes":
         return Training(task, config, settings, baseline=lesson.tree, extra_leaves=lesson.genes)
-    name = "demonstrated"
-    task = with_subgoal(task, lesson.subgoal(name), source="the demonstration")
-    gene: Behavior = lesson.subtask_gene(name)
+    gene: Behavior = lesson.subtask_gene("demonstrated")
     return Training(task, config, settings, baseline=gene, extra_leaves=(gene,))

@@ -79,13 +79,14 @@ class Lesson:
         return tuple(map(_target, self.placements))
 
     def subgoal(self, name: str) -> Subgoal:
-        """Return the configuration that the demonstrations reach, under a name."""
+        """Return the configuration that the demonstrations reach: a subgoal of the task, or a new one of that name."""
         goal = [condition for one in self.subtasks for condition in one.subtask.goal]
         return derive_subgoal(name, self.demonstrations, goal, self.task)
 
     def subtask_gene(self, name: str) -> Behavior:
-        """Return the whole tree as one gene that is done with for good once the subgoal of that name has been reached."""
-        return Behavior("subtask", (name, Control.fallback(Behavior("reached", (name,)), self.tree)))
+        """Return the whole tree as one gene of that name, done with for good once its subgoal has been reached."""
+        reached = Behavior("reached", (self.subgoal(name).name,))
+        return Behavior("subtask", (name, Control.fallback(reached, self.tree)))
 
 
 def _target(place: Behavior) -> Target:

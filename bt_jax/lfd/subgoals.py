@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from bt_jax.behaviors import NOTHING, Behavior
-from bt_jax.behaviors.geometry import rests_on
+from bt_jax.behaviors import NOTHING, OPEN, Behavior, subgoal_conditions
+from bt_jax.behaviors.geometry import is_at, is_reachable, rests_on
 from bt_jax.lfd.demonstration import Action, Demonstrations
 from bt_jax.tasks import Subgoal, Task
 
@@ -18,9 +18,14 @@ __all__ = ["derive_subgoal"]
 def derive_subgoal(name: str, demonstrations: Demonstrations, goal: Sequence[Behavior], task: Task) -> Subgoal:
     """Return the configuration that all demonstrations reach, as general as they allow.
 
-    If they free boxes on which others stood, it is that those are clear: where the others were put does not matter.
-    Otherwise it is the goal, the places of what was moved.
+    If it is one of the task's subgoals, it is that one, with its own name. If they free boxes on which others stood, it is
+    that those are clear: where the others were put does not matter. Otherwise it is the goal, the places of what was moved.
     """
+    for subgoal in task.subgoals:
+        meaning = subgoal_conditions(task)[subgoal.name]
+        if all(_all_hold(meaning, one.actions[-1], task) and not _all_hold(meaning, one.actions[0], task)
+               for one in demonstrations):  # fmt: skip
+            return subgoal
     freed = [
         Behavior("clear", (box,))
         for box in task.box_names
@@ -32,6 +37,31 @@ def derive_subgoal(name: str, demonstrations: Demonstrations, goal: Sequence[Beh
         Behavior("holding", (NOTHING,)),
     ]
     return Subgoal(name, tuple(map(str, conditions)))
+
+
+def _all_hold(conditions: Sequence[Behavior], action: Action, task: Task) -> bool:
+    """Return whether conditions hold before a pick, or after a place."""
+    return all(_holds(condition, action, task) for condition in conditions)
+
+
+def _holds(condition: Behavior, action: Action, task: Task) -> bool:
+    name = condition.object or ""
+    match condition.name:
+        case "at":
+            in_robot, in_frame = (action.poses[frame] for frame in (task.robot_frame, condition.frame or ""))
+            in_hand = in_frame.inverse().apply(condition.position or (0.0, 0.0, 0.0))
+            goal = in_robot.apply(in_hand.tolist())
+            return is_at(_position(name, action, task), goal, task.episode.tolerance)
+        case "holding":
+            return name == NOTHING
+        case "gripper":
+            return condition.args[0] == OPEN
+        case "reachable":
+            lowest = min(table.top for table in task.tables) - task.robot_position[2]
+            return is_reachable(float(_position(name, action, task)[2]), lowest, task.size(name))
+        case "clear":
+            return not _is_under(name, action, task)
+    raise ValueError(f"{condition} is no condition of the scene")
 
 
 def _is_under(box: str, action: Action, task: Task) -> bool:

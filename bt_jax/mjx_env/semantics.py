@@ -3,6 +3,11 @@
 In a memoryless tree a leaf's status depends on the state alone, and so does that of a gene, with the one action that it
 runs. So the outcome of every leaf is computed once for a state; a tick then only looks outcomes up. An action that has
 used up its ticks fails, which a second layer of outcomes answers: the status once the running action counts as failed.
+
+A subgoal counts as reached by the rule of the task, `subgoal_reward`. With `seen`, every state in which it holds reaches it.
+With `ticked`, a tree does that ticks `reached(subgoal)` in such a state; the outcome of a leaf says which ones. Either way
+`reached(subgoal)` succeeds from then on. A tick is the same before and after its own subgoals count as reached, since
+`reached(subgoal)` succeeds wherever the subgoal holds.
 """
 
 from __future__ import annotations
@@ -11,7 +16,7 @@ import dataclasses
 import functools
 
 import numpy as np
-from jaxtyping import Bool, Int16
+from jaxtyping import Bool, Int32
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import (
@@ -30,10 +35,30 @@ from bt_jax.encoding.tick import Status
 from bt_jax.mjx_env.world import Array, World, distances, frames, namespace, to_world
 from bt_jax.tasks import Task
 
-__all__ = ["COMMAND_BITS", "LeafSemantics", "reachable", "see_subgoals"]
+__all__ = [
+    "COMMAND_BITS",
+    "SUBGOAL_BITS",
+    "LeafSemantics",
+    "command_of",
+    "holding_subgoals",
+    "reachable",
+    "subgoals_by_sight",
+    "subgoals_of",
+]
 
-COMMAND_BITS = 2  # an outcome is command << COMMAND_BITS | status, in 16 bits
-MAX_COMMANDS = 1 << (15 - COMMAND_BITS)
+# An outcome is subgoals << SUBGOAL_BITS | command << COMMAND_BITS | status, with one bit for each subgoal that it reaches.
+COMMAND_BITS, SUBGOAL_BITS = 2, 16
+MAX_COMMANDS, MAX_SUBGOALS = 1 << (SUBGOAL_BITS - COMMAND_BITS), 31 - SUBGOAL_BITS
+
+
+def command_of(outcome: Int32[Array, "*S"]) -> Int32[Array, "*S"]:
+    """Return the number of the command that runs; 0 where none does."""
+    return outcome >> COMMAND_BITS & np.int32(MAX_COMMANDS - 1)
+
+
+def subgoals_of(outcome: Int32[Array, "*S"]) -> Int32[Array, "*S"]:
+    """Return the subgoals that count as reached from now on, as bits."""
+    return outcome >> SUBGOAL_BITS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,6 +79,13 @@ class LeafSemantics:
             raise UserError(
                 f"{len(self.commands)} different actions are too many; use fewer genes, below {MAX_COMMANDS}"
             )
+        if self.num_ticked > MAX_SUBGOALS:
+            raise UserError(f"{self.num_ticked} subgoals are too many; use at most {MAX_SUBGOALS}")
+
+    @property
+    def num_ticked(self) -> int:
+        """The number of subgoals that count as reached only once the tree has ticked them."""
+        return len(self.task.subgoals) if self.task.subgoal_reward == "ticked" else 0
 
     @functools.cached_property
     def places(self) -> tuple[Behavior, ...]:
@@ -124,25 +156,25 @@ class LeafSemantics:
         """Where to find each token when the columns of the groups stand side by side behind those of the control nodes."""
         return np.argsort(np.concatenate([np.arange(FIRST_LEAF), *(tokens for tokens, _, _ in self._groups)]))
 
-    def outcomes(self, world: World) -> Int16[Array, "2 S V"]:
-        """Return the outcome of every token in every state: `command << COMMAND_BITS | status`. The second layer holds
-        the outcomes once the command that is running in the first counts as failed."""
+    def outcomes(self, world: World) -> Int32[Array, "2 S V"]:
+        """Return the outcome of every token in every state (see `COMMAND_BITS`). The second layer holds the outcomes once
+        the command that is running in the first counts as failed."""
         xp = namespace(world.poses)
         atoms = self._atom_outcomes(world)
         layers = []
         failed: list[Array | None] = [None] * len(self._groups)
         for _ in range(2):
-            columns = [xp.zeros((atoms.shape[0], FIRST_LEAF), np.int16)]
+            columns = [xp.zeros((atoms.shape[0], FIRST_LEAF), np.int32)]
             for g, (_, body, atom_columns) in enumerate(self._groups):
                 outcome = self._evaluate(body, atoms, list(atom_columns), failed[g])
-                failed[g] = xp.where(outcome & 3 == Status.RUNNING, outcome, np.int16(-1))
+                failed[g] = xp.where(outcome & 3 == Status.RUNNING, outcome & _ACTION, np.int32(-1))
                 columns.append(outcome)
             layers.append(xp.concatenate(columns, axis=1)[:, self._token_order])
         return xp.stack(layers)
 
     def _evaluate(
-        self, node: Behavior | Control, atoms: Int16[Array, "S A"], columns: list[np.ndarray], failed: Array | None
-    ) -> Int16[Array, "S m"]:
+        self, node: Behavior | Control, atoms: Int32[Array, "S A"], columns: list[np.ndarray], failed: Array | None
+    ) -> Int32[Array, "S m"]:
         """Return the outcome of a skeleton for m leaves at once, where the outcome `failed` counts as a failure;
         consumes `columns`."""
         xp = namespace(atoms)
@@ -150,14 +182,15 @@ class LeafSemantics:
             outcome = atoms[:, columns.pop(0)]
             if failed is None or node.kind == Kind.CONDITION:
                 return outcome
-            return xp.where(outcome == failed, np.int16(Status.FAILURE), outcome)
+            return xp.where(outcome == failed, np.int32(Status.FAILURE), outcome)
         proceed = Status.SUCCESS if node.kind == Kind.SEQUENCE else Status.FAILURE
         outcome = self._evaluate(node.children[0], atoms, columns, failed)
         for child in node.children[1:]:
-            outcome = xp.where(outcome == proceed, self._evaluate(child, atoms, columns, failed), outcome)
+            after = self._evaluate(child, atoms, columns, failed) | outcome & ~_ACTION
+            outcome = xp.where(outcome & 3 == proceed, after, outcome)
         return outcome
 
-    def _atom_outcomes(self, world: World) -> Int16[Array, "S A"]:
+    def _atom_outcomes(self, world: World) -> Int32[Array, "S A"]:
         """Return the outcomes of all conditions, then of all commands. An action succeeds if its postconditions hold,
         fails if its preconditions do not, and otherwise runs."""
         xp = namespace(world.poses)
@@ -170,11 +203,23 @@ class LeafSemantics:
         done = xp.concatenate([opened & empty, closed, holding, at & empty], axis=1)
         always = xp.ones((conditions.shape[0], 2), bool)
         possible = xp.concatenate([always, can_pick, holding[:, self.place_object]], axis=1)
-        running = (np.arange(len(self.commands), dtype=np.int16) << COMMAND_BITS)[None] | np.int16(Status.RUNNING)
-        actions = xp.where(done, np.int16(Status.SUCCESS), xp.where(possible, running, np.int16(Status.FAILURE)))
-        return xp.concatenate([conditions.astype(np.int16), actions], axis=1)
+        running = (np.arange(len(self.commands), dtype=np.int32) << COMMAND_BITS)[None] | np.int32(Status.RUNNING)
+        actions = xp.where(done, np.int32(Status.SUCCESS), xp.where(possible, running, np.int32(Status.FAILURE)))
+        statuses = conditions.astype(np.int32)
+        if self.num_ticked:
+            first = len(self.conditions) - self.num_ticked
+            bits = np.int32(1) << np.arange(SUBGOAL_BITS, SUBGOAL_BITS + self.num_ticked, dtype=np.int32)
+            new = xp.where(conditions[:, first:] & ~world.reached, bits[None], np.int32(0))
+            statuses = xp.concatenate([statuses[:, :first], statuses[:, first:] | new], axis=1)
+        return xp.concatenate([statuses, actions], axis=1)
 
     def _condition_values(self, world: World) -> Bool[Array, "S conditions"]:
+        xp = namespace(world.poses)
+        reached = world.reached | holding_subgoals(self.task, world) if self.num_ticked else world.reached
+        return xp.concatenate([self._scene_values(world), reached], axis=1)
+
+    def _scene_values(self, world: World) -> Bool[Array, "S conditions"]:
+        """Return the values of all conditions but `reached`."""
         xp = namespace(world.poses)
         goal = to_world(frames(world, self.task), self.place_frame, self.place_position)
         away = distances(world.poses[:, self.place_object, :3], goal)
@@ -189,19 +234,26 @@ class LeafSemantics:
                 gripper,
                 reachable(world, self.task),
                 ~xp.any(_rests_on(world, self.task), axis=-2),
-                world.reached,
             ],
             axis=1,
         )
 
 
-def see_subgoals(task: Task, world: World) -> Bool[Array, "S G"]:
+def subgoals_by_sight(task: Task, world: World) -> Bool[Array, "S G"]:
+    """Return which of the task's subgoals count as reached in each state without a tick: by the task's rule all that hold,
+    or none."""
+    if task.subgoal_reward == "seen":
+        return holding_subgoals(task, world)
+    return namespace(world.poses).zeros((world.held.shape[0], len(task.subgoals)), bool)
+
+
+def holding_subgoals(task: Task, world: World) -> Bool[Array, "S G"]:
     """Return which of the task's subgoals hold in each state."""
     xp = namespace(world.poses)
     if not task.subgoals:
         return xp.zeros((world.held.shape[0], 0), bool)
     semantics, columns = _subgoal_columns(task)
-    holds = semantics._condition_values(world)
+    holds = semantics._scene_values(world)
     return xp.stack([xp.all(holds[:, column], axis=1) for column in columns], axis=1)
 
 
@@ -231,6 +283,9 @@ def _rests_on(world: World, task: Task) -> Bool[Array, "S B B"]:
     over = xp.max(xp.abs(offset[..., :2]), axis=-1) < middle
     held = world.held[..., None] == np.arange(len(sizes), dtype=np.int8)[None]
     return above & over & ~held[..., :, None] & ~held[..., None, :]
+
+
+_ACTION = np.int32((1 << SUBGOAL_BITS) - 1)  # an outcome without its subgoals
 
 
 def _atoms(leaf: Behavior | Control) -> list[Behavior]:

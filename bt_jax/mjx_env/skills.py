@@ -13,11 +13,11 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
 from bt_jax.mjx_env.scene.surfaces import Surfaces, box_surfaces, fixed_surfaces, support_height
-from bt_jax.mjx_env.semantics import LeafSemantics, see_subgoals
+from bt_jax.mjx_env.semantics import LeafSemantics, subgoals_by_sight
 from bt_jax.mjx_env.world import Array, World, frames, namespace, rotate, snap
 from bt_jax.tasks import Task
 
-__all__ = ["LIFT", "Released", "act", "settled_world"]
+__all__ = ["LIFT", "Released", "act", "reach", "settled_world"]
 
 LIFT = 1.0  # height by which a picked box is raised, in its own sizes
 
@@ -63,12 +63,18 @@ def act(semantics: LeafSemantics, world: World, command: Int32[Array, " S"]) -> 
     return Released(after, poses, held_after[:, None] != boxes, handled.astype(np.int32))
 
 
+def reach(world: World, subgoals: Int32[Array, " S"]) -> World:
+    """Return the states in which the tree has ticked subgoals, given as bits."""
+    bits = np.arange(world.reached.shape[1], dtype=np.int32)[None]
+    return dataclasses.replace(world, reached=world.reached | (subgoals[:, None] >> bits & 1 == 1))
+
+
 def settled_world(task: Task, released: Released, poses: Float32[Array, "S B 7"]) -> World:
-    """Return the state once everything is at rest at `poses`: snapped, with the subgoals that have held so far."""
+    """Return the state once everything is at rest at `poses`: snapped, with the subgoals that count as reached."""
     xp = namespace(poses)
     held = ~released.present[..., None]
     world = dataclasses.replace(released.world, poses=snap(xp.where(held, released.poses, poses)))
-    return dataclasses.replace(world, reached=world.reached | see_subgoals(task, world))
+    return dataclasses.replace(world, reached=world.reached | subgoals_by_sight(task, world))
 
 
 def _release_pose(semantics: LeafSemantics, world: World, place: Int32[Array, " S"]) -> Float32[Array, "S B 7"]:

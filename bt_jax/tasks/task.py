@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from html import escape
-from typing import Any
+from typing import Any, Literal
 
 from bt_jax._util.errors import UserError
 
@@ -123,6 +123,9 @@ class Weights:
     subgoal: float = 500.0
 
 
+SubgoalReward = Literal["seen", "ticked"]
+
+
 @dataclasses.dataclass(frozen=True)
 class Subgoal:
     """A configuration worth reaching once, on the way: all `conditions` hold, written as in trees, for instance
@@ -134,7 +137,11 @@ class Subgoal:
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Task:
-    """Everything that defines a task; hashable, so that compiled functions can be kept per task."""
+    """Everything that defines a task; hashable, so that compiled functions can be kept per task.
+
+    `subgoal_reward` says when a subgoal counts as reached, for the fitness and for `reached(subgoal)`: as soon as it holds
+    ("seen"), or only once the tree has ticked `reached(subgoal)` while it holds ("ticked", as in the published runs).
+    """
 
     name: str
     description: str
@@ -147,6 +154,7 @@ class Task:
     episode: Episode = Episode()
     weights: Weights = Weights()
     subgoals: tuple[Subgoal, ...] = ()
+    subgoal_reward: SubgoalReward = "seen"
     robot_frame: str = "base_link"
     robot_position: Vec3 = (0.0, 1.0, 0.05)
     gripper_opening: float = 0.2

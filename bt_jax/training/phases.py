@@ -52,7 +52,7 @@ class Changes:
 
         Demonstrations of targets add their places to the targets and to the gene pool, and their tree is the baseline if no
         other is given. Demonstrations of a subgoal become one gene, guarded by `reached(subgoal)`; the task rewards reaching
-        it, and the gene is the baseline if there is no other.
+        it (one of its own, if they reach that), and the gene is the baseline if there is no other.
         """
         task = config.task if self.task is None else with_goal_of(config.task, self.task)
         leaves, baseline = list(config.extra_leaves), self.baseline

@@ -1,5 +1,6 @@
 """Random trees, states and episodes that the tests share; NumPy generators, so that thousands are cheap."""
 
+import dataclasses
 import functools
 import subprocess
 import sys
@@ -37,9 +38,11 @@ def random_trees(seed: int, leaves: Sequence[Behavior], count: int, *, most_leav
 
 
 @functools.cache
-def semantics_of(task_name: str, *, atoms: bool = True) -> LeafSemantics:
-    """The gene pool of a task, and with `atoms` single conditions and actions as well."""
+def semantics_of(task_name: str, *, atoms: bool = True, subgoal_reward: str | None = None) -> LeafSemantics:
+    """The gene pool of a task, and with `atoms` single conditions and actions as well; with the task's rule for subgoals,
+    or another."""
     task = load_task(task_name)
+    task = dataclasses.replace(task, subgoal_reward=subgoal_reward or task.subgoal_reward)
     vocabulary = gene_pool(task)
     if atoms:
         known = [leaf for leaf in (*ATOMS, *SUBTASKS) if task.subgoals or "reached" not in str(leaf)]
@@ -70,9 +73,9 @@ def random_commands(semantics: LeafSemantics, world: World, rng: np.random.Gener
 
 
 def kinematic_walk(
-    task_name: str, *, seed: int, count: int = 40, steps: int = 10
+    task_name: str, *, seed: int, count: int = 40, steps: int = 10, subgoal_reward: str | None = None
 ) -> tuple[LeafSemantics, World, Released]:
-    semantics = semantics_of(task_name)
+    semantics = semantics_of(task_name, subgoal_reward=subgoal_reward)
     return semantics, *walk(semantics, Kinematic(semantics.task), seed=seed, count=count, steps=steps)
 
 

@@ -61,14 +61,23 @@ def test_few_demonstrations_of_unstacking_are_about_fixed_places(count):
     lesson = learn(demonstrations(RESTACK, UNSTACKING, count=count), RESTACK)
     assert lesson.missing == 3 - count
     assert [place.frame for place in lesson.placements] == ["base_link", "base_link"]
-    assert lesson.subgoal("freed").conditions == ("clear(YellowBox)", "clear(BlueBox)", "holding(nothing)")
     gene = lesson.subtask_gene("freed")
-    task = with_subgoal(RESTACK, lesson.subgoal("freed"), source="demonstrations")
-    played = run(gene, task)
+    played = run(gene, RESTACK)
     assert played.ending == Ending.SUCCESS
     assert played.final.reached.all()
     assert [tick.command.name for tick in played.ticks if tick.command] == ["pick", "place"] * 2
+    assert Behavior("reached", ("unstacked",)) in leaves(gene.subtree)
+
+
+@pytest.mark.parametrize("rule", ["seen", "ticked"])
+def test_a_new_subgoal_is_added_to_the_task_and_guards_its_gene(rule):
+    plain = dataclasses.replace(RESTACK, subgoals=(), subgoal_reward=rule)
+    lesson = learn(demonstrations(plain, UNSTACKING, count=1), plain)
+    gene = lesson.subtask_gene("freed")
     assert Behavior("reached", ("freed",)) in leaves(gene.subtree)
+    played = run(gene, with_subgoal(plain, lesson.subgoal("freed"), source="demonstrations"))
+    assert played.ending == Ending.SUCCESS
+    assert played.final.reached.all()
 
 
 def test_one_demonstration_of_restacking_repeats_it():

@@ -7,13 +7,47 @@ from scipy.spatial.transform import Rotation
 from bt_jax.lfd import Action, Demonstration, Demonstrations, Pose, learn
 from bt_jax.lfd.subgoals import derive_subgoal
 from bt_jax.mjx_env.scene.layouts import sample_layouts
-from bt_jax.mjx_env.semantics import see_subgoals
+from bt_jax.mjx_env.semantics import holding_subgoals
+from bt_jax.tasks import Subgoal
 from tests.helpers.demonstrations import RESTACK, STACK3, STACKING, UNSTACKING, at, demonstrations
+
+STACKED = dataclasses.replace(RESTACK, subgoals=())
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_a_subgoal_of_the_task_that_is_reached_is_that_one(count):
+    lesson = learn(demonstrations(RESTACK, UNSTACKING, count=count), RESTACK)
+    assert lesson.subgoal("mine") == RESTACK.subgoals[0]
+    gene = lesson.subtask_gene("mine")
+    assert gene.args[0] == "mine"
+    assert str(gene.subtree.children[0]) == "reached(unstacked)"
+
+
+@pytest.mark.parametrize(
+    ("conditions", "shown"),
+    [
+        (["at(GreenBox, (0, 0, 0.1), BlueBox)"], False),  # only at the start
+        (["clear(GreenBox)"], False),  # at the start already
+        (["clear(YellowBox)", "holding(GreenBox)"], False),
+        (["clear(YellowBox)", "gripper(open)", "reachable(GreenBox)"], True),
+    ],
+)
+def test_a_subgoal_of_the_task_is_reached_if_it_holds_at_the_end_and_not_at_the_start(conditions, shown):
+    task = dataclasses.replace(RESTACK, subgoals=(Subgoal("own", tuple(conditions)),))
+    lesson = learn(demonstrations(task, UNSTACKING), task)
+    assert lesson.subgoal("mine").name == ("own" if shown else "mine")
+
+
+def test_a_place_is_a_subgoal_of_the_task():
+    (one, *_) = STACKING
+    place = str(at(one.object, one.position, one.frame))
+    task = dataclasses.replace(STACK3, subgoals=(Subgoal("own", (place,)),))
+    assert learn(demonstrations(task, STACKING), task).subgoal("mine").name == "own"
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_unstacking_frees_what_was_under(count):
-    lesson = learn(demonstrations(RESTACK, UNSTACKING, count=count), RESTACK)
+    lesson = learn(demonstrations(STACKED, UNSTACKING, count=count), STACKED)
     subgoal = lesson.subgoal("freed")
     assert subgoal.name == "freed"
     assert subgoal.conditions == ("clear(YellowBox)", "clear(BlueBox)", "holding(nothing)")
@@ -27,12 +61,12 @@ def test_stacking_is_about_the_places():
 
 def test_the_scene_knows_when_it_is_reached():
     """Boxes that start apart are free; stacked ones are not."""
-    lesson = learn(demonstrations(RESTACK, UNSTACKING, count=1), RESTACK)
+    lesson = learn(demonstrations(STACKED, UNSTACKING, count=1), STACKED)
     subgoals = (lesson.subgoal("freed"),)
-    stacked = dataclasses.replace(RESTACK, subgoals=subgoals)
+    stacked = dataclasses.replace(STACKED, subgoals=subgoals)
     apart = dataclasses.replace(STACK3, subgoals=subgoals)
-    assert not np.any(see_subgoals(stacked, sample_layouts(stacked, 0, 5)))
-    assert np.all(see_subgoals(apart, sample_layouts(apart, 0, 5)))
+    assert not np.any(holding_subgoals(stacked, sample_layouts(stacked, 0, 5)))
+    assert np.all(holding_subgoals(apart, sample_layouts(apart, 0, 5)))
 
 
 def test_the_orientation_of_the_gripper_does_not_matter():
@@ -49,4 +83,5 @@ def test_the_orientation_of_the_gripper_does_not_matter():
         tuple(Demonstration(one.name, tuple(map(turned, one.actions))) for one in straight),
     )
     goal = (at("GreenBox", UNSTACKING[0].position, "base_link"),)
-    assert derive_subgoal("freed", tilted, goal, RESTACK) == derive_subgoal("freed", straight, goal, RESTACK)
+    for task in (RESTACK, STACKED):
+        assert derive_subgoal("freed", tilted, goal, task) == derive_subgoal("freed", straight, goal, task)

@@ -5,11 +5,11 @@ import pytest
 from py_trees.common import Status as Theirs
 
 from bt_jax._util.errors import UserError
-from bt_jax.behaviors import FIRST_LEAF, NOTHING, Behavior, Kind, Vocabulary
+from bt_jax.behaviors import FIRST_LEAF, NOTHING, Behavior, Kind, Vocabulary, subgoal_conditions
 from bt_jax.encoding.formats.py_trees import to_py_trees
 from bt_jax.encoding.tick import Status
 from bt_jax.mjx_env.scene.layouts import sample_layouts
-from bt_jax.mjx_env.semantics import COMMAND_BITS, LeafSemantics
+from bt_jax.mjx_env.semantics import COMMAND_BITS, SUBGOAL_BITS, LeafSemantics, holding_subgoals
 from bt_jax.mjx_env.world import rotate
 from bt_jax.tasks import load_task
 from tests.helpers.samples import kinematic_walk, one, semantics_of
@@ -53,8 +53,25 @@ class Oracle:
             case "clear":
                 return not any(self.rests(i, self.index(c.object)) for i in range(len(self.poses)))
             case "reached":
-                return bool(self.reached[[g.name for g in self.task.subgoals].index(c.args[0])])
+                return self.is_reached(c.args[0]) or (self.ticked and self.shows(c.args[0]))
         raise AssertionError(c)
+
+    @property
+    def ticked(self):
+        return self.task.subgoal_reward == "ticked"
+
+    def is_reached(self, subgoal):
+        return bool(self.reached[[g.name for g in self.task.subgoals].index(subgoal)])
+
+    def shows(self, subgoal):
+        return all(map(self.holds, subgoal_conditions(self.task)[subgoal]))
+
+    def bits(self, atoms):
+        """The subgoals that count as reached once a tree has ticked these atoms."""
+        asked = {atom.args[0] for atom in atoms if atom.name == "reached"}
+        new = [self.ticked and g.name in asked and not self.is_reached(g.name) and self.shows(g.name)
+               for g in self.task.subgoals]  # fmt: skip
+        return sum(1 << i for i, is_new in enumerate(new) if is_new)
 
     def rests(self, above, below):
         if above == below or self.held in (above, below):
@@ -70,12 +87,13 @@ class Oracle:
         return Status.RUNNING if all(map(self.holds, leaf.preconditions)) else Status.FAILURE
 
 
-def expected_outcome(leaf, status_of, commands):
-    """(command, status) of a leaf: py_trees ticks its subtree, and the command is the action that runs."""
-    running = []
+def expected_outcome(leaf, status_of, oracle, commands):
+    """Outcome and status of a leaf: py_trees ticks its subtree, and the command is the action that runs."""
+    running, ticked = [], []
 
     def tick_leaf(atom):
         status = status_of(atom)
+        ticked.append(atom)
         if status == Status.RUNNING:
             running.append(atom)
         return THEIRS[status]
@@ -83,50 +101,59 @@ def expected_outcome(leaf, status_of, commands):
     root = to_py_trees(leaf, tick_leaf, expand_genes=True)
     root.tick_once()
     status = next(ours for ours, theirs in THEIRS.items() if theirs == root.status)
-    return (commands.index(running[-1]) if status == Status.RUNNING else 0), status
+    command = commands.index(running[-1]) if status == Status.RUNNING else 0
+    return oracle.bits(ticked) << SUBGOAL_BITS | command << COMMAND_BITS | status, status, running[-1:]
 
 
-@pytest.mark.parametrize("name", ["stack3", "restack"])
-def test_outcomes_are_those_of_py_trees_on_every_leaf(name):
-    semantics, worlds, _ = kinematic_walk(name, seed=3, count=6, steps=8)
+@pytest.mark.parametrize(("name", "rule"), [("stack3", "seen"), ("restack", "seen"), ("restack", "ticked")])
+def test_outcomes_are_those_of_py_trees_on_every_leaf(name, rule):
+    semantics, worlds, _ = kinematic_walk(name, seed=3, count=6, steps=8, subgoal_reward=rule)
     outcomes = semantics.outcomes(worlds)
     met = set()
     holding, free = (np.flatnonzero((worlds.held >= 0) == held) for held in (True, False))
     for s in (*holding[-3:], *free[-5:]):
         oracle = Oracle(semantics.task, one(worlds, s))
         for i, leaf in enumerate(semantics.vocabulary.leaves):
-            command, status = expected_outcome(leaf, oracle.status, semantics.commands)
-            assert outcomes[0, s, FIRST_LEAF + i] == command << COMMAND_BITS | status, (s, str(leaf))
-            failed = semantics.commands[command] if status == Status.RUNNING else None
+            first, status, failed = expected_outcome(leaf, oracle.status, oracle, semantics.commands)
+            assert outcomes[0, s, FIRST_LEAF + i] == first, (s, str(leaf))
 
             def exhausted(atom, oracle=oracle, failed=failed):
-                return Status.FAILURE if atom == failed else oracle.status(atom)
+                return Status.FAILURE if atom in failed else oracle.status(atom)
 
-            command, second = expected_outcome(leaf, exhausted, semantics.commands)
-            assert outcomes[1, s, FIRST_LEAF + i] == command << COMMAND_BITS | second, (s, str(leaf))
+            second, _, _ = expected_outcome(leaf, exhausted, oracle, semantics.commands)
+            assert outcomes[1, s, FIRST_LEAF + i] == second, (s, str(leaf))
             met.add((leaf.name, status))
+            met.update([leaf.name] if first >> SUBGOAL_BITS else [])
     for action in ("open_gripper", "close_gripper", "pick", "place", "move"):
         assert (action, Status.RUNNING) in met
     for action in ("open_gripper", "close_gripper", "pick"):
         assert (action, Status.SUCCESS) in met
+    assert ({"reached", "subtask"} <= met) == (rule == "ticked")
 
 
 @pytest.mark.parametrize("name", ["stack3", "restack", "yumi_stack"])
 def test_numpy_and_jax_agree(name):
     semantics, worlds, _ = kinematic_walk(name, seed=4)
     found = semantics.outcomes(worlds)
-    assert found.dtype == np.int16
+    assert found.dtype == np.int32
     as_jax = jax.jit(semantics.outcomes)(jax.tree.map(jnp.asarray, worlds))
     np.testing.assert_array_equal(as_jax, found)
 
 
 def test_the_subgoal_is_seen_once_and_for_all():
-    _, worlds, _ = kinematic_walk("restack", seed=5, count=30, steps=12)
+    _, worlds, _ = kinematic_walk("restack", seed=5, count=30, steps=12, subgoal_reward="seen")
     reached = worlds.reached.reshape(13, 30)
     assert not reached[0].any()
     assert reached[-1].any()
     assert not reached[-1].all()
     assert (np.diff(reached.astype(int), axis=0) >= 0).all()
+
+
+def test_a_subgoal_that_has_to_be_ticked_is_not_reached_by_itself():
+    semantics, worlds, _ = kinematic_walk("restack", seed=5, count=30, steps=12)
+    assert semantics.task.subgoal_reward == "ticked"
+    assert not worlds.reached.any()
+    assert holding_subgoals(semantics.task, worlds).any()
 
 
 def test_a_stack_is_not_clear_and_not_unstacked():

@@ -5,7 +5,7 @@ import pytest
 
 from bt_jax.behaviors import Behavior
 from bt_jax.mjx_env.scene.layouts import sample_layouts
-from bt_jax.mjx_env.semantics import see_subgoals
+from bt_jax.mjx_env.semantics import subgoals_by_sight
 from bt_jax.mjx_env.skills import LIFT, act, settled_world
 from bt_jax.mjx_env.world import snap, take
 from tests.helpers.samples import assert_same, kinematic_walk, random_commands, semantics_of, sized
@@ -104,4 +104,4 @@ def test_settled_states_are_snapped_and_keep_what_they_have_seen():
     poses = released.poses + np.float32(3e-5)
     world = settled_world(semantics.task, released, poses)
     np.testing.assert_array_equal(world.poses, snap(world.poses))
-    np.testing.assert_array_equal(world.reached, worlds.reached | see_subgoals(semantics.task, world))
+    np.testing.assert_array_equal(world.reached, worlds.reached | subgoals_by_sight(semantics.task, world))

@@ -129,6 +129,7 @@ def fixed(*places, kit="TableRight", **over):
         ({"subgoals": [{"name": "tidy"}]}, "subgoals[0].conditions", "add it"),
         ({"subgoals": [{"name": "tidy", "conditions": []}]}, "subgoals[0].conditions", "add a condition"),
         ({"subgoals": ["unstacked", "unstacked"]}, "subgoals[1].name", "is listed twice"),
+        ({"subgoal_reward": "asked"}, "subgoal_reward", "expected one of seen, ticked"),
         ({"colour": "red"}, "colour", "use one of"),
         ({7: 8}, "7", "use one of"),
     ],
@@ -188,3 +189,16 @@ def test_any_value_is_a_task_or_a_user_error(key, value):
     with contextlib.suppress(UserError):
         task = task_from_dict(data, source="mine")
         assert task_from_dict(task.to_dict(), source="again") == task
+
+
+def test_subgoals_are_reached_by_sight_unless_the_task_says_otherwise(tmp_path):
+    """So they were in every task and run folder that does not say."""
+    assert load_task("restack").subgoal_reward == "ticked"
+    older = load_task("restack").to_dict()
+    del older["subgoal_reward"]
+    assert task_from_dict(older, source="config.json").subgoal_reward == "seen"
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(yaml.safe_dump({"extends": "stack", "name": "mine", "subgoals": ["unstacked"]}))
+    assert load_task(mine).subgoal_reward == "seen"
+    mine.write_text(yaml.safe_dump({"extends": "restack", "name": "mine"}))
+    assert load_task(mine).subgoal_reward == "ticked"

@@ -74,9 +74,10 @@ def test_another_task_brings_its_targets_and_starts_and_nothing_else(on_top):
 
 
 def test_a_subgoal_brings_a_guarded_gene_and_a_reward(unstack):
-    config = Changes(subgoal_from=unstack, baseline_index=0).applied(dataclasses.replace(CONFIG, task=RESTACK))
-    assert [subgoal.name for subgoal in config.task.subgoals] == ["unstacked", "unstack"]
-    assert set(config.task.subgoals[1].conditions) == {"clear(YellowBox)", "clear(BlueBox)", "holding(nothing)"}
+    config = dataclasses.replace(CONFIG, task=dataclasses.replace(RESTACK, subgoals=()))
+    config = Changes(subgoal_from=unstack, baseline_index=0).applied(config)
+    assert [subgoal.name for subgoal in config.task.subgoals] == ["unstack"]
+    assert set(config.task.subgoals[0].conditions) == {"clear(YellowBox)", "clear(BlueBox)", "holding(nothing)"}
     gene = config.baseline
     assert gene.name == "subtask"
     assert str(gene.subtree.children[0]) == "reached(unstack)"
@@ -86,6 +87,13 @@ def test_a_subgoal_brings_a_guarded_gene_and_a_reward(unstack):
     tree = parse_tree(f"Sequence({gene}, {', '.join(map(str, planned))})")
     assert training.test(tree).success_rate == 1
     assert training.test(plan_task(RESTACK)).success_rate == 0
+
+
+def test_a_subgoal_that_the_task_has_is_not_added_again(unstack):
+    config = Changes(subgoal_from=unstack).applied(dataclasses.replace(CONFIG, task=RESTACK))
+    assert config.task == RESTACK
+    assert config.baseline.args[0] == "unstack"
+    assert str(config.baseline.subtree.children[0]) == "reached(unstacked)"
 
 
 def test_what_does_not_go_together():

@@ -16,7 +16,7 @@ from bt_jax.behaviors import gene_pool
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.scene.mjcf import kit_height
 from bt_jax.mjx_env.scene.surfaces import Surfaces, box_surfaces, fixed_surfaces, overlaps, support_height
-from bt_jax.mjx_env.semantics import reachable, see_subgoals
+from bt_jax.mjx_env.semantics import reachable, subgoals_by_sight
 from bt_jax.mjx_env.skills import Released, settled_world
 from bt_jax.mjx_env.world import World, frames
 from bt_jax.tasks import Table, Target, Task, with_targets
@@ -76,7 +76,7 @@ def move_kit(task: Task, world: World, table: str) -> World:
         poses[0, on, :3] += direction * step
     kit = world.kit + step
     after = dataclasses.replace(world, kit=kit.astype(np.float32), poses=poses)
-    return dataclasses.replace(after, reached=see_subgoals(task, after))
+    return dataclasses.replace(after, reached=subgoals_by_sight(task, after))
 
 
 def goals(task: Task, world: World) -> dict[str, Point]:

@@ -11,7 +11,7 @@ import dataclasses
 from bt_jax.app.state.history import History
 from bt_jax.app.state.workspace import Workspace
 from bt_jax.mjx_env.scene.layouts import sample_layouts
-from bt_jax.mjx_env.semantics import see_subgoals
+from bt_jax.mjx_env.semantics import subgoals_by_sight
 from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Task
 
@@ -84,4 +84,4 @@ def same_goal(one: Task, other: Task) -> bool:
 
 
 def _version(task: Task, start: World) -> _Version:
-    return _Version(task, dataclasses.replace(start, reached=see_subgoals(task, start)))
+    return _Version(task, dataclasses.replace(start, reached=subgoals_by_sight(task, start)))

@@ -25,7 +25,7 @@ from bt_jax.behaviors import Tree
 from bt_jax.lfd import DemonstrationFolder, Frames
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.scene.layouts import sample_layouts
-from bt_jax.mjx_env.semantics import see_subgoals
+from bt_jax.mjx_env.semantics import subgoals_by_sight
 from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Task
 from bt_jax.teaching.script import DEMONSTRATED, reached_by
@@ -92,7 +92,7 @@ class Teaching:
         """Go on with the task after an edit; a demonstration in the making stays where it is."""
         self.stop_replay()
         world = self._edited.start if self.session is None else self.shown
-        self.shown = dataclasses.replace(world, reached=see_subgoals(self._edited.task, world))
+        self.shown = dataclasses.replace(world, reached=subgoals_by_sight(self._edited.task, world))
 
     async def begin(self, *, reached: bool) -> None:
         """Begin a demonstration, from the start or from where the tree ends."""

@@ -46,12 +46,14 @@ class Sight:
 
 @dataclasses.dataclass(frozen=True)
 class Decision:
-    """One tick of a tree, the sight after it, the action that the tree wants, and the next step."""
+    """One tick of a tree, the sight after it, the action that the tree wants, the next step, and the subgoals that count as
+    reached from now on."""
 
     ticked: TreeTick
     sight: Sight
     wanted: Behavior | None
     step: Step
+    reached: frozenset[str]
 
 
 def decide(
@@ -63,7 +65,8 @@ def decide(
     sight = sight.after(frozenset(statuses.undecided))
     node = None if ticked.running is None else prefix(tree)[ticked.running]
     wanted = node if isinstance(node, Behavior) else None
-    return Decision(ticked, sight, wanted, _step(context.attempt, wanted, sight, blind=sight.blind(now, patience)))
+    step = _step(context.attempt, wanted, sight, blind=sight.blind(now, patience))
+    return Decision(ticked, sight, wanted, step, frozenset(statuses.ticked))
 
 
 def _step(attempt: Behavior | None, wanted: Behavior | None, sight: Sight, *, blind: bool) -> Step:

@@ -27,7 +27,7 @@ from bt_jax.deploy.execution.outcome import Halt, RunOutcome, TickReport
 from bt_jax.deploy.execution.program import Program
 from bt_jax.deploy.execution.reach_memory import ReachMemory
 from bt_jax.deploy.execution.settings import Exit, Limits
-from bt_jax.deploy.execution.statuses import Context, seen_subgoals
+from bt_jax.deploy.execution.statuses import Context, subgoals_by_sight
 from bt_jax.deploy.link.protocol import ControllerGone, RobotLink
 from bt_jax.deploy.link.safety import Rejected
 from bt_jax.encoding.status import Status
@@ -110,7 +110,7 @@ class Executor:
         if not seen.time - seen.image <= self.limits.image:
             why = f": {seen.lost}" if seen.lost else ""
             raise Halt(f"camera: no new image for {seen.time - seen.image:.1f} s{why}", Exit.STOPPED)
-        self._reached |= seen_subgoals(self.program.task, seen)
+        self._reached |= subgoals_by_sight(self.program.task, seen)
         self.runner.poll(seen, now)
         decision = None
         context = self._context(seen)
@@ -149,6 +149,7 @@ class Executor:
         """Begin, go on with or break off; return what is being done in a word."""
         self.runner.forgive(self.program.task, seen)
         self.runner.looked, self._undecided = decision.sight.looked, decision.sight.undecided
+        self._reached |= decision.reached
         ticked, wanted = decision.ticked, decision.wanted
         if self.runner.action is None and decision.step != Step.WAITING:
             self._since = (Status.RUNNING, now)

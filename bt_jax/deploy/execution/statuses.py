@@ -15,7 +15,7 @@ from bt_jax.deploy.execution.observation import Observation
 from bt_jax.encoding.status import Status
 from bt_jax.tasks import Task
 
-__all__ = ["Context", "Statuses", "seen_subgoals"]
+__all__ = ["Context", "Statuses", "subgoals_by_sight"]
 
 OPENED = 0.9  # share of its stroke from which a gripper counts as open
 
@@ -26,7 +26,7 @@ class Context:
 
     attempt: Behavior | None = None  # the action that is being carried out
     exhausted: frozenset[Behavior] = frozenset()  # actions that were tried too often
-    reached: frozenset[str] = frozenset()  # subgoals that were seen once
+    reached: frozenset[str] = frozenset()  # subgoals that count as reached
     unreachable: frozenset[str] = frozenset()  # boxes that no arm can grasp where they are
     last: Mapping[str, RigidTransform] | None = (
         None  # where each object was seen last, in the base frame; None: not asked
@@ -34,11 +34,13 @@ class Context:
 
 
 class Statuses:
-    """Leaf statuses for one tick. `undecided` collects the conditions that were asked and cannot be decided."""
+    """Leaf statuses for one tick. `undecided` collects the conditions that were asked and cannot be decided, `ticked` the
+    subgoals that count as reached from now on since the tree asked for them."""
 
     def __init__(self, task: Task, seen: Observation, context: Context) -> None:
         self.task, self.seen, self.context = task, seen, context
         self.undecided: list[Behavior] = []
+        self.ticked: set[str] = set()
         self._sizes = {box.name: box.size for box in task.boxes}
         self._lowest = min(table.top for table in task.tables) - task.robot_position[2]
 
@@ -75,8 +77,16 @@ class Statuses:
             case "clear":
                 return known and not any(self._rests_on(other, name, self.seen.poses) for other in self._sizes)
             case "reached":
-                return condition.args[0] in self.context.reached
+                return self._is_reached(str(condition.args[0]))
         raise ValueError(f"{condition} is no condition")
+
+    def _is_reached(self, subgoal: str) -> bool:
+        if subgoal in self.context.reached or self.task.subgoal_reward == "seen":
+            return subgoal in self.context.reached
+        holds = all(map(self.holds, subgoal_conditions(self.task)[subgoal]))
+        if holds:
+            self.ticked.add(subgoal)
+        return holds
 
     def _known(self, condition: Behavior) -> bool:
         """Are the poses known that the condition speaks of? That of a held box is not needed: it is in the hand."""
@@ -127,8 +137,11 @@ class Statuses:
         return rests_on(poses[upper].translation, poses[lower].translation, self._sizes[upper], self._sizes[lower])
 
 
-def seen_subgoals(task: Task, seen: Observation) -> frozenset[str]:
-    """Which of the task's subgoals are known to hold now."""
+def subgoals_by_sight(task: Task, seen: Observation) -> frozenset[str]:
+    """Return the task's subgoals that count as reached now without a tick: by its rule all that are known to hold, or
+    none."""
+    if task.subgoal_reward != "seen":
+        return frozenset()
     statuses = Statuses(task, seen, Context())
     meanings = subgoal_conditions(task)
     return frozenset(name for name, meaning in meanings.items() if all(map(statuses.holds, meaning)))

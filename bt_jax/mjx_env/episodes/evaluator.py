@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Bool, Float32, Int8, Int16, Int32
+from jaxtyping import Bool, Float32, Int8, Int32
 
 from bt_jax._util.compile_cache import kept_jit
 from bt_jax.encoding.arrays import Trees
@@ -23,7 +23,7 @@ from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS, fitness
 from bt_jax.mjx_env.episodes.rules import Ending, Tally, count_tick, fresh_tally, is_solved, resolve, select, used_up
 from bt_jax.mjx_env.episodes.table import BROKEN, UNKNOWN, TransitionTable
 from bt_jax.mjx_env.physics.protocol import Physics
-from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.mjx_env.semantics import LeafSemantics, command_of, subgoals_of
 from bt_jax.mjx_env.world import Array, World
 from bt_jax.tasks import Episode, Task
 
@@ -59,18 +59,19 @@ class Evaluation:
         return np.where(broken, np.float32(WORST_FITNESS), self.values.mean(axis=1))
 
 
-@kept_jit(static_argnames=("rules",))
+@kept_jit(static_argnames=("rules", "num_ticked"))
 def _advance(
     table: JumpTable,
     tree: Int32[Array, " E"],
     state: Int32[Array, " E"],
     tally: Tally,
-    outcomes: Int16[Array, "2 S V"],
+    outcomes: Int32[Array, "2 S V"],
     following: Int32[Array, " SC"],
     rules: Episode,
+    num_ticked: int,
 ) -> tuple[Int32[Array, " E"], Tally, Int32[Array, " E"]]:
     """Tick until every episode has ended or waits. Return states, tally, and for each episode the index into
-    `following` that it waits for, or -1."""
+    `following` that it waits for, or -1. The last `num_ticked` commands are subgoals that the tree ticks."""
     _, capacity, tokens = outcomes.shape
     commands = following.shape[0] // capacity
     flat = outcomes.reshape(-1)
@@ -87,17 +88,20 @@ def _advance(
             second = lax.cond(some_exhausted, lambda: flat[at + capacity * tokens], lambda: first)
             return resolve(first, second, exhausted)
 
-        ticked = tick_trees(table, lambda token: look_up(token)[0], tree=tree)
-        num_nodes = table.words.shape[1]
-        leaf = table.words.reshape(-1)[tree * num_nodes + jnp.minimum(ticked.leaf, num_nodes - 1)] >> 16
-        _, command = look_up(leaf)
-        at = state * commands + command
-        after = following[at]
-        running = (ticked.status == Status.RUNNING) & (tally.ending == Ending.OPEN)
-        wait = running & (after == UNKNOWN)
-        tally = select(wait, tally, count_tick(tally, ticked.status, command, after == BROKEN, rules))
-        state = jnp.where(running & (after >= 0), after, state)
-        return state, tally, jnp.where(wait, at, -1)
+        ticked = tick_trees(table, look_up, tree=tree)
+        command, subgoals = command_of(ticked.noted), subgoals_of(ticked.noted)
+        going, waiting, now = tally.ending == Ending.OPEN, jnp.full(state.shape, -1, jnp.int32), state
+        for i in range(num_ticked):
+            at = now * commands + commands - num_ticked + i
+            reaches, after = going & (subgoals >> i & 1 == 1), following[at]
+            waiting = jnp.where(reaches & (after == UNKNOWN) & (waiting < 0), at, waiting)
+            now = jnp.where(reaches & (after >= 0), after, now)
+        at = now * commands + command
+        running, after = going & (ticked.status == Status.RUNNING), following[at]
+        waiting = jnp.where(running & (after == UNKNOWN) & (waiting < 0), at, waiting)
+        now = jnp.where(running & (after >= 0), after, now)
+        counted = count_tick(tally, ticked.status, command, after == BROKEN, rules)
+        return jnp.where(waiting < 0, now, state), select(waiting < 0, counted, tally), waiting
 
     def some_go_on(carry):
         _, tally, waiting = carry
@@ -150,7 +154,14 @@ class TableEvaluator:
         table = self.table
         while True:
             state, tally, waiting = _advance(
-                jumps, tree, state, tally, table.outcomes, table.following, table.semantics.task.episode
+                jumps,
+                tree,
+                state,
+                tally,
+                table.outcomes,
+                table.following,
+                table.semantics.task.episode,
+                table.semantics.num_ticked,
             )
             waiting = np.asarray(waiting)
             missing = np.unique(waiting[waiting >= 0])

@@ -24,7 +24,7 @@ def target_distances(task: Task, world: World) -> Float32[Array, "S targets"]:
 
 
 def subgoals_missed(world: World) -> Int32[Array, " S"]:
-    """Return the number of the task's subgoals that never held."""
+    """Return the number of the task's subgoals that were not reached."""
     xp = namespace(world.reached)
     return xp.sum(~world.reached, axis=-1, dtype=np.int32)
 

@@ -23,8 +23,8 @@ from bt_jax.mjx_env.episodes.rules import (
     used_up,
 )
 from bt_jax.mjx_env.physics.settler import Settler
-from bt_jax.mjx_env.semantics import LeafSemantics
-from bt_jax.mjx_env.skills import act, settled_world
+from bt_jax.mjx_env.semantics import LeafSemantics, command_of, subgoals_of
+from bt_jax.mjx_env.skills import act, reach, settled_world
 from bt_jax.mjx_env.world import World
 
 __all__ = ["EpisodeState", "Playback", "Tick", "play"]
@@ -83,10 +83,10 @@ class EpisodeState:
     def tick(self) -> tuple[Tick, EpisodeState]:
         """Return the next tick, and the episode after it. Raises UserError if a leaf is not in the vocabulary."""
         rules = self.semantics.task.episode
-        statuses, command = _tick(self.semantics, self.tree, self.world, exhausted=used_up(self.tally, rules))
-        after, sane = self.world, True
+        statuses, command, subgoals = _tick(self.semantics, self.tree, self.world, exhausted=used_up(self.tally, rules))
+        after, sane = reach(self.world, subgoals), True
         if command != NO_COMMAND:
-            after, sane = _execute(self.semantics, self.settler, self.world, command)
+            after, sane = _execute(self.semantics, self.settler, after, command)
         tally = count_tick(
             self.tally,
             np.array([statuses[0]], np.int8),
@@ -112,20 +112,22 @@ def play(semantics: LeafSemantics, settler: Settler, tree: Tree, layout: World) 
 
 def _tick(
     semantics: LeafSemantics, tree: Tree, world: World, *, exhausted: Int32[np.ndarray, "1"]
-) -> tuple[tuple[Status | None, ...], int]:
-    """Return the statuses of all nodes, and the command that runs or NO_COMMAND; the `exhausted` one has failed."""
+) -> tuple[tuple[Status | None, ...], int, Int32[np.ndarray, "1"]]:
+    """Return the statuses of all nodes, the command that runs or NO_COMMAND, and the subgoals that the tree ticks, as bits;
+    the `exhausted` command has failed."""
     outcomes = semantics.outcomes(world)
-    running = NO_COMMAND
+    running, subgoals = NO_COMMAND, np.zeros(1, np.int32)
 
     def status_of(leaf: Behavior, _: int) -> Status:
-        nonlocal running
+        nonlocal running, subgoals
         token = semantics.vocabulary.token(leaf)
-        status, command = resolve(outcomes[0, :, token], outcomes[1, :, token], exhausted)
-        if status[0] == Status.RUNNING:
-            running = int(command[0])
-        return Status(status[0])
+        outcome = resolve(outcomes[0, :, token], outcomes[1, :, token], exhausted)
+        status, subgoals = Status(outcome[0] & 3), subgoals | subgoals_of(outcome)
+        if status == Status.RUNNING:
+            running = int(command_of(outcome)[0])
+        return status
 
-    return tick_tree(tree, status_of).statuses, running
+    return tick_tree(tree, status_of).statuses, running, subgoals
 
 
 def _execute(semantics: LeafSemantics, settler: Settler, world: World, command: int) -> tuple[World, bool]:

@@ -26,8 +26,8 @@ from bt_jax.mjx_env.episodes.evaluator import (
 from bt_jax.mjx_env.episodes.fitness import subgoals_missed, target_distances
 from bt_jax.mjx_env.episodes.rules import Ending, Tally, count_tick, fresh_tally, resolve, used_up
 from bt_jax.mjx_env.physics.protocol import SettleFn
-from bt_jax.mjx_env.semantics import LeafSemantics
-from bt_jax.mjx_env.skills import act, settled_world
+from bt_jax.mjx_env.semantics import LeafSemantics, command_of, subgoals_of
+from bt_jax.mjx_env.skills import act, reach, settled_world
 from bt_jax.mjx_env.world import World, take
 
 __all__ = ["RolloutEvaluator"]
@@ -80,10 +80,10 @@ def _rollout(
         def look_up(token):
             return resolve(outcomes[0][rows, token], outcomes[1][rows, token], exhausted)
 
-        ticked = tick_trees(jumps, lambda token: look_up(token)[0], tree=tree)
-        leaf = jumps.words[tree, jnp.minimum(ticked.leaf, trees.num_nodes - 1)] >> 16
-        _, command = look_up(leaf)
-        running = (ticked.status == Status.RUNNING) & (tally.ending == Ending.OPEN)
+        ticked = tick_trees(jumps, look_up, tree=tree)
+        command, going = command_of(ticked.noted), tally.ending == Ending.OPEN
+        running = going & (ticked.status == Status.RUNNING)
+        world = reach(world, jnp.where(going, subgoals_of(ticked.noted), 0))
         # Episodes that do nothing in this tick close an already closed gripper, or open an empty one: no motion.
         idle = jnp.where(world.gripper_open, 0, 1)
         released = act(semantics, world, jnp.where(running, command, idle))

@@ -12,10 +12,10 @@ import enum
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float32, Int8, Int16, Int32
+from jaxtyping import Bool, Float32, Int8, Int32
 
 from bt_jax.encoding.tick import Status
-from bt_jax.mjx_env.semantics import COMMAND_BITS
+from bt_jax.mjx_env.semantics import command_of
 from bt_jax.mjx_env.world import Array, namespace
 from bt_jax.tasks import Episode
 
@@ -58,14 +58,12 @@ def used_up(tally: Tally, rules: Episode) -> Int32[Array, " E"]:
 
 
 def resolve(
-    outcome: Int16[Array, " E"], second: Int16[Array, " E"], exhausted: Int32[Array, " E"]
-) -> tuple[Int8[Array, " E"], Int32[Array, " E"]]:
-    """Return status and command of a leaf from its two outcomes (see `LeafSemantics.outcomes`): the second counts where the
-    first one runs the `exhausted` command."""
-    xp = namespace(outcome)
-    running = outcome & 3 == Status.RUNNING
-    outcome = xp.where(running & ((outcome >> COMMAND_BITS).astype(np.int32) == exhausted), second, outcome)
-    return (outcome & 3).astype(np.int8), (outcome >> COMMAND_BITS).astype(np.int32)
+    outcome: Int32[Array, " E"], second: Int32[Array, " E"], exhausted: Int32[Array, " E"]
+) -> Int32[Array, " E"]:
+    """Return which of the two outcomes of a leaf counts (see `LeafSemantics.outcomes`): the second where the first one runs
+    the `exhausted` command."""
+    spent = (outcome & 3 == Status.RUNNING) & (command_of(outcome) == exhausted)
+    return namespace(outcome).where(spent, second, outcome)
 
 
 def count_tick(

@@ -14,14 +14,14 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float32, Int16, Int32
+from jaxtyping import Array, Float32, Int32
 
 from bt_jax._util.compile_cache import kept_jit
 from bt_jax.mjx_env.episodes.fitness import subgoals_missed, target_distances
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.physics.settler import Settler
 from bt_jax.mjx_env.semantics import LeafSemantics
-from bt_jax.mjx_env.skills import act, settled_world
+from bt_jax.mjx_env.skills import act, reach, settled_world
 from bt_jax.mjx_env.world import World, row_names, take, world_keys
 
 __all__ = ["BROKEN", "UNKNOWN", "TransitionTable"]
@@ -37,10 +37,11 @@ class TransitionTable:
     """States, outcomes and transitions met so far.
 
     `outcomes[layer, state, token]` is as in `LeafSemantics.outcomes`; `following[state * C + command]` is the next state, or
-    UNKNOWN, or BROKEN where the simulation diverged.
+    UNKNOWN, or BROKEN where the simulation diverged. The last commands, one for each subgoal that the tree has to tick, lead
+    to the same state with that subgoal reached.
     """
 
-    outcomes: Int16[Array, "2 S V"]
+    outcomes: Int32[Array, "2 S V"]
     following: Int32[Array, " SC"]
 
     def __init__(self, semantics: LeafSemantics, physics: Physics) -> None:
@@ -49,10 +50,10 @@ class TransitionTable:
         self.num_states = 0
         self.num_transitions = 0
         self.num_broken = 0
-        self.num_commands = len(semantics.commands)
+        self.num_commands = len(semantics.commands) + semantics.num_ticked
         self._ids: dict[bytes, int] = {}
         self._rows: _Rows | None = None
-        self.outcomes = jax.device_put(np.zeros((2, FIRST_CAPACITY, len(semantics.vocabulary)), np.int16))
+        self.outcomes = jax.device_put(np.zeros((2, FIRST_CAPACITY, len(semantics.vocabulary)), np.int32))
         self.following = jax.device_put(np.full(FIRST_CAPACITY * self.num_commands, UNKNOWN, np.int32))
 
     @property
@@ -70,7 +71,7 @@ class TransitionTable:
         return self._known.distance[ids]
 
     def subgoals_missed(self, ids: Int32[np.ndarray, " S"]) -> Int32[np.ndarray, " S"]:
-        """Return how many of the task's subgoals never held on the way to these states."""
+        """Return how many of the task's subgoals were not reached on the way to these states."""
         return self._known.subgoals_missed[ids]
 
     def ids(self, world: World) -> Int32[np.ndarray, " S"]:
@@ -84,6 +85,21 @@ class TransitionTable:
 
     def learn(self, states: Int32[np.ndarray, " n"], commands: Int32[np.ndarray, " n"]) -> None:
         """Simulate the commands in the states, as one batch, and enter where they lead. The pairs must be distinct."""
+        subgoal = commands - len(self.semantics.commands)
+        acts, following = subgoal < 0, np.zeros(len(states), np.int32)
+        if acts.any():
+            following[acts] = self._simulated(states[acts], commands[acts])
+        if not acts.all():
+            following[~acts] = self.ids(reach(self.worlds(states[~acts]), np.int32(1) << subgoal[~acts]))
+        index = states * self.num_commands + commands
+        for part in _parts(len(index)):
+            at, values = np.full(part.size, NOWHERE, np.int32), np.zeros(part.size, np.int32)
+            count = len(index[part.rows])
+            at[:count], values[:count] = index[part.rows], following[part.rows]
+            self.following = _enter(self.following, at, values)
+
+    def _simulated(self, states: Int32[np.ndarray, " n"], commands: Int32[np.ndarray, " n"]) -> Int32[np.ndarray, " n"]:
+        """Return the ids of the states to which commands lead, or BROKEN."""
         released = act(self.semantics, self.worlds(states), commands)
         poses, ok = self.settler.settle(released)
         following = np.full(len(states), BROKEN, np.int32)
@@ -93,12 +109,7 @@ class TransitionTable:
             following[ok] = self.ids(settled_world(self.semantics.task, released, poses))
         self.num_transitions += len(states)
         self.num_broken += int(np.sum(~ok))
-        index = states * self.num_commands + commands
-        for part in _parts(len(index)):
-            at, values = np.full(part.size, NOWHERE, np.int32), np.zeros(part.size, np.int32)
-            count = len(index[part.rows])
-            at[:count], values[:count] = index[part.rows], following[part.rows]
-            self.following = _enter(self.following, at, values)
+        return following
 
     def _append(self, world: World) -> None:
         rows = _Rows(world, target_distances(self.semantics.task, world), subgoals_missed(world))
@@ -107,7 +118,7 @@ class TransitionTable:
         for part in _parts(world.held.shape[0]):
             self._reserve(self.num_states + part.size)
             count = outcomes[:, part.rows].shape[1]
-            piece = np.zeros((2, part.size, outcomes.shape[2]), np.int16)
+            piece = np.zeros((2, part.size, outcomes.shape[2]), np.int32)
             piece[:, :count] = outcomes[:, part.rows]
             self.outcomes = _write(self.outcomes, piece, np.int32(self.num_states))
             self.num_states += count

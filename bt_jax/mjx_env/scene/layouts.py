@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from bt_jax.mjx_env.scene.placement import draw_kit_table, draw_places
-from bt_jax.mjx_env.semantics import see_subgoals
+from bt_jax.mjx_env.semantics import subgoals_by_sight
 from bt_jax.mjx_env.world import World, snap
 from bt_jax.tasks import Task
 
@@ -32,4 +32,4 @@ def sample_layouts(task: Task, seed: int | list[int], count: int) -> World:
         gripper_open=np.ones(count, bool),
         reached=np.zeros((count, len(task.subgoals)), bool),
     )
-    return dataclasses.replace(world, reached=see_subgoals(task, world))
+    return dataclasses.replace(world, reached=subgoals_by_sight(task, world))

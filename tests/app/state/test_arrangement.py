@@ -51,15 +51,16 @@ def test_what_stood_on_a_box_that_was_taken_falls():
     np.testing.assert_allclose(pose(taken, "GreenBox")[:3], here, atol=2e-3)
 
 
-def test_a_person_may_unstack_and_the_subgoal_is_seen():
-    task = load_task("restack")
+@pytest.mark.parametrize("rule", ["seen", "ticked"])
+def test_a_person_may_unstack_and_the_subgoal_is_seen_unless_a_tree_has_to_tick_it(rule):
+    task = dataclasses.replace(load_task("restack"), subgoal_reward=rule)
     world = sample_layouts(task, 0, 1)
     assert not world.reached.any()
     for name, x in (("GreenBox", -0.2), ("BlueBox", 0.2)):
         world = put(
             task, PHYSICS, world, name, on_table([t.name for t in task.tables].index(kit_table(task, world)), x, -0.28)
         )
-    assert world.reached.all()
+    assert world.reached.all() == (rule == "seen")
 
 
 @pytest.mark.parametrize(

@@ -4,12 +4,12 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax.behaviors import Behavior, Kind, expand
-from bt_jax.deploy.execution.statuses import Context, Statuses, seen_subgoals
+from bt_jax.deploy.execution.statuses import Context, Statuses, subgoals_by_sight
 from bt_jax.encoding.interpret import tick_tree
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import prefix
 from bt_jax.mjx_env.scene.layouts import sample_layouts
-from bt_jax.mjx_env.semantics import COMMAND_BITS, see_subgoals
+from bt_jax.mjx_env.semantics import command_of, holding_subgoals
 from bt_jax.tasks import load_task
 from tests.helpers.ideal import observe
 from tests.helpers.samples import kinematic_walk, one
@@ -24,20 +24,38 @@ def test_the_simulation_means_the_same_by_every_leaf():
         for leaf in semantics.vocabulary.leaves:
             tree = expand(leaf)
             ticked = tick_tree(tree, Statuses(semantics.task, seen, Context()))
-            outcome = int(outcomes[i, semantics.vocabulary.token(leaf)])
+            outcome = outcomes[i, semantics.vocabulary.token(leaf)]
             assert ticked.status == outcome & 3, (leaf, seen)
             if ticked.running is not None:
-                assert prefix(tree)[ticked.running] == semantics.commands[outcome >> COMMAND_BITS]
+                assert prefix(tree)[ticked.running] == semantics.commands[command_of(outcome)]
             found.add((leaf.name, ticked.status))
     assert {status for name, status in found if name == "move"} == set(Status)
 
 
 def test_subgoals_are_those_of_the_simulation():
     semantics, worlds, _ = kinematic_walk("restack", seed=4, count=20, steps=8)
-    expected = see_subgoals(semantics.task, worlds)[:, 0]
-    ours = [bool(seen_subgoals(semantics.task, observe(semantics.task, one(worlds, i)))) for i in range(len(expected))]
-    assert ours == expected.tolist()
-    assert len(set(ours)) == 2
+    ticked, seen = semantics.task, dataclasses.replace(semantics.task, subgoal_reward="seen")
+    expected = holding_subgoals(ticked, worlds)[:, 0]
+    assert len(set(expected)) == 2
+    for i, holds in enumerate(expected):
+        view = observe(ticked, one(worlds, i))
+        assert subgoals_by_sight(seen, view) == ({"unstacked"} if holds else set())
+        assert subgoals_by_sight(ticked, view) == set()
+
+
+def test_a_subgoal_that_has_to_be_ticked_counts_from_the_tick_in_which_it_holds():
+    semantics, worlds, _ = kinematic_walk("restack", seed=4, count=20, steps=8)
+    task, reached = semantics.task, Behavior("reached", ("unstacked",))
+    for i, holds in enumerate(holding_subgoals(task, worlds)[:, 0]):
+        view = observe(task, one(worlds, i))
+        statuses = Statuses(task, view, Context())
+        assert (statuses(reached, 0) == Status.SUCCESS) == holds == ("unstacked" in statuses.ticked)
+        later = Statuses(task, view, Context(reached=frozenset(["unstacked"])))
+        assert later(reached, 0) == Status.SUCCESS
+        assert not later.ticked
+        by_sight = Statuses(dataclasses.replace(task, subgoal_reward="seen"), view, Context())
+        assert by_sight(reached, 0) == Status.FAILURE
+        assert not by_sight.ticked
 
 
 def test_nothing_unknown_is_true():

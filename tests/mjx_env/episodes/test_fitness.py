@@ -66,7 +66,7 @@ def test_targets_turn_with_their_frames():
 
 
 def test_subgoals_are_counted():
-    _, world, _ = kinematic_walk("restack", seed=5, count=20, steps=8)
+    _, world, _ = kinematic_walk("restack", seed=5, count=20, steps=8, subgoal_reward="seen")
     missed = subgoals_missed(world)
     np.testing.assert_array_equal(missed, 1 - world.reached[:, 0].astype(int))
     assert set(missed) == {0, 1}
