@@ -5,7 +5,6 @@ Everything is inherited but the description, which is empty unless the task has 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -13,6 +12,7 @@ from typing import Any
 
 from bt_jax._util.decoding import decode
 from bt_jax._util.errors import UserError
+from bt_jax._util.json_files import read_json
 from bt_jax._util.yaml_files import read_yaml
 from bt_jax.tasks.checks import check, check_support
 from bt_jax.tasks.task import Task
@@ -67,9 +67,9 @@ def task_of_folder(folder: Path) -> Task | None:
     if not config.is_file():
         return load_task(own) if own.is_file() else None
     try:
-        data = json.loads(config.read_text(encoding="utf-8"))["task"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise UserError(f"{config} cannot be read ({error}); restore it, or name the task with --task") from error
+        data = read_json(config)["task"]
+    except (KeyError, TypeError) as error:
+        raise UserError(f"{config} says no task; restore it, or name the task with --task") from error
     return task_from_dict(data, source=str(config))
 
 

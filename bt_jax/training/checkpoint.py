@@ -4,22 +4,44 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import json
+import types
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float32, Int16, Int32, Int64, UInt8, UInt64, jaxtyped
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
-from bt_jax.behaviors import Behavior
+from bt_jax.behaviors import FIRST_LEAF, Behavior
 from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.evolution import Generation, Population, State
 from bt_jax.training.history import history_csv, read_history
-from bt_jax.training.run_config import parse_leaf
+from bt_jax.training.run_config import RunConfig, parse_leaf
 
 __all__ = ["Checkpoint"]
+
+
+ARRAYS: Mapping[str, Any] = types.MappingProxyType(
+    {
+        "tokens": Int16[np.ndarray, "R P N"],
+        "sizes": UInt8[np.ndarray, "R P N"],
+        "fitness": Float32[np.ndarray, "R P"],
+        "niche": Int32[np.ndarray, "R P"],  # only with niches
+        "baseline_fitness": Float32[np.ndarray, " R"],
+        "seen": UInt64[np.ndarray, " hashes"],
+        "counts": Int64[np.ndarray, " R"],
+        "earlier": Int64[np.ndarray, " R"],
+        "generation": Int64[np.ndarray, ""],
+        "phase": Int64[np.ndarray, ""],
+        "leaves": UInt8[np.ndarray, " leaf_bytes"],
+        "history": UInt8[np.ndarray, " history_bytes"],
+        "config": UInt8[np.ndarray, " config_bytes"],  # not in older files
+    }
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,12 +52,15 @@ class Checkpoint:
     leaves: tuple[Behavior, ...]
     phase: int
     history: list[Generation]
+    config: RunConfig | None = None  # of the run; older files do not say
 
     def save(self, path: Path) -> None:
         """Replace the file; a process that is killed meanwhile leaves the previous one."""
         buffer, state = io.BytesIO(), self.state
         niche = state.population.niche
         arrays: dict[str, Any] = {} if niche is None else {"niche": np.asarray(niche)}
+        if self.config is not None:
+            arrays["config"] = _as_bytes(self.config.to_json())
         np.savez(
             buffer,
             tokens=np.asarray(state.population.trees.tokens),
@@ -59,22 +84,49 @@ class Checkpoint:
         if not path.is_file():
             return None
         try:
-            with np.load(path) as data:
-                trees = Trees(jnp.asarray(data["tokens"]), jnp.asarray(data["sizes"]))
-                niche = jnp.asarray(data["niche"]) if "niche" in data else None
-                state = State(
-                    population=Population(trees, jnp.asarray(data["fitness"]), niche),
-                    generation=int(data["generation"]),
-                    baseline_fitness=jnp.asarray(data["baseline_fitness"]),
-                    seen=tuple(np.split(data["seen"], np.cumsum(data["counts"])[:-1])),
-                    earlier=tuple(data["earlier"].tolist()),
-                )
-                leaves = tuple(map(parse_leaf, data["leaves"].tobytes().decode().splitlines()))
-                history = read_history(data["history"].tobytes().decode())
-                return Checkpoint(state, leaves, int(data["phase"]), history)
+            with np.load(path, allow_pickle=False) as data:
+                return _checkpoint(data, path)
         except Exception as error:  # a damaged file may raise almost anything in zipfile and NumPy
             raise UserError(f"{path} is damaged; delete it to start this run again") from error
 
 
+def _checkpoint(arrays: Mapping[str, np.ndarray], path: Path) -> Checkpoint:
+    """Return what the arrays of a file say. Raise ValueError or the like if they contradict each other."""
+    with jaxtyped("context"):  # the same letter is the same number everywhere
+        wrong = [name for name, kind in ARRAYS.items() if name in arrays and not isinstance(arrays[name], kind)]
+    if wrong:
+        raise ValueError(f"{', '.join(wrong)} have other types or shapes than they should")
+    leaves = tuple(map(parse_leaf, _as_text(arrays["leaves"]).splitlines()))
+    trees = Trees(jnp.asarray(arrays["tokens"]), jnp.asarray(arrays["sizes"]))
+    if not _are_trees(arrays["tokens"], arrays["sizes"], FIRST_LEAF + len(leaves)):
+        raise ValueError("tokens and sizes are no trees of these leaves")
+    state = State(
+        population=Population(
+            trees, jnp.asarray(arrays["fitness"]), jnp.asarray(arrays["niche"]) if "niche" in arrays else None
+        ),
+        generation=int(arrays["generation"]),
+        baseline_fitness=jnp.asarray(arrays["baseline_fitness"]),
+        seen=tuple(np.split(arrays["seen"], np.cumsum(arrays["counts"])[:-1])),
+        earlier=tuple(arrays["earlier"].tolist()),
+    )
+    history = read_history(_as_text(arrays["history"]))
+    if history and history[-1].generation != state.generation:
+        raise ValueError("the history ends at another generation")
+    config = RunConfig.of(json.loads(_as_text(arrays["config"])), path) if "config" in arrays else None
+    return Checkpoint(state, leaves, int(arrays["phase"]), history, config)
+
+
+def _are_trees(tokens: Int16[np.ndarray, "R P N"], sizes: UInt8[np.ndarray, "R P N"], vocabulary: int) -> bool:
+    """Return whether every node within the length of its tree has a token, and its subtree ends within the tree."""
+    lengths, places = sizes[..., :1].astype(int), np.arange(tokens.shape[-1])
+    inside = places < lengths
+    good = (tokens > 0) & (tokens < vocabulary) & (sizes > 0) & (places + sizes <= lengths)
+    return bool((lengths > 0).all() and (lengths <= len(places)).all() and good[inside].all())
+
+
 def _as_bytes(text: str) -> UInt8[np.ndarray, " n"]:
     return np.frombuffer(text.encode(), np.uint8)
+
+
+def _as_text(data: UInt8[np.ndarray, " n"]) -> str:
+    return data.tobytes().decode()

@@ -7,6 +7,7 @@ import dataclasses
 import io
 from collections.abc import Sequence
 
+from bt_jax._util.errors import UserError
 from bt_jax.gp.evolution import Generation
 
 __all__ = ["history_csv", "read_history"]
@@ -23,7 +24,12 @@ def history_csv(history: Sequence[Generation]) -> str:
 
 
 def read_history(text: str) -> list[Generation]:
-    """Return the rows that `history_csv` wrote."""
+    """Return the rows that `history_csv` wrote. Raise UserError, naming the line, if it did not."""
     kinds = {field.name: {"int": int, "float": float}[str(field.type)] for field in dataclasses.fields(Generation)}
-    rows = csv.DictReader(io.StringIO(text))
-    return [Generation(**{name: kinds[name](value) for name, value in row.items()}) for row in rows]
+    rows, found = csv.DictReader(io.StringIO(text)), []
+    try:
+        for row in rows:
+            found.append(Generation(**{name: kinds[name](value) for name, value in row.items()}))
+    except (ValueError, KeyError, TypeError, csv.Error) as error:
+        raise UserError(f"line {rows.line_num} is not a generation; restore the file") from error
+    return found

@@ -98,12 +98,19 @@ def resumed(folder: RunFolder, gp: GPConfig, settings: Settings, changes: Change
             f"{folder.path} was begun with version {config.version} and this is {package_version()}; go on "
             "with that version, or train again"
         )
+    if config.x64:
+        raise UserError(f"{folder.path} was evolved with 64-bit numbers, and this command has 32-bit ones; train again")
     gp = dataclasses.replace(gp, baseline_index=config.gp.baseline_index)
     if dataclasses.replace(gp, generations=config.gp.generations) != config.gp or settings != config.settings:
         raise UserError(KEPT)
     phase = changes.begin_phase
     if not phase and changes.baseline_index is not None:
         raise UserError(NO_BASELINE, code="new baseline")
+    try:
+        config.gp.check()
+        config.settings.check()
+    except UserError as error:
+        raise UserError(f"{folder.path / 'config.json'}: {error}") from error
     gp.check()
     saved, generations = folder.load_checkpoint(), gp.generations
     now = 0 if saved is None else saved.state.generation

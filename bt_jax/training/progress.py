@@ -14,10 +14,12 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import IO, Literal
 
+from bt_jax._util.decoding import decode
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
+from bt_jax._util.json_files import read_json
 from bt_jax.behaviors import Tree
-from bt_jax.encoding.formats.text import one_line
+from bt_jax.encoding.formats.text import one_line, parse_tree
 from bt_jax.gp.evolution import Generation
 
 __all__ = ["Progress", "Reporter", "Stage", "is_alive", "locked", "read_progress"]
@@ -110,11 +112,14 @@ def _chosen(count: int) -> list[int]:
 
 def read_progress(folder: Path) -> Progress | None:
     """Return the progress of the training in a run folder; None if there is none, or none that can be read."""
+    source = folder / "progress.json"
     try:
-        data = json.loads((folder / "progress.json").read_text(encoding="utf-8"))
-        return Progress(**{**data, "history": tuple(map(tuple, data["history"]))})
-    except (OSError, ValueError, TypeError, KeyError):
+        progress = decode(read_json(source), Progress, source)
+        if progress.tree:
+            parse_tree(progress.tree)
+    except UserError:
         return None
+    return progress
 
 
 def is_alive(folder: Path) -> bool:
@@ -128,10 +133,17 @@ def is_alive(folder: Path) -> bool:
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Keep other processes from training in a run folder meanwhile. Raise UserError if one does already."""
-    folder.mkdir(parents=True, exist_ok=True)
+    """Keep other processes from training in a run folder meanwhile. Raise UserError if one does already, or nothing can be
+    written there."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = open(folder / LOCK, "wb")  # noqa: SIM115
+    except OSError as error:
+        raise UserError(
+            f"{folder / LOCK} cannot be written ({error.strerror}); check who may write there, or copy the folder"
+        ) from error
     began = time.monotonic()
-    with open(folder / LOCK, "wb") as file:
+    with lock as file:
         while not _lock(file, shared=False):
             if time.monotonic() - began > LOCK_SECONDS:
                 raise UserError(f"another process is training in {folder}; wait until it has ended, or stop it")

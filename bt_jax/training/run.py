@@ -18,7 +18,7 @@ from bt_jax.training.pictures import draw_pictures
 from bt_jax.training.progress import Stage, locked
 from bt_jax.training.result import Result, Session
 from bt_jax.training.run_config import RunConfig
-from bt_jax.training.run_folder import RunFolder
+from bt_jax.training.run_folder import RunFolder, not_of_one_run
 from bt_jax.training.training import Training
 
 __all__ = ["Listener", "TrainingRun"]
@@ -54,6 +54,8 @@ class TrainingRun:
         self.folder, self.resumed = folder, resumed
         self.training = Training.of(config)
         self.config = self.training.run_config
+        if resumed:
+            self._saved()
         self._stopped = self._written = False
         self._checkpoint: Checkpoint | None = None  # the last complete generation of this process
         self._listeners: tuple[Listener, ...] = ()
@@ -129,7 +131,7 @@ class TrainingRun:
                 history = [*history, *evolution.describe(state)]
             if self._checkpoint is None:
                 self._stage("evolving")
-            self._checkpoint = Checkpoint(state, leaves, self.config.phase, history)
+            self._checkpoint = Checkpoint(state, leaves, self.config.phase, history, self.config)
             if time.monotonic() - saved >= wait:
                 began = time.monotonic()
                 self._save(self._checkpoint)
@@ -141,12 +143,24 @@ class TrainingRun:
     def _restored(self) -> tuple[State | None, list[Generation]]:
         """Return where to go on: at the checkpoint, measured again if it is of the phase before; at a new population if
         there is none."""
-        saved = self.folder.load_checkpoint()
+        saved = self._saved() if self.resumed else None
         if saved is None:
             return None, []
         if saved.phase == self.config.phase:
             return saved.state, saved.history
         return self.training.carried(saved.state, saved.leaves), saved.history
+
+    def _saved(self) -> Checkpoint | None:
+        """Return the checkpoint, None if there is none yet. Raise UserError if it is of another run, or its leaves are not
+        those of this one."""
+        saved, known = self.folder.load_checkpoint(), self.training.vocabulary.leaves
+        if saved is None:
+            return None
+        if (other := next((leaf for leaf in saved.leaves if leaf not in known), None)) is not None:
+            raise not_of_one_run(self.folder.path, f"only the checkpoint has the behavior {other}")
+        if saved.phase == self.config.phase and saved.leaves != known:
+            raise not_of_one_run(self.folder.path, "their behaviors are others, or in another order")
+        return saved
 
     def _save(self, checkpoint: Checkpoint) -> None:
         """Replace the checkpoint; if somebody has removed the folder meanwhile, make it again."""

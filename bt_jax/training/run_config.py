@@ -5,27 +5,42 @@ from __future__ import annotations
 import dataclasses
 import importlib.metadata
 import json
-import typing
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any
 
+from bt_jax._util.decoding import decode
 from bt_jax._util.errors import UserError
+from bt_jax._util.json_files import read_json
 from bt_jax.behaviors import Behavior, Tree
 from bt_jax.encoding.formats.text import one_line, parse_tree
-from bt_jax.gp.config import GPConfig, Selection
+from bt_jax.gp.config import GPConfig
 from bt_jax.tasks import Task, task_from_dict
 from bt_jax.training.settings import Settings
 
 __all__ = ["RunConfig", "package_version", "parse_leaf"]
 
 FORMAT = 2
-T = TypeVar("T", GPConfig, Settings)
 
 
 def package_version() -> str:
     """Return the version of this package."""
     return importlib.metadata.version("bt_jax")
+
+
+@dataclasses.dataclass(frozen=True)
+class _Content:
+    """What `config.json` holds; what has a default is missing in older files."""
+
+    format: int
+    version: str
+    task: Any
+    gp: GPConfig
+    settings: Settings
+    baseline: str | None
+    extra_leaves: list[str]
+    phase: int
+    since: int
+    x64: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,6 +59,8 @@ class RunConfig:
     phase: int = 0
     since: int = 0
     version: str = dataclasses.field(default_factory=package_version)
+    x64: bool = False
+    """whether JAX computed with 64-bit numbers, which the commands never do"""
 
     def to_json(self) -> str:
         """Return the text of `config.json`."""
@@ -57,56 +74,52 @@ class RunConfig:
             "extra_leaves": list(map(str, self.extra_leaves)),
             "phase": self.phase,
             "since": self.since,
+            "x64": self.x64,
         }
         return json.dumps(data, indent=2) + "\n"
 
     @staticmethod
     def read(source: Path) -> RunConfig:
         """Return the configuration in a file. Raise UserError if it is damaged or of another version."""
-        try:
-            data = json.loads(source.read_text(encoding="utf-8"))
-            found = data["format"]
-        except (ValueError, KeyError, TypeError, OSError) as error:
-            raise UserError(f"{source} cannot be read; restore it, or train again") from error
-        if found != FORMAT:
+        return RunConfig.of(read_json(source), source)
+
+    @staticmethod
+    def of(data: Any, source: Path) -> RunConfig:
+        """Return the configuration that plain data describes. Raise UserError, naming `source`, as `read` does."""
+        found = data.get("format") if isinstance(data, dict) else None
+        if isinstance(found, int) and found != FORMAT:
             raise UserError(
                 f"{source.parent} has format {found} and this version reads {FORMAT}; use the version that wrote it"
             )
         try:
-            methods = {key: Selection(data["gp"][key]) for key in ("parent_selection", "survivor_selection")}
-            gp, settings = _typed(GPConfig, {**data["gp"], **methods}), _typed(Settings, data["settings"])
-            baseline = None if data["baseline"] is None else parse_tree(data["baseline"])
-            extra = tuple(parse_leaf(text) for text in data["extra_leaves"])
-            phase, since, version, task = int(data["phase"]), int(data["since"]), str(data["version"]), data["task"]
-        except KeyError as error:
-            raise UserError(f"{source} is damaged (no {error}); restore it, or train again") from error
-        except (TypeError, AttributeError, ValueError, UserError) as error:
-            raise UserError(f"{source} is damaged ({error}); restore it, or train again") from error
-        task = task_from_dict(task, source=str(source))
-        return RunConfig(task, gp, settings, baseline, extra, phase, since, version)
-
-
-def _typed(kind: type[T], values: Mapping[str, Any]) -> T:
-    """Return a dataclass of numbers and choices. Raise TypeError if a value does not have the type of its field."""
-    hints = typing.get_type_hints(kind)
-    for name, value in values.items():
-        if name in hints and not _fits(value, hints[name]):
-            raise TypeError(f"{name} is {value!r}")
-    return kind(**values)
-
-
-def _fits(value: Any, hint: Any) -> bool:
-    """Return whether a value has the type: a class, of which a bool is no int, a Literal, or a union of such."""
-    if typing.get_origin(hint) is Literal:
-        return value in typing.get_args(hint)
-    if choices := typing.get_args(hint):
-        return any(_fits(value, choice) for choice in choices)
-    return type(value) in ((int, float) if hint is float else (hint,))
+            content = decode(data, _Content, source)
+            baseline = None if content.baseline is None else parse_tree(content.baseline)
+            extra = tuple(map(parse_leaf, content.extra_leaves))
+            task = task_from_dict(content.task, source=str(source))
+        except UserError as error:
+            version = data.get("version") if isinstance(data, dict) else None
+            if isinstance(version, str) and version != package_version():
+                raise UserError(
+                    f"{source} was written by version {version} and this is {package_version()}; use that version"
+                ) from error
+            named = str(error) if str(source) in str(error) else f"{source} is damaged ({error}); restore it"
+            raise UserError(named) from error
+        return RunConfig(
+            task,
+            content.gp,
+            content.settings,
+            baseline,
+            extra,
+            content.phase,
+            content.since,
+            content.version,
+            content.x64,
+        )
 
 
 def parse_leaf(text: str) -> Behavior:
-    """Return a tree of one leaf. Raise ValueError if the text is not one."""
+    """Return a tree of one leaf. Raise UserError if the text is not one."""
     leaf = parse_tree(text)
     if not isinstance(leaf, Behavior):
-        raise ValueError(f"{text} is not a leaf")
+        raise UserError(f"'{text}' is not a single leaf")
     return leaf

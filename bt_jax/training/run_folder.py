@@ -19,6 +19,7 @@ If the task was changed on the way, config-0.json, checkpoint-0.npz and best_tre
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import shlex
@@ -28,16 +29,18 @@ from typing import Any
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
+from bt_jax._util.text_files import read_text
 from bt_jax.behaviors import Tree
 from bt_jax.encoding.drawing.svg import to_svg
-from bt_jax.encoding.formats.text import format_tree, parse_tree
+from bt_jax.encoding.formats.files import read_tree
+from bt_jax.encoding.formats.text import format_tree
 from bt_jax.encoding.formats.xml import to_xml
 from bt_jax.gp.evolution import Generation
 from bt_jax.training.checkpoint import Checkpoint
-from bt_jax.training.history import history_csv
+from bt_jax.training.history import history_csv, read_history
 from bt_jax.training.run_config import RunConfig
 
-__all__ = ["RunFolder"]
+__all__ = ["RunFolder", "not_of_one_run"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,13 +79,11 @@ class RunFolder:
 
     def phases(self) -> list[int]:
         """Return the generations at which phases after the first began."""
-        config, found = self.config(), []
-        for phase in range(1, config.phase):
-            try:
-                found.append(int(json.loads((self.path / f"config-{phase}.json").read_text(encoding="utf-8"))["since"]))
-            except (OSError, ValueError, KeyError, TypeError):
-                continue  # only a line in the figure is lost
-        return [*found, config.since] if config.phase else found
+        config = self.config()
+        names = (path.stem.removeprefix("config-") for path in self.path.glob("config-*.json"))
+        numbers = sorted(int(name) for name in names if name.isdecimal() and 0 < int(name) < config.phase)
+        earlier = [self._config_of(number) for number in numbers]
+        return [one.since for one in (*earlier, config) if one is not None and one.phase]
 
     def config(self) -> RunConfig:
         """Return the configuration. Raise UserError if this is not a run folder, or one of another version."""
@@ -92,6 +93,15 @@ class RunFolder:
                 f"{self.path} is not a run folder, it has no config.json; give a folder that train has written"
             )
         return RunConfig.read(source)
+
+    def _config_of(self, phase: int) -> RunConfig | None:
+        """Return the configuration of a phase, None if that of an earlier one is missing or damaged."""
+        config = self.config()
+        if phase == config.phase:
+            return config
+        with contextlib.suppress(UserError):
+            return RunConfig.read(self.path / f"config-{phase}.json")
+        return None
 
     def tree(self) -> Tree:
         """Return the learnt tree. Raise UserError if the run has none yet."""
@@ -103,11 +113,30 @@ class RunFolder:
                 code="no tree yet",
                 run=self.path.name,
             )
-        return parse_tree(source.read_text(encoding="utf-8"))
+        return read_tree(source)
+
+    def history(self) -> list[Generation]:
+        """Return what `history.csv` holds. Raise UserError, naming it, if it is missing or damaged."""
+        source = self.path / "history.csv"
+        try:
+            return read_history(read_text(source))
+        except UserError as error:
+            raise UserError(str(error) if str(source) in str(error) else f"{source}: {error}") from error
 
     def load_checkpoint(self) -> Checkpoint | None:
-        """Return the last checkpoint, None if the run has none yet. Raise UserError if it is damaged."""
-        return Checkpoint.load(self.path / "checkpoint.npz")
+        """Return the last checkpoint, None if the run has none yet. Raise UserError if it is damaged, or is not of this
+        run."""
+        phase, checkpoint = self.config().phase, Checkpoint.load(self.path / "checkpoint.npz")
+        if checkpoint is None:
+            return None
+        problem, config = "", self._config_of(checkpoint.phase)
+        if checkpoint.phase > phase:
+            problem = f"the checkpoint is of phase {checkpoint.phase} and the configuration of phase {phase}"
+        elif config is not None:
+            problem = _contradiction(checkpoint, config)
+        if problem:
+            raise not_of_one_run(self.path, problem)
+        return checkpoint
 
     def save_checkpoint(self, checkpoint: Checkpoint) -> None:
         """Replace the checkpoint."""
@@ -120,7 +149,7 @@ class RunFolder:
     def save_tree(self, tree: Tree, *, title: str) -> None:
         """Write text, XML and drawing of the learnt tree, and remove a simplified tree that was made from another."""
         before = self.path / "best_tree.txt"
-        if not before.is_file() or before.read_text(encoding="utf-8") != format_tree(tree):
+        if not before.is_file() or before.read_bytes() != format_tree(tree).encode():
             for stale in self.path.glob("simplified_tree.*"):
                 stale.unlink()
         self._write_tree("best_tree", tree, title)
@@ -146,3 +175,34 @@ class RunFolder:
     def save_picture(self, name: str, png: bytes) -> None:
         """Write a picture."""
         write_atomic(self.path / name, png)
+
+
+def not_of_one_run(folder: Path, problem: str) -> UserError:
+    """Return the error about a checkpoint and a configuration that contradict each other."""
+    return UserError(
+        f"{folder / 'checkpoint.npz'} and {folder / 'config.json'} are not of one run: {problem}; restore the one that was "
+        "changed, or delete the checkpoint to start this run again"
+    )
+
+
+def _contradiction(checkpoint: Checkpoint, config: RunConfig) -> str:
+    """Say what differs between a checkpoint and the configuration of its phase, with an empty text if nothing does."""
+    runs, population, nodes = checkpoint.state.population.trees.tokens.shape
+    found: dict[str, Any] = {"runs": runs, "population": population, "max_nodes": nodes}
+    said = {name: getattr(config.gp, name) for name in found}
+    if (kept := checkpoint.config) is not None:
+        found |= _as_data(kept)
+        said |= _as_data(config)
+    different = next((name for name in found if found[name] != said[name]), None)
+    if different is None:
+        return ""
+    if different in ("task", "baseline", "extra_leaves"):
+        return f"{different} differs"
+    return f"the checkpoint says {different} {found[different]} and the configuration {said[different]}"
+
+
+def _as_data(config: RunConfig) -> dict[str, Any]:
+    """Return what stays the same within a phase."""
+    fixed = {name: getattr(config, name) for name in ("task", "baseline", "extra_leaves", "x64")}
+    gp = {**dataclasses.asdict(config.gp), "generations": None}
+    return {**gp, **dataclasses.asdict(config.settings), **fixed}

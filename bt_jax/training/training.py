@@ -131,7 +131,7 @@ class Training:
 
     def result(self, state: State, history: list[Generation]) -> Result:
         """Return the best trees, the best of all tested in unseen layouts."""
-        checkpoint = Checkpoint(state, self.vocabulary.leaves, self.run_config.phase, history)
+        checkpoint = Checkpoint(state, self.vocabulary.leaves, self.run_config.phase, history, self.run_config)
         tree = self.best_tree(state)
         test = self.test(tree)
         test = dataclasses.replace(test, failures=self._failures(tree, test))
@@ -165,9 +165,11 @@ class Training:
 
 
 def _pinned(config: RunConfig, level: str) -> RunConfig:
-    """Return the configuration with the backend that `auto` stands for here, so that a resumed run takes the same."""
+    """Return the configuration with the backend that `auto` stands for here and the precision of JAX, so that a resumed run
+    takes the same."""
     settings: dict[str, Any] = {"backend": level} if config.settings.level == "physics" else {}
-    return dataclasses.replace(config, settings=dataclasses.replace(config.settings, **settings))
+    x64 = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]  # JAX makes it while it is imported
+    return dataclasses.replace(config, settings=dataclasses.replace(config.settings, **settings), x64=x64)
 
 
 def _checked_leaves(baseline: Tree, config: GPConfig) -> list[Behavior]:

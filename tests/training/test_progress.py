@@ -100,7 +100,18 @@ def test_it_is_written_five_times_a_second_at_most(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "{", "[]", "{}", '{"pid": 1}', '{"pid": 1, "history": 3}', '{"future": 1, "history": []}']
+    "text",
+    [
+        "",
+        "{",
+        "[]",
+        "{}",
+        '{"pid": "1"}',
+        "[" * 6000,
+        '{"pid": 1, "tree": "pick("}',
+        '{"pid": 1, "history": 3}',
+        '{"future": 1, "history": []}',
+    ],
 )
 def test_what_cannot_be_read_is_none(tmp_path, text):
     assert read_progress(tmp_path) is None

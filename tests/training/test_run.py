@@ -1,13 +1,16 @@
 """A run in its folder: what listeners hear, what is written, and what an interruption or a failure leaves behind."""
 
 import contextlib
+import dataclasses
 import json
 import os
+import shutil
 import signal
 
 import pytest
 
 from bt_jax._util.errors import UserError
+from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.gp.config import GPConfig
 from bt_jax.tasks import load_task
 from bt_jax.training.history import read_history
@@ -85,6 +88,31 @@ def test_a_result_is_saved_as_a_folder_that_goes_on(done, tmp_path):
     assert again.tree == result.tree
     with pytest.raises(UserError, match=r"is not empty; choose another folder$"):
         result.save(tmp_path / "mine")
+
+
+@pytest.mark.parametrize(
+    ("leaves", "problem"),
+    [
+        (
+            lambda known: (*known[:-1], parse_tree("move(GreenBox, (0, 0, 0.3), YellowBox)")),
+            "only the checkpoint has .*0.3",
+        ),
+        (lambda known: (*known[:-2], known[-1], known[-2]), "another order"),
+        (
+            lambda known: (*known[:-1], parse_tree("move(RedBox, (0, 0, 0.1), YellowBox)")),
+            "only the checkpoint has .*RedBox",
+        ),
+    ],
+)
+def test_a_checkpoint_with_other_behaviors_is_refused_and_nothing_changes(done, tmp_path, leaves, problem):
+    folder = RunFolder(tmp_path / "run")
+    shutil.copytree(done[0].path, folder.path)
+    saved = folder.load_checkpoint()
+    folder.save_checkpoint(dataclasses.replace(saved, leaves=leaves(saved.leaves)))
+    before = {path.name: path.read_bytes() for path in folder.path.iterdir()}
+    with pytest.raises(UserError, match=f"are not of one run: .*{problem}"):
+        TrainingRun(folder, folder.config(), resumed=True)
+    assert {path.name: path.read_bytes() for path in folder.path.iterdir()} == before
 
 
 def test_evolve_gives_what_a_run_in_a_folder_gives(done):

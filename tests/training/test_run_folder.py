@@ -25,6 +25,7 @@ from tests.helpers.strategies import trees as random_trees
 
 TREE = parse_tree("Sequence(move(YellowBox, (0, 0, 0.055), KittingBox), open_gripper)")
 CONFIG = RunConfig(load_task("stack"), GPConfig(), Settings())
+LEAVES = gene_pool(CONFIG.task).leaves
 floats = st.floats(-1e6, 1e6)
 rows = st.builds(
     Generation,
@@ -32,13 +33,27 @@ rows = st.builds(
 )
 
 
+def config(runs=2, **changes):
+    """The configuration of a run whose state is `state(runs)`."""
+    return dataclasses.replace(CONFIG, gp=GPConfig(population=8, max_nodes=16, runs=runs), **changes)
+
+
 def state(runs=2):
+    """A state of trees of one leaf."""
     rng = np.random.default_rng(0)
-    tokens = rng.integers(0, 60, (runs, 8, 16)).astype(np.int16)
+    tokens = rng.integers(3, 60, (runs, 8, 16)).astype(np.int16)
     trees = Trees(jax.numpy.asarray(tokens), jax.numpy.ones((runs, 8, 16), jax.numpy.uint8))
     fitness = jax.numpy.asarray(rng.normal(size=(runs, 8)).astype(np.float32))
     seen = tuple(np.sort(rng.integers(0, 2**63, 5 + r).astype(np.uint64)) for r in range(runs))
     return State(Population(trees, fitness), 7, fitness[:, 0], seen, tuple(range(3, 3 + runs)))
+
+
+@pytest.fixture
+def saved(tmp_path):
+    """The folder of a run of two with a checkpoint."""
+    folder = RunFolder.create(tmp_path / "saved", config())
+    folder.save_checkpoint(Checkpoint(state(), LEAVES, 0, [], config()))
+    return folder
 
 
 @pytest.fixture
@@ -74,14 +89,15 @@ def test_history_is_read_back_and_written_the_same(history):
 
 
 @pytest.mark.parametrize("runs", [1, 2])
-def test_the_checkpoint_is_read_back(folder, runs):
+def test_the_checkpoint_is_read_back(tmp_path, runs):
+    folder = RunFolder.create(tmp_path / "run", config(runs, phase=3))
     assert folder.load_checkpoint() is None
     saved, history = state(runs), [Generation(0, 7, 8, -1.5, -2.0, 0.5, 3, 0.25, 1.0, 1, 2)]
-    leaves = CONFIG.extra_leaves + gene_pool(CONFIG.task).leaves
-    folder.save_checkpoint(Checkpoint(saved, leaves, 3, history))
+    folder.save_checkpoint(Checkpoint(saved, LEAVES, 3, history, config(runs, phase=3)))
     checkpoint = folder.load_checkpoint()
     found = checkpoint.state
-    assert (checkpoint.history, checkpoint.leaves, checkpoint.phase) == (history, leaves, 3)
+    assert (checkpoint.history, checkpoint.leaves, checkpoint.phase) == (history, LEAVES, 3)
+    assert checkpoint.config == config(runs, phase=3)
     assert found.generation == 7
     assert_same(
         (found.population, found.baseline_fitness, found.seen), (saved.population, saved.baseline_fitness, saved.seen)
@@ -90,44 +106,92 @@ def test_the_checkpoint_is_read_back(folder, runs):
 
 
 @pytest.mark.parametrize("damage", ["empty", "half", "flipped", "text"])
-def test_a_damaged_checkpoint_is_named(folder, damage):
-    folder.save_checkpoint(Checkpoint(state(), (), 0, []))
-    path = folder.path / "checkpoint.npz"
+def test_a_damaged_checkpoint_is_named(saved, damage):
+    path = saved.path / "checkpoint.npz"
     data = path.read_bytes()
     middle = len(data) // 2
     flipped = data[:middle] + bytes(255 - b for b in data[middle : middle + 50]) + data[middle + 50 :]
     path.write_bytes({"empty": b"", "half": data[:middle], "flipped": flipped, "text": b"hello\n" * 100}[damage])
     with pytest.raises(UserError, match=r"checkpoint.npz is damaged; delete it"):
-        folder.load_checkpoint()
+        saved.load_checkpoint()
+
+
+def text(content):
+    return np.frombuffer(content, np.uint8)
 
 
 @pytest.mark.parametrize(
     "change",
     [
-        {"history": np.frombuffer(b"run,generation\n0,1\n", np.uint8)},
-        {"history": np.frombuffer(b"run,luck\n0,1\n", np.uint8)},
+        {"history": text(b"run,generation\n0,1\n")},
+        {"history": text(b"run,luck\n0,1\n")},
+        {"history": text(history_csv([Generation(0, 6, 8, -1.5, -2.0, 0.5, 3, 0.25, 1.0, 1, 2)]).encode())},
         {"generation": np.array([1, 2])},
-        {"leaves": np.frombuffer(b"pick(", np.uint8)},
+        {"generation": np.array(7.5)},
+        {"leaves": text(b"pick(")},
+        {"leaves": text(b"nonsense(YellowBox)")},
+        {"leaves": text(b"pick(YellowBox)")},  # fewer than there are tokens
+        {"config": text(b"[" * 6000)},
+        {"config": text(b"{}")},
+        {"fitness": np.zeros((2, 9), np.float32)},
+        {"fitness": np.zeros((2, 8), np.float64)},
+        {"fitness": np.array([[None] * 8] * 2, object)},
+        {"sizes": np.zeros((2, 8, 16), np.uint8)},
+        {"sizes": np.full((2, 8, 16), 17, np.uint8)},
+        {"tokens": np.full((2, 8, 16), -1, np.int16)},
+        {"counts": np.array([3])},
     ],
 )
-def test_a_checkpoint_with_wrong_content_is_named(folder, change):
-    folder.save_checkpoint(Checkpoint(state(), (), 0, []))
-    path = folder.path / "checkpoint.npz"
+def test_a_checkpoint_with_wrong_content_is_named(saved, change):
+    path = saved.path / "checkpoint.npz"
     with np.load(path) as data:
         arrays = {**data, **change}
     np.savez(path, **arrays)
     with pytest.raises(UserError, match=r"checkpoint.npz is damaged; delete it"):
-        folder.load_checkpoint()
+        saved.load_checkpoint()
 
 
-def test_a_checkpoint_of_a_strange_zip_version_is_named(folder):
-    folder.save_checkpoint(Checkpoint(state(), (), 0, []))
-    path = folder.path / "checkpoint.npz"
+@pytest.mark.parametrize(("at", "value"), [(6, 92), (8, 1), (10, 99)])  # version, encrypted, compressed by a method
+def test_a_checkpoint_that_zipfile_cannot_read_is_named(saved, at, value):
+    path = saved.path / "checkpoint.npz"
     data = bytearray(path.read_bytes())
-    data[data.index(b"PK\x01\x02") + 6] = 92  # the version that the first entry needs
+    data[data.index(b"PK\x01\x02") + at] = value  # of its first entry
     path.write_bytes(data)
     with pytest.raises(UserError, match=r"checkpoint.npz is damaged; delete it"):
-        folder.load_checkpoint()
+        saved.load_checkpoint()
+
+
+def test_an_older_checkpoint_does_not_say_its_configuration(saved):
+    saved.save_checkpoint(Checkpoint(state(), LEAVES, 0, []))
+    assert saved.load_checkpoint().config is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"gp": {"population": 16}}, "the checkpoint says population 8 and the configuration 16"),
+        ({"gp": {"seed": 5}}, "the checkpoint says seed 0 and the configuration 5"),
+        ({"gp": {"p_add": 0.2, "p_change": 0.3}}, "the checkpoint says p_add 0.1 and the configuration 0.2"),
+        ({"settings": {"layouts": 2}}, "the checkpoint says layouts 1 and the configuration 2"),
+        ({"task": {"name": "other"}}, "task differs"),
+        ({"baseline": str(TREE)}, "baseline differs"),
+        ({"x64": True}, "the checkpoint says x64 False and the configuration True"),
+    ],
+)
+def test_a_configuration_that_contradicts_the_checkpoint_is_refused(saved, changes, problem):
+    path = saved.path / "config.json"
+    data = json.loads(path.read_text())
+    for name, change in changes.items():
+        data[name] = {**data[name], **change} if isinstance(change, dict) else change
+    path.write_text(json.dumps(data))
+    with pytest.raises(UserError, match=rf"checkpoint.npz and .*config.json are not of one run: {problem}; restore"):
+        saved.load_checkpoint()
+
+
+def test_a_checkpoint_of_a_later_phase_is_refused(saved):
+    saved.save_checkpoint(Checkpoint(state(), LEAVES, 1, [], config(phase=1)))
+    with pytest.raises(UserError, match="the checkpoint is of phase 1 and the configuration of phase 0"):
+        saved.load_checkpoint()
 
 
 def test_the_tree_is_kept_in_three_formats(folder):
@@ -177,24 +241,55 @@ def test_what_is_no_run_folder(tmp_path):
             RunFolder(path).config()
 
 
+@pytest.mark.parametrize("content", [b"\xff\xfe\x00", b"Sequence(", b"", b"\0"])
+def test_a_damaged_tree_is_named(folder, content):
+    path = folder.path / "best_tree.txt"
+    path.write_bytes(content)
+    with pytest.raises(UserError, match=r"best_tree.txt"):
+        folder.tree()
+    folder.save_tree(TREE, title="")
+    assert folder.tree() == TREE
+
+
+@pytest.mark.parametrize("content", [b"\xff", b"run,luck\n0,1\n", b"run,generation\nx\n", b"\0"])
+def test_a_damaged_history_is_named(folder, content):
+    (folder.path / "history.csv").write_bytes(content)
+    with pytest.raises(UserError, match=r"history.csv"):
+        folder.history()
+
+
+GP = dataclasses.asdict(GPConfig())
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         ({"format": 99}, "has format 99 and this version reads"),
-        ({"gp": {"popul": 3}}, "is damaged"),
-        ({"gp": None}, "is damaged"),
-        ({"gp": {"parent_selection": "luck"}}, "is damaged"),
-        ({"settings": []}, "is damaged"),
+        ({"format": "2"}, "config.json, key format: expected a whole number"),
+        ({"gp": {"popul": 3}}, "config.json, key gp.popul: not known here; did you mean population"),
+        ({"gp": None}, "config.json, key gp: expected a mapping"),
+        (
+            {"gp": {"parent_selection": "luck"}},
+            "config.json, key gp.parent_selection: expected one of tournament, rank",
+        ),
+        ({"settings": []}, "config.json, key settings: expected a mapping"),
         ({"baseline": "Sequence("}, r"config.json is damaged \(line 1, column 9"),
-        ({"gp": dataclasses.asdict(GPConfig()) | {"population": "x"}}, "is damaged .population is 'x'"),
-        ({"gp": dataclasses.asdict(GPConfig()) | {"elites": 1.5}}, "is damaged .elites is 1.5"),
-        ({"settings": {"layouts": "2"}}, "is damaged .layouts is '2'"),
-        ({"settings": {"level": "deep"}}, "is damaged .level is 'deep'"),
-        ({"extra_leaves": None}, "is damaged"),
-        ({"baseline": 5}, "is damaged"),
-        ({"task": {}}, "missing; add it"),
+        ({"gp": GP | {"population": "16"}}, "config.json, key gp.population: expected a whole number, found '16'"),
+        ({"gp": GP | {"elites": 1.5}}, "config.json, key gp.elites: expected"),
+        ({"gp": GP | {"p_add": float("nan")}}, "config.json, key gp.p_add: expected a number"),
+        ({"gp": GP | {"niches": 1}}, "config.json, key gp.niches: expected true or false"),
+        ({"settings": {"layouts": "2"}}, "config.json, key settings.layouts: expected a whole number"),
+        ({"settings": {"level": "deep"}}, "config.json, key settings.level: expected one of physics, kinematic"),
+        ({"extra_leaves": None}, "config.json, key extra_leaves: expected a list"),
+        ({"extra_leaves": ["Sequence(open_gripper)"]}, "config.json is damaged .* is not a single leaf"),
+        ({"baseline": 5}, "config.json, key baseline: expected text or null, found 5"),
+        ({"task": {}}, "config.json.* missing; add it"),
         ({"task": None}, "config.json: the task must be a mapping"),
         ({"task": []}, "config.json: the task must be a mapping"),
+        (
+            {"colour": "red", "version": "9.9"},
+            r"config.json was written by version 9.9 and this is .*; use that version",
+        ),
     ],
 )
 def test_a_configuration_that_cannot_be_read(folder, change, words):
@@ -207,12 +302,20 @@ def test_a_configuration_that_cannot_be_read(folder, change, words):
 def test_a_configuration_without_a_task(folder):
     path = folder.path / "config.json"
     path.write_text(json.dumps({key: value for key, value in json.loads(path.read_text()).items() if key != "task"}))
-    with pytest.raises(UserError, match=r"config.json is damaged \(no 'task'\)"):
+    with pytest.raises(UserError, match=r"config.json, key task: missing"):
         folder.config()
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "3", "\x00"])
+def test_an_older_configuration_without_newer_fields_is_read(folder):
+    path = folder.path / "config.json"
+    data = json.loads(path.read_text())
+    del data["x64"], data["gp"]["niches"], data["settings"]["evaluator"]
+    path.write_text(json.dumps(data))
+    assert folder.config() == CONFIG
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "3", "\x00", "[" * 6000, "9" * 5000, "\xff"])
 def test_a_configuration_that_is_no_json(folder, text):
-    (folder.path / "config.json").write_text(text)
-    with pytest.raises(UserError, match=r"config.json cannot be read"):
+    (folder.path / "config.json").write_bytes(text.encode("latin-1"))
+    with pytest.raises(UserError, match=r"config.json"):
         folder.config()

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import functools
-import json
 from collections.abc import Callable
 from typing import Any, TypeVar
 
 from bt_jax._util.errors import UserError
+from bt_jax._util.json_files import read_json
 from bt_jax.behaviors import Tree
 from bt_jax.encoding.formats.text import one_line, parse_tree
-from bt_jax.training.history import read_history
 from bt_jax.training.progress import Progress, read_progress
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.run_folder import RunFolder
@@ -52,18 +50,20 @@ def read_record(folder: RunFolder) -> RunRecord:
 
 def read_result(folder: RunFolder) -> dict[str, Any] | None:
     """Read `result.json`."""
-    found = _or_none(lambda: json.loads((folder.path / "result.json").read_text(encoding="utf-8")))
-    return found if isinstance(found, dict) and {"test_layouts", "success_rate"} <= found.keys() else None
+    found = _or_none(lambda: read_json(folder.path / "result.json"))
+    if not isinstance(found, dict) or type(found.get("test_layouts")) is not int:
+        return None
+    return found if isinstance(found.get("success_rate"), float) else None
 
 
 def _from_history(folder: RunFolder, config: RunConfig) -> Progress:
     """Return the progress of a run that did not report any."""
-    rows = read_history((folder.path / "history.csv").read_text(encoding="utf-8"))
-    return Progress(0, "finished", generations=config.gp.generations, tree=one_line(folder.tree())).with_history(rows)
+    progress = Progress(0, "finished", generations=config.gp.generations, tree=one_line(folder.tree()))
+    return progress.with_history(folder.history())
 
 
 def _or_none(read: Callable[[], T]) -> T | None:
     try:
         return read()
-    except (OSError, ValueError, KeyError, TypeError, csv.Error, UserError):
+    except UserError:
         return None
