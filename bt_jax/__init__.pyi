@@ -13,7 +13,8 @@ from bt_jax.encoding.drawing.svg import to_svg
 from bt_jax.encoding.drawing.terminal import draw_text
 from bt_jax.encoding.formats.files import read_tree
 from bt_jax.encoding.formats.text import format_tree, parse_tree
-from bt_jax.encoding.formats.xml import from_xml, to_xml
+from bt_jax.encoding.formats.xml import to_xml
+from bt_jax.encoding.formats.xml_reader import from_xml
 from bt_jax.gp.config import GPConfig
 from bt_jax.lfd.demonstration_folder import DemonstrationFolder
 from bt_jax.lfd.planner import plan_task

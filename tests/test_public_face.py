@@ -14,9 +14,9 @@ FACES = {
         "task_names", "to_svg", "to_xml", "with_targets",
     ],
     "bt_jax.behaviors": [
-        "CLOSED", "CONTROLS", "FIRST_LEAF", "NOTHING", "OPEN", "SIGNATURES", "Argument", "Behavior", "Control", "Kind",
-        "Leaf", "Node", "Parser", "Symbol", "Token", "Tree", "Vocabulary", "check_names", "expand", "gene_pool",
-        "parse_behavior", "subgoal_conditions",
+        "CLOSED", "CONTROLS", "EXTENDED", "FIRST_LEAF", "NOTHING", "OPEN", "SIGNATURES", "Argument", "Behavior", "Control",
+        "ExtendedNode", "Kind", "Leaf", "Node", "Parser", "Symbol", "Token", "Tree", "Vocabulary", "check_names", "expand",
+        "gene_pool", "not_memoryless", "parse_behavior", "subgoal_conditions",
     ],
     "bt_jax.deploy": [
         "ArmState", "Executor", "Exit", "GraspSettings", "Limits", "LinkConfig", "LinkTiming", "Log",
@@ -25,9 +25,10 @@ FACES = {
         "load_program", "read_log", "replay", "run_twin", "yumi_rules",
     ],
     "bt_jax.encoding": [
-        "MAX_NODES", "JumpTable", "Status", "Ticked", "TreeTick", "Trees", "children", "decode", "depth", "draw_text",
-        "encode", "encode_all", "format_tree", "from_xml", "jump_table", "leaves", "length", "one_line", "parse_tree",
-        "prefix", "read_tree", "tick_tree", "tick_trees", "to_dot", "to_py_trees", "to_svg", "to_xml", "violations",
+        "MAX_NODES", "JumpTable", "Status", "Ticked", "TreeMemory", "TreeTick", "Trees", "children", "decode", "depth",
+        "draw_text", "encode", "encode_all", "format_tree", "from_xml", "jump_table", "leaves", "length", "one_line",
+        "parse_tree", "prefix", "read_tree", "tick_tree", "tick_trees", "to_dot", "to_py_trees", "to_svg", "to_xml",
+        "violations",
     ],
     "bt_jax.gp": [
         "Alphabet", "Evolution", "GPConfig", "Generation", "Population", "Selection", "State", "best_of", "is_valid",

@@ -15,7 +15,8 @@ from bt_jax.deploy.commands.arguments import TwinArguments
 from bt_jax.deploy.execution.program import load_program
 from bt_jax.encoding.formats.files import read_tree
 from bt_jax.encoding.formats.text import parse_tree
-from bt_jax.encoding.formats.xml import from_xml, to_xml
+from bt_jax.encoding.formats.xml import to_xml
+from bt_jax.encoding.formats.xml_reader import from_xml
 from bt_jax.gp.config import GPConfig
 from bt_jax.mjx_env.render.offscreen import available
 from bt_jax.run import main
@@ -216,7 +217,7 @@ def test_renders_stills(stack, tmp_path):
         ({"source": "."}, "holds no tree"),
         ({"source": "wrong.txt"}, "no object 'OrangeBox'"),
         ({"source": "broken.txt"}, "line 2, column 3: unknown node"),
-        ({"source": "binary.txt"}, "cannot be read"),
+        ({"source": "binary.txt"}, "binary.txt, line 1: not UTF-16-LE text; save the file as UTF-8"),
     ],
 )
 def test_bad_input_is_named(stack, tmp_path, arguments, message):

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from bt_jax.encoding.formats.text import parse_tree
-from bt_jax.encoding.formats.xml import from_xml
+from bt_jax.encoding.formats.xml_reader import from_xml
 from bt_jax.gp.config import GPConfig
 from bt_jax.tasks import load_task
 from bt_jax.train import main

@@ -10,7 +10,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 
-from bt_jax.behaviors import NOTHING, Behavior, Control, Kind, Tree
+from bt_jax.behaviors import NOTHING, Behavior, Control, ExtendedNode, Kind, Tree
 from bt_jax.tasks import Task
 
 __all__ = ["Words"]
@@ -30,6 +30,8 @@ class Words:
         """Say what a node does or asks."""
         if isinstance(node, Control):
             return "Do all, in this order" if node.kind == Kind.SEQUENCE else "Try in turn, until one works"
+        if isinstance(node, ExtendedNode):
+            return _extended(node)
         name, thing = node.name, node.object
         if node.position is not None:
             where = self._where(node)
@@ -148,6 +150,24 @@ class Words:
         if abs(away) >= NEAR * size:
             parts.append(f"{_length(abs(away))} {'behind' if away > 0 else 'in front of'}")
         return " and ".join(parts) or "at"
+
+
+def _extended(node: ExtendedNode[Behavior]) -> str:
+    """Say what a node does that is not in trees that are learnt."""
+    number = node.number or 0
+    times = "again and again" if number == -1 else f"up to {number} times"
+    return {
+        "ResumingSequence": "Do all, in this order, going on where it was",
+        "ResumingFallback": "Try in turn, going on where it was, until one works",
+        "SequenceWithMemory": "Do all, in this order, each only once",
+        "Inverter": "The opposite of this",
+        "ForceSuccess": "Try this; it may fail",
+        "ForceFailure": "Do this, and count it as failed",
+        "RetryUntilSuccessful": f"Try this {times}, until it works",
+        "Repeat": "Do this again and again" if number == -1 else f"Do this {number} times",
+        "Timeout": f"Do this within {number / 1000:g} seconds" if number else "Do this",
+        "KeepRunningUntilFailure": "Do this again and again, until it fails",
+    }[node.name]
 
 
 def _length(metres: float) -> str:

@@ -1,5 +1,5 @@
 from bt_jax.behaviors.names import check_names, subgoal_conditions
-from bt_jax.behaviors.nodes import Control, Kind, Leaf, Node, Symbol
+from bt_jax.behaviors.nodes import EXTENDED, Control, ExtendedNode, Kind, Leaf, Node, Symbol, not_memoryless
 from bt_jax.behaviors.notation import CONTROLS, Parser, Token, parse_behavior
 from bt_jax.behaviors.pool import gene_pool
 from bt_jax.behaviors.symbols import CLOSED, NOTHING, OPEN, SIGNATURES, Argument, Behavior, Tree, expand
@@ -8,6 +8,7 @@ from bt_jax.behaviors.vocabulary import FIRST_LEAF, Vocabulary
 __all__ = [
     "CLOSED",
     "CONTROLS",
+    "EXTENDED",
     "FIRST_LEAF",
     "NOTHING",
     "OPEN",
@@ -15,6 +16,7 @@ __all__ = [
     "Argument",
     "Behavior",
     "Control",
+    "ExtendedNode",
     "Kind",
     "Leaf",
     "Node",
@@ -26,6 +28,7 @@ __all__ = [
     "check_names",
     "expand",
     "gene_pool",
+    "not_memoryless",
     "parse_behavior",
     "subgoal_conditions",
 ]

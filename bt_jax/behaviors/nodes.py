@@ -7,7 +7,21 @@ import enum
 from collections.abc import Callable
 from typing import Any, Generic, Protocol, TypeVar, Union, runtime_checkable
 
-__all__ = ["Control", "Drawing", "Kind", "L", "Leaf", "Node", "Symbol"]
+from bt_jax._util.errors import UserError
+
+__all__ = [
+    "EXTENDED",
+    "Control",
+    "Drawing",
+    "ExtendedKind",
+    "ExtendedNode",
+    "Kind",
+    "L",
+    "Leaf",
+    "Node",
+    "Symbol",
+    "not_memoryless",
+]
 
 
 class Kind(enum.IntEnum):
@@ -79,7 +93,88 @@ class Control(Generic[L]):
         return None if Drawing.to_svg is None else Drawing.to_svg(self)
 
 
-Node = Union[L, Control[L]]  # noqa: UP007  subscriptable: Node[Symbol] is a tree of symbols
+@dataclasses.dataclass(frozen=True)
+class ExtendedKind:
+    """What all nodes of one name have in common: their tag in BehaviorTree.CPP XML, the port of their number there, whether
+    they decorate one child, and whether a tick depends on the current statuses of the leaves alone."""
+
+    tag: str
+    port: str | None = None
+    one_child: bool = True
+    memoryless: bool = False
+
+
+EXTENDED: dict[str, ExtendedKind] = {
+    "ResumingSequence": ExtendedKind("Sequence", one_child=False),
+    "ResumingFallback": ExtendedKind("Fallback", one_child=False),
+    "SequenceWithMemory": ExtendedKind("SequenceWithMemory", one_child=False),
+    "Inverter": ExtendedKind("Inverter", memoryless=True),
+    "ForceSuccess": ExtendedKind("ForceSuccess", memoryless=True),
+    "ForceFailure": ExtendedKind("ForceFailure", memoryless=True),
+    "RetryUntilSuccessful": ExtendedKind("RetryUntilSuccessful", port="num_attempts"),
+    "Repeat": ExtendedKind("Repeat", port="num_cycles"),
+    "Timeout": ExtendedKind("Timeout", port="msec"),
+    "KeepRunningUntilFailure": ExtendedKind("KeepRunningUntilFailure"),  # is RUNNING while no action runs
+}
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class ExtendedNode(Generic[L]):
+    """A node beyond the memoryless Sequence and Fallback, with the meaning that BehaviorTree.CPP gives to it: a control
+    node with memory, or a decorator. Arrays do not hold it; `encoding.interpret` ticks it.
+
+    `number` is that of attempts or cycles, -1 for no limit, or the milliseconds of a Timeout. Raise UserError if the number
+    or the children do not fit the name.
+    """
+
+    name: str
+    children: tuple[Node[L], ...]
+    number: int | None = None
+
+    def __post_init__(self) -> None:
+        port, least = self.meaning.port, 0 if self.name == "Timeout" else 1
+        if self.meaning.one_child and len(self.children) != 1:
+            raise UserError(
+                f"{self.name} has {len(self.children)} children; give it one, for instance a Sequence of several"
+            )
+        if not self.children:
+            raise UserError(f"{self.name} has no children; give it some, or delete it")
+        if port is None and self.number is not None:
+            raise UserError(f"{self.name} takes no number; delete {self.number}")
+        if port is not None and self.number is None:
+            raise UserError(
+                f"{self.name} needs its {port}; write it as in {self.name}({2500 if least == 0 else 3}, ...)"
+            )
+        if self.number is not None and not (least <= self.number < 2**31 or (self.number == -1 and least == 1)):
+            raise UserError(f"{self.name}: {port} cannot be {self.number}; {RANGES[least]}")
+
+    @property
+    def meaning(self) -> ExtendedKind:
+        return EXTENDED[self.name]
+
+    @property
+    def label(self) -> str:
+        """What drawings show."""
+        number = {None: "", -1: " without limit"}.get(self.number, f" {self.number}")
+        return f"{self.name}{number}{' ms' if self.name == 'Timeout' else ''}"
+
+    def __str__(self) -> str:
+        number = [] if self.number is None else [str(self.number)]
+        return f"{self.name}({', '.join([*number, *map(str, self.children)])})"
+
+    __repr__ = __str__
+
+
+RANGES = ("give milliseconds up to 2147483647, 0 for no limit", "give 1 to 2147483647, or -1 for no limit")
+Node = Union[L, Control[L], ExtendedNode[L]]  # noqa: UP007  subscriptable: Node[Symbol] is a tree of symbols
+
+
+def not_memoryless(tree: Node[L]) -> ExtendedNode[L] | None:
+    """Return the first node in prefix order whose tick does not depend on the current statuses of the leaves alone."""
+    if isinstance(tree, ExtendedNode) and not tree.meaning.memoryless:
+        return tree
+    below = tree.children if isinstance(tree, Control | ExtendedNode) else ()
+    return next((found for child in below if (found := not_memoryless(child)) is not None), None)
 
 
 class Drawing:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from bt_jax._util.errors import UserError
-from bt_jax.behaviors.nodes import Control, Kind, Node
+from bt_jax.behaviors.nodes import Control, ExtendedNode, Kind, Node, not_memoryless
 
 __all__ = [
     "CLOSED",
@@ -57,7 +57,7 @@ OPEN, CLOSED = "open", "closed"
 class Behavior:
     """A leaf: a condition, an action, or a gene. Compare and hash by value.
 
-    The gene `subtask(name, tree)` makes one leaf of any tree, for instance of a demonstrated one.
+    The gene `subtask(name, tree)` makes one leaf of any memoryless tree, for instance of a demonstrated one.
     """
 
     name: str
@@ -79,6 +79,11 @@ class Behavior:
                 )
         if self.name == "gripper" and self.args[0] not in (OPEN, CLOSED):
             raise UserError(f"gripper({self.args[0]}) is unknown; write gripper(open) or gripper(closed)")
+        if self.body is not None and (node := not_memoryless(self.body)) is not None:
+            raise UserError(
+                f"the subtask {self.label} holds {node.label}, which cannot be part of one leaf; "
+                "write the tree in place of the subtask"
+            )
 
     @property
     def kind(self) -> Kind:
@@ -112,7 +117,7 @@ class Behavior:
     def body(self) -> Tree | None:
         """The tree of a subtask, as it was given; None for other behaviors."""
         value = self._argument("tree")
-        return value if isinstance(value, Behavior | Control) else None
+        return value if isinstance(value, Behavior | Control | ExtendedNode) else None
 
     def __str__(self) -> str:
         if not self.args:
@@ -168,7 +173,7 @@ Tree = Node[Behavior]
 Argument = str | tuple[float, float, float] | Tree
 ARGUMENT_TYPES: dict[str, type | tuple[type, ...]] = {
     "position": tuple,
-    "tree": (Behavior, Control),
+    "tree": (Behavior, Control, ExtendedNode),
 }  # others are names
 EXAMPLES = {
     **dict.fromkeys(("object", "position", "frame"), "at(Box, (0, 0, 0.1), Frame)"),
@@ -187,7 +192,7 @@ def expand(tree: Tree) -> Tree:
     """Return the same tree with each gene replaced by the subtree that it stands for."""
     if isinstance(tree, Behavior):
         return tree.subtree or tree
-    return Control(tree.kind, tuple(map(expand, tree.children)))
+    return dataclasses.replace(tree, children=tuple(map(expand, tree.children)))
 
 
 def _argument_text(value: Argument) -> str:

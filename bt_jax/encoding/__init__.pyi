@@ -4,8 +4,9 @@ from bt_jax.encoding.drawing.terminal import draw_text, to_dot
 from bt_jax.encoding.formats.files import read_tree
 from bt_jax.encoding.formats.py_trees import to_py_trees
 from bt_jax.encoding.formats.text import format_tree, one_line, parse_tree
-from bt_jax.encoding.formats.xml import from_xml, to_xml
-from bt_jax.encoding.interpret import TreeTick, tick_tree
+from bt_jax.encoding.formats.xml import to_xml
+from bt_jax.encoding.formats.xml_reader import from_xml
+from bt_jax.encoding.interpret import TreeMemory, TreeTick, tick_tree
 from bt_jax.encoding.limits import MAX_NODES
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.tick import JumpTable, Ticked, jump_table, tick_trees
@@ -16,6 +17,7 @@ __all__ = [
     "JumpTable",
     "Status",
     "Ticked",
+    "TreeMemory",
     "TreeTick",
     "Trees",
     "children",

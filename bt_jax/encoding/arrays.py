@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Int16, UInt8
 
 from bt_jax._util.errors import UserError
-from bt_jax.behaviors.nodes import Control, Kind, L, Node
+from bt_jax.behaviors.nodes import Control, ExtendedNode, Kind, L, Node
 from bt_jax.behaviors.vocabulary import Vocabulary
 from bt_jax.encoding.limits import MAX_NODES
 
@@ -51,7 +51,8 @@ def length(trees: Trees) -> Array:
 
 
 def encode(tree: Node[L], vocabulary: Vocabulary[L], num_nodes: int) -> Trees:
-    """Return one tree as NumPy arrays of length `num_nodes`. Raise UserError if it does not fit or a leaf is unknown."""
+    """Return one tree as NumPy arrays of length `num_nodes`. Raise UserError if it does not fit, if a leaf is unknown, or if
+    it has a node that arrays do not hold."""
     tokens: list[int] = []
     sizes: list[int] = []
 
@@ -62,6 +63,10 @@ def encode(tree: Node[L], vocabulary: Vocabulary[L], num_nodes: int) -> Trees:
             sizes.append(0)
             for child in node.children:
                 visit(child)
+        elif isinstance(node, ExtendedNode):
+            raise UserError(
+                f"arrays hold Sequence, Fallback and leaves, not {node.label}; tick the tree with tick_tree"
+            )
         else:
             tokens.append(vocabulary.token(node))
             sizes.append(0)
@@ -112,6 +117,8 @@ def violations(tree: Node[L], *, gene_under_fallback: bool = True) -> list[str]:
     Fallback, is not a direct child of a Fallback.
     """
     found: list[str] = []
+    if isinstance(tree, ExtendedNode):
+        return [f"the root is {tree.label}"]
     if not isinstance(tree, Control):
         return ["the tree is a single condition"] if tree.kind == Kind.CONDITION else []
 
@@ -124,15 +131,19 @@ def violations(tree: Node[L], *, gene_under_fallback: bool = True) -> list[str]:
                     found.append(f"a {node.kind.name.title()} is directly under its own kind")
                 visit(child)
                 continue
+            if isinstance(child, ExtendedNode):
+                found.append(f"{child.label} is neither Sequence nor Fallback")
+                continue
             if child == before:
                 found.append(f"{child} is beside an equal one")
-            after_action = before is not None and before.kind in (Kind.ACTION, Kind.GENE)
+            leaf_before = None if isinstance(before, Control | ExtendedNode) else before
+            after_action = leaf_before is not None and leaf_before.kind in (Kind.ACTION, Kind.GENE)
             if child.kind == Kind.CONDITION and after_action:
                 found.append(f"the condition {child} directly follows {before}")
             if child.kind == Kind.GENE and node.kind == Kind.FALLBACK and not gene_under_fallback:
                 found.append(f"the gene {child} is directly under a Fallback")
         last = node.children[-1] if node.children else None
-        if last is not None and last.kind == Kind.CONDITION:
+        if not isinstance(last, Control | ExtendedNode | None) and last.kind == Kind.CONDITION:
             found.append(f"the condition {last} is the last child")
 
     visit(tree)

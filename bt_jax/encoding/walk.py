@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from bt_jax.behaviors.nodes import Control, L, Node
+from bt_jax.behaviors.nodes import Control, ExtendedNode, L, Node
 
-__all__ = ["children", "depth", "leaves", "prefix"]
+__all__ = ["children", "depth", "extended_nodes", "leaves", "prefix"]
 
 
 def children(tree: Node[L]) -> tuple[Node[L], ...]:
     """Return the children of a node from left to right; none for a leaf."""
-    return tree.children if isinstance(tree, Control) else ()
+    return tree.children if isinstance(tree, Control | ExtendedNode) else ()
 
 
 def prefix(tree: Node[L]) -> list[Node[L]]:
@@ -27,4 +27,9 @@ def depth(tree: Node[L]) -> int:
 
 def leaves(tree: Node[L]) -> list[L]:
     """Return all leaves from left to right."""
-    return [node for node in prefix(tree) if not isinstance(node, Control)]
+    return [node for node in prefix(tree) if not isinstance(node, Control | ExtendedNode)]
+
+
+def extended_nodes(tree: Node[L]) -> list[ExtendedNode[L]]:
+    """Return all nodes that arrays do not hold, in prefix order."""
+    return [node for node in prefix(tree) if isinstance(node, ExtendedNode)]

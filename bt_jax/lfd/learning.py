@@ -129,8 +129,12 @@ def learn(demonstrations: Demonstrations, task: Task, *, frames: Mapping[int, st
 
 def _either(trees: Sequence[Tree]) -> Tree:
     """Return one of the trees: the first that can be carried out. A Fallback among them dissolves into it."""
-    parts = [part for tree in trees for part in (children(tree) if tree.kind == Kind.FALLBACK else [tree])]
+    parts = [part for tree in trees for part in (children(tree) if _is_fallback(tree) else [tree])]
     return Control.fallback(*parts)
+
+
+def _is_fallback(tree: Tree) -> bool:
+    return isinstance(tree, Control) and tree.kind == Kind.FALLBACK
 
 
 def _check_scene(demonstrations: Demonstrations, task: Task) -> None:

@@ -48,7 +48,7 @@ def plan_task(task: Task) -> Tree:
 
 def fold_moves(tree: Tree) -> Tree:
     """Replace every subtree that is what a `move` gene stands for by that gene."""
-    if isinstance(tree, Behavior):
+    if not isinstance(tree, Control):
         return tree
     first = tree.children[0]
     if isinstance(first, Behavior) and first.name == "at":
@@ -146,6 +146,7 @@ def _needed(tree: Tree, known: frozenset[Behavior]) -> Tree | None:
     """
     if isinstance(tree, Behavior):
         return None if tree in known else tree
+    assert isinstance(tree, Control)  # plans have no other nodes
     if tree.kind == Kind.FALLBACK:
         if tree.children[0] in known:
             return None
@@ -163,6 +164,7 @@ def _established(tree: Tree) -> frozenset[Behavior]:
     """Return the conditions that hold once a part of a plan has succeeded."""
     if isinstance(tree, Behavior):
         return frozenset([tree] if tree.kind == Kind.CONDITION else tree.postconditions)
+    assert isinstance(tree, Control)
     if tree.kind == Kind.FALLBACK:
         return _established(tree.children[0])
     return frozenset().union(*map(_established, tree.children))
@@ -174,6 +176,7 @@ def _actions(tree: Tree, levels: int) -> Iterator[Behavior]:
         if tree.kind == Kind.ACTION:
             yield tree
         return
+    assert isinstance(tree, Control)
     first = tree.children[0]
     levels -= tree.kind == Kind.FALLBACK and isinstance(first, Behavior) and first.name == "at"
     if levels >= 0:

@@ -25,12 +25,15 @@ from bt_jax.behaviors import (
     OPEN,
     Behavior,
     Control,
+    ExtendedNode,
     Kind,
+    Tree,
     Vocabulary,
     check_names,
     subgoal_conditions,
 )
 from bt_jax.behaviors.geometry import GEOMETRY
+from bt_jax.encoding.interpret import DECORATED
 from bt_jax.encoding.tick import Status
 from bt_jax.mjx_env.world import Array, World, distances, frames, namespace, to_world
 from bt_jax.tasks import Task
@@ -141,9 +144,9 @@ class LeafSemantics:
         return {name: [i for i, condition in enumerate(self.conditions) if condition.name == name] for name in names}
 
     @functools.cached_property
-    def _groups(self) -> list[tuple[np.ndarray, Behavior | Control, np.ndarray]]:
+    def _groups(self) -> list[tuple[np.ndarray, Tree, np.ndarray]]:
         """Leaves with the same skeleton, evaluated together: (tokens [m], skeleton, columns of its atoms [atoms, m])."""
-        groups: dict[str, tuple[list[int], Behavior | Control, list[list[int]]]] = {}
+        groups: dict[str, tuple[list[int], Tree, list[list[int]]]] = {}
         for i, leaf in enumerate(self.vocabulary.leaves):
             body = leaf.subtree or leaf
             tokens, _, columns = groups.setdefault(_skeleton(body), ([], body, []))
@@ -173,7 +176,7 @@ class LeafSemantics:
         return xp.stack(layers)
 
     def _evaluate(
-        self, node: Behavior | Control, atoms: Int32[Array, "S A"], columns: list[np.ndarray], failed: Array | None
+        self, node: Tree, atoms: Int32[Array, "S A"], columns: list[np.ndarray], failed: Array | None
     ) -> Int32[Array, "S m"]:
         """Return the outcome of a skeleton for m leaves at once, where the outcome `failed` counts as a failure;
         consumes `columns`."""
@@ -183,6 +186,11 @@ class LeafSemantics:
             if failed is None or node.kind == Kind.CONDITION:
                 return outcome
             return xp.where(outcome == failed, np.int32(Status.FAILURE), outcome)
+        if isinstance(node, ExtendedNode):
+            outcome = self._evaluate(node.children[0], atoms, columns, failed)
+            returned = {status: np.int32(value) for status, value in DECORATED[node.name].items()}
+            ended = xp.where(outcome & 3 == Status.SUCCESS, returned[Status.SUCCESS], returned[Status.FAILURE])
+            return xp.where(outcome & 3 == Status.RUNNING, outcome, outcome & ~np.int32(3) | ended)
         proceed = Status.SUCCESS if node.kind == Kind.SEQUENCE else Status.FAILURE
         outcome = self._evaluate(node.children[0], atoms, columns, failed)
         for child in node.children[1:]:
@@ -288,14 +296,15 @@ def _rests_on(world: World, task: Task) -> Bool[Array, "S B B"]:
 _ACTION = np.int32((1 << SUBGOAL_BITS) - 1)  # an outcome without its subgoals
 
 
-def _atoms(leaf: Behavior | Control) -> list[Behavior]:
+def _atoms(leaf: Tree) -> list[Behavior]:
     """Return the conditions and actions of a leaf, in prefix order; those of its subtree for a gene."""
-    if isinstance(leaf, Control):
+    if isinstance(leaf, Control | ExtendedNode):
         return [atom for child in leaf.children for atom in _atoms(child)]
     return _atoms(leaf.subtree) if leaf.subtree else [leaf]
 
 
-def _skeleton(node: Behavior | Control) -> str:
+def _skeleton(node: Tree) -> str:
     if isinstance(node, Behavior):
         return _skeleton(node.subtree) if node.subtree else node.kind.name
-    return f"{node.kind.name}({','.join(_skeleton(child) for child in node.children)})"
+    name = node.kind.name if isinstance(node, Control) else node.name
+    return f"{name}({','.join(_skeleton(child) for child in node.children)})"

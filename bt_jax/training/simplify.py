@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 
-from bt_jax.behaviors import Behavior, Control, Tree, Vocabulary
+from bt_jax.behaviors import Control, Tree, Vocabulary
 from bt_jax.encoding.arrays import encode_all, violations
 from bt_jax.encoding.limits import MAX_NODES
 from bt_jax.encoding.walk import leaves, prefix
@@ -75,7 +75,7 @@ def _node_costs(task: Task, tree: Tree) -> float:
 
 def _removals(tree: Tree) -> Iterator[Tree]:
     """Yield the tree with one removal; a control node may be left with a single child, or with none of its own."""
-    if isinstance(tree, Behavior):
+    if not isinstance(tree, Control):
         return
     yield from tree.children
     for i, child in enumerate(tree.children):
@@ -87,7 +87,7 @@ def _removals(tree: Tree) -> Iterator[Tree]:
 
 def _tidy(tree: Tree) -> Tree | None:
     """Return the tree without control nodes of one child, or under their own kind; None if it has no leaves."""
-    if isinstance(tree, Behavior):
+    if not isinstance(tree, Control):
         return tree
     flat: list[Tree] = []
     for child in map(_tidy, tree.children):

@@ -6,8 +6,9 @@ from hypothesis import given
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, Control, Kind, Vocabulary
 from bt_jax.encoding.arrays import decode, encode, encode_all, length, violations
+from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.limits import MAX_NODES
-from bt_jax.encoding.walk import prefix
+from bt_jax.encoding.walk import leaves, prefix
 from tests.helpers.samples import random_trees
 from tests.helpers.strategies import ATOMS, GENES, SUBTASKS, trees
 
@@ -85,3 +86,11 @@ def test_kinds_of_tokens_are_ranges():
     kinds = VOCABULARY.kinds
     assert list(kinds[:3]) == [Kind.PAD, Kind.SEQUENCE, Kind.FALLBACK]
     assert (np.diff(kinds) >= 0).all()
+
+
+def test_nodes_that_arrays_do_not_hold_are_named():
+    tree = parse_tree("Sequence(pick(A), Repeat(3, pick(A)), open_gripper)")
+    with pytest.raises(UserError, match="arrays hold Sequence, Fallback and leaves, not Repeat 3"):
+        encode(tree, Vocabulary.of(leaves(tree)), 8)
+    assert violations(tree) == ["Repeat 3 is neither Sequence nor Fallback"]
+    assert violations(tree.children[1]) == ["the root is Repeat 3"]

@@ -8,7 +8,7 @@ import pytest
 
 from bt_jax._util.errors import UserError
 from bt_jax.encoding.formats.text import parse_tree
-from bt_jax.encoding.formats.xml import from_xml
+from bt_jax.encoding.formats.xml_reader import from_xml
 from bt_jax.gp.config import GPConfig
 from bt_jax.lfd import DemonstrationFolder, Demonstrations, Frames, learn, plan_task
 from bt_jax.mjx_env.physics.kinematic import Kinematic

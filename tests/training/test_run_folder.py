@@ -11,7 +11,7 @@ from bt_jax._util.errors import UserError
 from bt_jax.behaviors import gene_pool
 from bt_jax.encoding.arrays import Trees
 from bt_jax.encoding.formats.text import parse_tree
-from bt_jax.encoding.formats.xml import from_xml
+from bt_jax.encoding.formats.xml_reader import from_xml
 from bt_jax.gp.config import GPConfig, Selection
 from bt_jax.gp.evolution import Generation, Population, State
 from bt_jax.tasks import load_task, task_names

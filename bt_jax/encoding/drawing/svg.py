@@ -1,6 +1,7 @@
 """Trees as pictures in the style of the Behavior Tree literature, made without Graphviz.
 
-Control nodes are squares with → and ?, conditions ellipses, actions rounded boxes, genes boxes with a double edge. The
+Control nodes are squares with → and ?, other nodes with children boxes with their name, conditions ellipses, actions rounded
+boxes, genes boxes with a double edge. The
 group of node i (prefix order) has the id `node-i` and one class for its status: success, failure, running or idle. To
 colour a live tree, change only that class. The colours are those of Okabe and Ito, which the colour-blind tell apart;
 besides, running is dashed and failure has a thick edge.
@@ -20,9 +21,9 @@ from collections.abc import Callable, Collection, Sequence
 from html import escape
 from typing import Any
 
-from bt_jax.behaviors.nodes import Control, Kind, L, Node
+from bt_jax.behaviors.nodes import Control, ExtendedNode, Kind, L, Node
 from bt_jax.behaviors.symbols import Behavior, Tree
-from bt_jax.encoding.drawing.terminal import SYMBOLS
+from bt_jax.encoding.drawing.terminal import symbol
 from bt_jax.encoding.drawing.tree_layout import Shape, SubtreeFrame, TreeLayout, lay_out
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import children, prefix
@@ -135,9 +136,16 @@ class _Node:
     @property
     def lines(self) -> list[str]:
         if self.words is not None:
-            symbol = f"{SYMBOLS[self.tree.kind]} " if isinstance(self.tree, Control) else ""
-            return _wrapped(symbol + self.words(self.tree))
+            mark = f"{symbol(self.tree)} " if isinstance(self.tree, Control) else ""
+            return _wrapped(mark + self.words(self.tree))
+        if isinstance(self.tree, ExtendedNode):
+            return [symbol(self.tree)]
         return [] if isinstance(self.tree, Control) else _broken(self.tree.label)
+
+    @property
+    def kind(self) -> Kind | None:
+        """Its kind in arrays, None for other nodes with children."""
+        return None if isinstance(self.tree, ExtendedNode) else self.tree.kind
 
     @property
     def size(self) -> tuple[float, float]:
@@ -145,7 +153,7 @@ class _Node:
             return SYMBOL_SIZE, SYMBOL_SIZE
         wide, high = max(map(_text_width, self.lines)), LINE_HEIGHT * len(self.lines)
         # An ellipse is wider than the text in it, by less than the square root of two since text has no full corners.
-        return (1.3 * wide + 16, 1.3 * high + 14) if self.tree.kind == Kind.CONDITION else (wide + 24, high + 18)
+        return (1.3 * wide + 16, 1.3 * high + 14) if self.kind == Kind.CONDITION else (wide + 24, high + 18)
 
 
 def _nodes(
@@ -260,16 +268,16 @@ def _edge(layout: TreeLayout, nodes: list[_Node], i: int) -> str:
 def _node(node: _Node, x: float, top: float, status: Status | None) -> str:
     width, height = node.size
     middle = top + height / 2
-    kind = node.tree.kind
+    kind, has_children = node.kind, isinstance(node.tree, Control | ExtendedNode)
     if kind == Kind.CONDITION:
         ellipse = f'cx="{x:g}" cy="{middle:g}" rx="{width / 2:g}" ry="{height / 2:g}"'
         shapes = f'<ellipse class="shape" {ellipse}/>'
     else:
-        shapes = _box("shape", x, top, width, height, 3.0 if isinstance(node.tree, Control) else 9.0)
+        shapes = _box("shape", x, top, width, height, 3.0 if has_children else 9.0)
     if kind == Kind.GENE:
         shapes += _box("inner", x, top + 4, width - 8, height - 8, 6.0)
     if not node.lines:
-        label = f'<text class="symbol" x="{x:g}" y="{middle + 8:g}">{SYMBOLS[kind]}</text>'
+        label = f'<text class="symbol" x="{x:g}" y="{middle + 8:g}">{symbol(node.tree)}</text>'
     else:
         first = middle - LINE_HEIGHT * (len(node.lines) - 1) / 2 + 4.5
         label = "".join(
@@ -278,11 +286,19 @@ def _node(node: _Node, x: float, top: float, status: Status | None) -> str:
         )
     if node.hides:
         label += _badge(node.hides, x + width / 2, top + height)
-    name = kind.name.title() if isinstance(node.tree, Control) else str(node.tree)
+    name = _name(node.tree)
     tip = f"{node.words(node.tree)}\n{name}" if node.words is not None else name
-    classes = f"node {kind.name.lower()} {status_class(status)}{' foldable' if node.folds else ''}"
+    which = "extended" if kind is None else kind.name.lower()
+    classes = f"node {which} {status_class(status)}{' foldable' if node.folds else ''}"
     role = f' tabindex="0" role="button" aria-expanded="{"false" if node.hides else "true"}"' if node.folds else ""
     return f'<g id="{node.id}" class="{classes}"{role}><title>{escape(tip)}</title>{shapes}{label}</g>'
+
+
+def _name(tree: Node[Any]) -> str:
+    """Return what a pointer over a node shows."""
+    if isinstance(tree, Control):
+        return tree.kind.name.title()
+    return tree.label if isinstance(tree, ExtendedNode) else str(tree)
 
 
 def _badge(count: int, x: float, y: float) -> str:

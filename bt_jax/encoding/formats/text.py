@@ -8,7 +8,8 @@
 
 On one line: `Sequence(move(YellowBox, (0, 0, 0.055), KittingBox), Fallback(gripper(open), open_gripper))`. Both forms
 mix: a line may hold a whole subtree in parentheses, and inside parentheses lines may break anywhere. A subtask holds its
-tree: `subtask(unstack, Sequence(...))`. `#` starts a comment.
+tree: `subtask(unstack, Sequence(...))`. The number of a node stands behind its name, `Timeout 5000`, or first in its
+parentheses, `Timeout(5000, pick(YellowBox))`. `#` starts a comment.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from __future__ import annotations
 import dataclasses
 
 from bt_jax._util.errors import UserError
-from bt_jax.behaviors import CONTROLS, Control, Parser, Token, Tree
+from bt_jax.behaviors import CONTROLS, EXTENDED, Control, ExtendedNode, Parser, Token, Tree
+from bt_jax.behaviors.notation import inner_node
 from bt_jax.encoding.walk import children
 
 __all__ = ["format_tree", "one_line", "parse_tree"]
@@ -30,13 +32,21 @@ def format_tree(tree: Tree) -> str:
     lines: list[str] = []
 
     def visit(node: Tree, depth: int) -> None:
-        name = NAMES[node.kind] if isinstance(node, Control) else str(node)
-        lines.append(" " * (INDENT * depth) + name)
+        lines.append(" " * (INDENT * depth) + _line(node))
         for child in children(node):
             visit(child, depth + 1)
 
     visit(tree, 0)
     return "\n".join(lines) + "\n"
+
+
+def _line(node: Tree) -> str:
+    """Return a node without its children."""
+    if isinstance(node, Control):
+        return NAMES[node.kind]
+    if isinstance(node, ExtendedNode):
+        return node.name if node.number is None else f"{node.name} {node.number}"
+    return str(node)
 
 
 def one_line(tree: Tree) -> str:
@@ -60,9 +70,10 @@ def parse_tree(text: str) -> Tree:
 
 @dataclasses.dataclass
 class _Open:
-    """A control node whose children are still being read, from the lines below it."""
+    """A node whose children are still being read, from the lines below it. Unknown nodes have no number."""
 
     token: Token
+    number: int | None
     children: list[Tree | _Open]
 
 
@@ -94,11 +105,21 @@ class _Lines(Parser):
                 parent.children.append(node)
             path.append((first.indent, node))
         assert root is not None
+        self.refuse_unknown()
         return _close(root)
 
     def line(self) -> Tree | _Open:
         first = self.tokens[self.at]
-        node = _Open(self.next(), []) if first.text in CONTROLS and not self.opens_after() else self.node()
+        node: Tree | _Open
+        if not self.known() and self.at_name():
+            self.skip_unknown()
+            node = _Open(first, None, [])
+        elif first.text in CONTROLS.keys() | EXTENDED.keys() and not self.opens_after():
+            self.next()
+            number = self.count() if self.at_number() and self.tokens[self.at].indent is None else None
+            node = _Open(first, number, [])
+        else:
+            node = self.node()
         if not self.at_end and self.tokens[self.at].indent is None:
             extra = self.tokens[self.at]
             extra.fail(f"'{extra.text}' follows a complete node; delete it or start a new line")
@@ -114,4 +135,4 @@ def _close(node: Tree | _Open) -> Tree:
         return node
     if not node.children:
         node.token.fail(f"{node.token.text} has no children; indent some under it or delete it")
-    return Control(CONTROLS[node.token.text], tuple(map(_close, node.children)))
+    return inner_node(node.token, list(map(_close, node.children)), node.number)

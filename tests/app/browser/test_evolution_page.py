@@ -10,7 +10,7 @@ import time
 import pytest
 from playwright.sync_api import expect
 
-from bt_jax.encoding.formats.xml import from_xml
+from bt_jax.encoding.formats.xml_reader import from_xml
 from bt_jax.training.progress import is_alive, read_progress
 from bt_jax.training.run_folder import RunFolder
 from tests.helpers.browser.keys import press_on

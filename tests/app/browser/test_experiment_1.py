@@ -6,7 +6,7 @@ import pytest
 from playwright.sync_api import expect
 
 from bt_jax.behaviors import Vocabulary
-from bt_jax.encoding.formats.xml import from_xml
+from bt_jax.encoding.formats.xml_reader import from_xml
 from bt_jax.encoding.walk import leaves
 from bt_jax.lfd import DemonstrationFolder
 from bt_jax.mjx_env.episodes.playback import play

@@ -7,7 +7,7 @@ import pytest
 import yaml
 from playwright.sync_api import expect
 
-from bt_jax.encoding.formats.xml import from_xml
+from bt_jax.encoding.formats.xml_reader import from_xml
 from bt_jax.lfd import DemonstrationFolder, learn
 from bt_jax.tasks import load_task
 from tests.helpers.browser.gripper import carry, position, press, said, set_step

@@ -13,6 +13,7 @@ from matplotlib.textpath import TextPath
 from bt_jax.behaviors import Behavior, Control, Kind, expand
 from bt_jax.encoding.drawing.svg import to_svg
 from bt_jax.encoding.drawing.terminal import draw_text, to_dot
+from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.tick import Status
 from bt_jax.encoding.walk import children, prefix
 from tests.helpers.strategies import trees
@@ -180,3 +181,24 @@ def test_svg_escapes_what_it_is_given():
     root = ElementTree.fromstring(to_svg(Behavior("pick", ("<&>",)), title='"<Kit> & co"'))
     assert root.find(f"{SVG}title").text == '"<Kit> & co"'
     assert "pick(<&>)" in [text.text for text in root.iter(f"{SVG}text")]
+
+
+def test_nodes_that_arrays_do_not_hold_are_drawn():
+    tree = parse_tree(
+        "ResumingSequence(Inverter(gripper(open)), Timeout(5000, pick(A)), subtask(s, ForceSuccess(pick(A))))"
+    )
+    assert draw_text(tree).splitlines() == [
+        "→*",
+        "├── Inverter",
+        "│   └── gripper(open)",
+        "├── Timeout 5000 ms",
+        "│   └── pick(A)",
+        "└── s",
+    ]
+    assert 'label="Timeout 5000 ms" id="node-3" shape=box' in to_dot(tree)
+    for drawing in (to_svg(tree), to_svg(tree, expand_genes=True), to_svg(tree, folded={"node-1"})):
+        root = ElementTree.fromstring(drawing)
+        classes = {node.get("id"): node.get("class") for node in root.iter() if node.get("id")}
+        assert classes["node-0"].startswith("node extended")
+        assert "→*" in drawing
+        assert "Inverter" in drawing

@@ -96,7 +96,24 @@ def test_any_text_is_read_or_refused_for_the_user(text):
         ("Sequence\n  Fallback\n  open_gripper", "line 2, column 3: Fallback has no children"),
         ("Sequence(Fallback, open_gripper)", "line 1, column 10: Fallback has no children"),
         ("Sequnce(open_gripper)", "line 1, column 1: unknown node 'Sequnce'; did you mean Sequence?"),
-        ("jump", "unknown node 'jump'; use one of Sequence, Fallback, at"),
+        ("jump", "unknown node 'jump'; use one of Sequence, Fallback, Resuming"),
+        (
+            "Parallel\n  jump(x, (1, 2, 3))\n  Sequence(hop, pick(A))",
+            "line 1, column 1: unknown nodes 'Parallel', 'jump' (line 2), 'hop' (line 3); use Sequence, ",
+        ),
+        ("ReactiveSequence\n  pick(A)", "unknown node 'ReactiveSequence'; use Sequence, which is reactive here"),
+        ("Repeat\n  pick(A)", "line 1, column 1: Repeat needs its num_cycles; write it as in Repeat(3, ...)"),
+        ("Repeat 0\n  pick(A)", "Repeat: num_cycles cannot be 0; give 1 to 2147483647, or -1 for no limit"),
+        ("Timeout(2.5, pick(A))", "line 1, column 9: '2.5' is not a whole number; write one, as in Timeout(5000, ...)"),
+        ("Repeat(pick(A), 3)", "Repeat takes one number, before its children; write it there, or delete 3"),
+        ("Sequence 3\n  pick(A)", "Sequence takes no number; delete 3"),
+        ("Inverter\n  pick(A)\n  pick(B)", "Inverter has 2 children; give it one, for instance a Sequence of several"),
+        ("subtask(a, Repeat(3, pick(A)))", "the subtask a holds Repeat 3, which cannot be part of one leaf; write the"),
+        (
+            "Sequence(\u201cpick\u201d)",
+            "unexpected '\u201c' (left double quotation mark); names need no quotation marks",
+        ),
+        ("pick\uff08A)", "line 1, column 5: unexpected '\uff08' (fullwidth left parenthesis); delete it"),
         ("Sequence\n\topen_gripper", "line 2, column 1: found a tab; use spaces"),
         ("Sequence\n    pick(A)\n  pick(B)", "line 3, column 3: indentation by 2 matches no line above; use 4"),
         ("  Sequence\n    pick(A)\npick(B)", "line 3, column 1: indentation by 0 matches no line above; use 2"),
@@ -123,3 +140,39 @@ def test_errors_say_where_why_and_what_to_do(text, message):
     with pytest.raises(UserError) as error:
         parse_tree(text)
     assert message in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "same"),
+    [
+        ("\ufeffSequence\n\u00a0\u00a0pick(A)", "Sequence(pick(A))"),
+        ("at(A, (\u22120.133, \u20130.5, 0), B)", "at(A, (-0.133, -0.5, 0), B)"),
+        ("Sequence\r\n  pick(A)\r\n", "Sequence(pick(A))"),
+    ],
+)
+def test_what_editors_make_of_spaces_and_minus_signs_is_read(text, same):
+    assert one_line(parse_tree(text)) == same
+
+
+def test_nodes_that_arrays_do_not_hold_round_trip():
+    text = """\
+ResumingFallback
+  RetryUntilSuccessful -1
+    SequenceWithMemory
+      Inverter
+        pick(A)
+      ForceFailure
+        open_gripper
+  Timeout 5000
+    KeepRunningUntilFailure
+      ForceSuccess
+        ResumingSequence
+          pick(B)
+  Repeat 2
+    subtask(a, Inverter(open_gripper))
+"""
+    tree = parse_tree(text)
+    assert format_tree(tree) == text
+    assert parse_tree(one_line(tree)) == tree
+    assert "RetryUntilSuccessful(-1, SequenceWithMemory(" in one_line(tree)
+    assert parse_tree("Repeat(2, Sequence(pick(A)))") == parse_tree("Repeat 2\n  Sequence\n    pick(A)")

@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, Control, Kind, expand
-from bt_jax.encoding.formats.xml import from_xml, to_xml
+from bt_jax.encoding.formats.xml import to_xml
+from bt_jax.encoding.formats.xml_reader import from_xml
 from bt_jax.encoding.walk import prefix
 from tests.helpers.strategies import GENES, trees
 
@@ -101,6 +102,75 @@ def test_the_only_tree_is_the_main_one():
     assert from_xml('<root BTCPP_format="4"><BehaviorTree><Pick object="YellowBox"/></BehaviorTree></root>') == PICK
 
 
+def test_what_behaviortree_cpp_writes_is_read():
+    """It repeats a definition for each SubTree that uses it, drops which tree is the main one, and names every node."""
+    move = """<BehaviorTree ID="Move" _fullpath="Move::{}">
+      <Pick name="Pick {}" object="{{object}}"/>
+    </BehaviorTree>"""
+    text = f"""<root BTCPP_format="4">
+    {move.format(1, "a")}
+    <BehaviorTree ID="MainTree" _fullpath="">
+      <ReactiveSequence name="ReactiveSequence">
+        <SubTree ID="Move" frame="KittingBox" position="0;0;0.1" object="YellowBox" _autoremap="false"/>
+        <SubTree ID="Move" frame="KittingBox" position="0;0;0.1" object="BlueBox"/>
+      </ReactiveSequence>
+    </BehaviorTree>
+    {move.format(2, "b")}
+    <TreeNodesModel/></root>"""
+    assert from_xml(text) == Control.sequence(PICK, Behavior("pick", ("BlueBox",)))
+
+
+EXTENDED_XML = """<Sequence><SequenceWithMemory><OpenGripper/></SequenceWithMemory><Fallback>
+  <Inverter><ForceSuccess><ForceFailure><OpenGripper/></ForceFailure></ForceSuccess></Inverter>
+  <Decorator ID="RetryUntilSuccessful" num_attempts="{times}"><Repeat num_cycles="2"><Timeout msec="5000">
+  <KeepRunningUntilFailure name="k"><OpenGripper/></KeepRunningUntilFailure></Timeout></Repeat></Decorator>
+</Fallback></Sequence>"""
+
+
+def test_nodes_that_arrays_do_not_hold_round_trip():
+    rest = f'<BehaviorTree ID="Other">{EXTENDED_XML}</BehaviorTree>'
+    tree = from_xml(document('<SubTree ID="Other" times="-1"/>', rest))
+    assert str(tree) == (
+        "ResumingSequence(SequenceWithMemory(open_gripper), ResumingFallback(Inverter(ForceSuccess(ForceFailure("
+        "open_gripper))), RetryUntilSuccessful(-1, Repeat(2, Timeout(5000, KeepRunningUntilFailure(open_gripper))))))"
+    )
+    assert from_xml(to_xml(tree)) == tree
+
+
+def test_a_subtask_that_remembers_is_read_as_its_tree():
+    rest = '<BehaviorTree ID="Subtask_a"><Repeat num_cycles="2"><OpenGripper/></Repeat></BehaviorTree>'
+    assert str(from_xml(document('<SubTree ID="Subtask_a"/>', rest))) == "Repeat(2, open_gripper)"
+
+
+@pytest.mark.parametrize("encoding", ["gb2312", "shift_jis", "windows-1252", "UTF-8", "utf-16", "utf-16-le"])
+def test_encodings_that_python_knows_are_read(tmp_path, encoding):
+    remark = {"windows-1252": "Größe"}.get(encoding, "取")
+    text = f'<?xml version="1.0" encoding="{encoding}"?>\n<!-- {remark} -->' + document('<Pick object="YellowBox"/>')
+    path = tmp_path / "tree.xml"
+    path.write_bytes(text.encode(encoding))
+    assert from_xml(path) == PICK
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (
+            b'<?xml version="1.0" encoding="utf8mb4"?><root/>',
+            "tree.xml: its encoding 'utf8mb4' is not known; save",
+        ),
+        (b'<?xml version="1.0" encoding="hex"?><root/>', "its encoding 'hex' is not known; save"),
+        (b'<?xml version="1.0" encoding="UTF-8"?>\n<!-- \xe4 --><root/>', "'UTF-8' does not fit the text; save it"),
+        (b"<root>\n\xe4</root>", "tree.xml, line 2: not UTF-8 text; save the file as UTF-8"),
+    ],
+)
+def test_other_encodings_are_refused(tmp_path, data, message):
+    path = tmp_path / "tree.xml"
+    path.write_bytes(data)
+    with pytest.raises(UserError) as error:
+        from_xml(path)
+    assert message in str(error.value)
+
+
 @given(trees(max_leaves=6), st.data())
 def test_damaged_documents_are_read_or_refused_for_the_user(tree, data):
     text = to_xml(tree)
@@ -126,7 +196,7 @@ BOMB = (
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("no/such.xml", "cannot be read as a file; check the path"),
+        ("no/such.xml", "there is no file no/such.xml; check the path"),
         ("<root>\n<a></b></root>", "XML, line 2: not XML (mismatched tag); fix"),
         ("<root/>", 'must start with <root BTCPP_format="4">'),
         ('<root BTCPP_format="3"/>', 'must start with <root BTCPP_format="4">'),
@@ -136,17 +206,37 @@ BOMB = (
             "line 1: there is no main tree 'Other'; set main_tree_to_execute to",
         ),
         (
-            '<root BTCPP_format="4"><BehaviorTree ID="A"/><BehaviorTree ID="B"/></root>',
+            '<root BTCPP_format="4"><BehaviorTree ID="A"/><BehaviorTree ID="B"><SubTree ID="C"/></BehaviorTree>'
+            '<BehaviorTree ID="C"/></root>',
             "which tree is the main one? set main_tree_to_execute to one of A, B",
         ),
-        (document("", '<BehaviorTree ID="Main"/>'), "a second <BehaviorTree> has the ID 'Main'; rename"),
+        (
+            document("<OpenGripper/>", '<BehaviorTree ID="Main"/>'),
+            "a second, different <BehaviorTree> has the ID 'Main'",
+        ),
         (document("", '<include path="x"/>'), "<include> is not supported; copy"),
         (document(""), "line 2: <BehaviorTree ID='Main'> has 0 nodes at its top; it must have one"),
         (document("<Jump/>"), "line 3: unknown node <Jump>; use one of ReactiveSequence"),
-        (document("<Sequence><OpenGripper/></Sequence>"), "which our trees do not; use <ReactiveSequence>"),
-        (document("<Fallback><OpenGripper/></Fallback>"), "which our trees do not; use <ReactiveFallback>"),
+        (
+            document("<RecoveryNode number_of_retries='1'>\n<Jump/><Jump/><Pick object='A'/>\n<Hop/></RecoveryNode>"),
+            "line 3: unknown nodes <RecoveryNode>, <Jump> (line 4), <Hop> (line 5); use <RetryUntilSuccessful> around a "
+            "<Fallback> in place of <RecoveryNode>, one of ReactiveSequence",
+        ),
+        (
+            document("<Parallel><OpenGripper/></Parallel>"),
+            "unknown node <Parallel>; use <ReactiveSequence>, one action",
+        ),
+        (document("<Sequence/>"), "line 3: ResumingSequence has no children; give it some"),
+        (document("<Inverter><OpenGripper/><OpenGripper/></Inverter>"), "line 3: Inverter has 2 children; give it one"),
+        (document("<Repeat><OpenGripper/></Repeat>"), '<Repeat> lacks the port num_cycles; add num_cycles="..."'),
+        (document("<Repeat num_cycles='0'><OpenGripper/></Repeat>"), "num_cycles cannot be 0; give 1 to"),
+        (document("<Timeout msec='1e3'><OpenGripper/></Timeout>"), "'1e3' is not a whole number; correct msec"),
+        (document("<Inverter depth='1'><OpenGripper/></Inverter>"), "<Inverter> has no port depth; delete it"),
         (document("<ReactiveSequence/>"), "line 3: <ReactiveSequence> has no children; add"),
-        (document("<OpenGripper><OpenGripper/></OpenGripper>"), "<OpenGripper> cannot have children; delete"),
+        (
+            document("<OpenGripper><OpenGripper/></OpenGripper>"),
+            "<OpenGripper> takes no nodes inside it; put both into a <ReactiveSequence>",
+        ),
         (document("<Pick/>"), 'line 3: <Pick> lacks the port object; add object="..."'),
         (document('<Pick object="A" color="red"/>'), "<Pick> has no port color; delete it or use object"),
         (document('<OpenGripper _skipIf="x"/>'), "the script in _skipIf is not supported; write"),
