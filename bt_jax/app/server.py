@@ -49,6 +49,7 @@ def serve(
     studio.bus.subscribe("task", prepare)
     studio.bus.subscribe("evolution", prepare)
     app.on_shutdown(studio.evolution.close)
+    app.on_shutdown(studio.drafts.kept)
     app.timer(WATCH_SECONDS, studio.watch)
 
     @ui.page("/")

@@ -77,6 +77,12 @@ class DemonstrationLibrary:
         self._bus.changed("demonstrations")
         await self.refresh()
 
+    def restore_set(self, name: str) -> DemonstrationFolder:
+        """Use a set of demonstrations before anything is read. Raise UserError if its name leads out of the workspace."""
+        folder = self._workspace.demonstration_set(name)
+        self.set_name = name
+        return folder
+
     async def rename(self, name: str, new: str) -> None:
         """Give a demonstration another name."""
         await self._worker.work(self.folder.rename, name, new.strip())

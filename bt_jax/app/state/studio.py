@@ -9,7 +9,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from types import MappingProxyType
 
 from bt_jax._util.errors import UserError
@@ -17,6 +18,7 @@ from bt_jax.app.phrases import phrase
 from bt_jax.app.processes.train_command import NO_CHANGES
 from bt_jax.app.processes.warm_worker import WarmWorker
 from bt_jax.app.state.bus import Bus, Kind
+from bt_jax.app.state.demonstration_draft import DemonstrationDraft, DraftKeeper
 from bt_jax.app.state.demonstration_library import DemonstrationLibrary
 from bt_jax.app.state.edited_task import EditedTask, same_goal, same_things
 from bt_jax.app.state.evolution_process import EvolutionProcess, EvolutionStage
@@ -51,7 +53,8 @@ class Studio:
         self.evolution = EvolutionProcess(workspace, warm_worker)
         self.playing = Playing(self.bus, self.worker, self.edited)
         self.library = DemonstrationLibrary(self.bus, self.worker, workspace, self.edited)
-        self.teaching = Teaching(self.bus, self.worker, self.edited, self.library, self.playing)
+        self.drafts = DraftKeeper(workspace, lambda error: self.bus.say(phrase(error, workspace.root), "error"))
+        self.teaching = Teaching(self.bus, self.worker, self.edited, self.library, self.playing, self.drafts)
         self.notices = Notices(self.bus)
         self._restored: Notice | None = None  # stands as long as the draft that was restored differs from every file
         self._following: Task | None = None  # the edited task that takes over what the evolution is taught
@@ -102,8 +105,8 @@ class Studio:
         return not self.edited.saved and (run is None or not self.workspace.run_holds(run, task))
 
     def restore(self) -> None:
-        """Show the evolution that was running before this page, or else the newest run, and the draft of the task. The draft
-        stays on disk; one that cannot be read is renamed, and the page says so."""
+        """Show the evolution that was running before this page, or else the newest run, and the drafts of the task
+        and of a demonstration. The drafts stay on disk; one that cannot be restored is renamed, and the page says so."""
         name = self.evolution.find()
         if name is not None:
             with contextlib.suppress(UserError):
@@ -117,15 +120,42 @@ class Studio:
                 )
                 self.notices.add(self._restored)
         except UserError as error:
-            why = phrase(error, self.workspace.root)
-            self.notices.add(Notice(f"The draft of your task cannot be restored: {why}. {self._set_draft_aside()}"))
+            self._set_aside("The draft of your task", error, self.workspace.set_draft_aside)
+        self._restore_demonstration()
 
-    def _set_draft_aside(self) -> str:
-        """Keep a draft that cannot be read; return a sentence that says where."""
+    def _restore_demonstration(self) -> None:
+        """Go on with the demonstration that was in the making."""
         try:
-            return f"It is kept as {self.workspace.set_draft_aside().name}."
+            text = self.workspace.demonstration_draft()
+            if text is None:
+                return
+            draft = DemonstrationDraft.from_json(text)
+            if not same_things(draft.task, self.edited.task):
+                if self.unsaved:
+                    raise UserError(f"it is for {draft.task.name}, and step 1 has unsaved changes of another task")
+                self._open_task(draft.task)
+            self.teaching.restore(draft)
         except UserError as error:
-            return f"{phrase(error, self.workspace.root)}."
+            self._set_aside("The demonstration in the making", error, self.workspace.set_demonstration_draft_aside)
+            return
+        count = len(self.teaching.done)
+        notice = Notice(
+            f"The demonstration in the making was restored, with {count} action{'s' * (count > 1)}; step 3 goes on with it.",
+            self.teaching.discard,
+        )
+        self.notices.add(notice)
+        session = self.teaching.session
+        self.bus.subscribe(
+            "demonstrations", lambda: None if self.teaching.session is session else self.notices.remove(notice)
+        )
+
+    def _set_aside(self, what: str, error: UserError, set_aside: Callable[[], Path]) -> None:
+        """Keep a draft that cannot be restored, and say so."""
+        try:
+            kept = f"It is kept as {set_aside().name}."
+        except UserError as other:
+            kept = f"{phrase(other, self.workspace.root)}."
+        self.notices.add(Notice(f"{what} cannot be restored: {phrase(error, self.workspace.root)}. {kept}"))
 
     def start_evolution(self, gp: GPConfig) -> None:
         """Evolve a tree for the edited task, in a new run folder. Raise UserError if an evolution is running."""

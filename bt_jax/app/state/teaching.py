@@ -9,13 +9,14 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 from collections.abc import Mapping
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.state.bus import Bus
+from bt_jax.app.state.demonstration_draft import DemonstrationDraft, DraftKeeper
 from bt_jax.app.state.demonstration_library import DemonstrationLibrary
 from bt_jax.app.state.edited_task import EditedTask, same_things
 from bt_jax.app.state.playing import Playing
@@ -47,7 +48,13 @@ class Teaching:
     another layout. `replayed` is the name of the demonstration that is being replayed."""
 
     def __init__(
-        self, bus: Bus, worker: Worker, edited: EditedTask, library: DemonstrationLibrary, playing: Playing
+        self,
+        bus: Bus,
+        worker: Worker,
+        edited: EditedTask,
+        library: DemonstrationLibrary,
+        playing: Playing,
+        drafts: DraftKeeper,
     ) -> None:
         self.session: Teleoperation | None = None
         self.shown: World = edited.start
@@ -55,7 +62,9 @@ class Teaching:
         self.elsewhere = True
         self.replayed: str | None = None
         self._bus, self._worker, self._edited = bus, worker, edited
-        self._library, self._playing = library, playing
+        self._library, self._playing, self._drafts = library, playing, drafts
+        self._folder = library.folder  # the set that the demonstration in the making belongs to
+        self._draft: DemonstrationDraft | None = None
         self._replay: asyncio.Task | None = None
         self._lock = asyncio.Lock()
         self._layout = 0  # number of the next random layout
@@ -113,21 +122,30 @@ class Teaching:
                 raise UserError("another task was chosen meanwhile; begin again")
             self._layout = number + 1
             self.session = session
+            self._folder, self._draft = folder, DemonstrationDraft(task, self._library.set_name, session.world)
             self._show_session()
+
+    def restore(self, draft: DemonstrationDraft) -> None:
+        """Go on with a demonstration that an earlier page has left, before the event loop runs. Raise UserError if that is
+        impossible; its task must have the boxes and frames of the one that is edited."""
+        folder = self._library.restore_set(draft.set_name)
+        self.session = draft.session(self._worker.physics(draft.task))
+        self._folder, self._draft = folder, draft
+        self.shown = self.session.world
 
     async def pick(self, name: str) -> None:
         """Take an object and lift it."""
         async with self._lock:
             session = self._making()
             await self._worker.work(session.pick, name)
-            self._show_session()
+            self._done("pick", name)
 
     async def move(self, direction: Direction) -> None:
         """Carry the held object one step, as seen by the person before the scene."""
         async with self._lock:
             session = self._making()
             session.move(self.step * _vector(self._edited.task, direction))
-            self._show_session()
+            self._done("carry", session.position(session.task.robot_frame).tolist())
 
     async def carry_over(self, frame: str) -> None:
         """Carry the held object straight over the middle of a frame, and up if it would touch what is there."""
@@ -138,14 +156,14 @@ class Teaching:
             height = float(session.position(frame)[2])
             low = OVER * next(box.size for box in session.task.boxes if box.name == session.held)
             session.move_to((0.0, 0.0, max(height, low)), frame)
-            self._show_session()
+            self._done("carry", session.position(session.task.robot_frame).tolist())
 
     async def release(self) -> None:
         """Set the held object down on what is below, and let it go."""
         async with self._lock:
             session = self._making()
             await self._worker.work(session.release, lowered=True)
-            self._show_session()
+            self._done("release")
 
     async def undo(self) -> None:
         """Take back the last action, or all steps since the pick."""
@@ -153,13 +171,14 @@ class Teaching:
             session = self._making()
             if not session.undo(moves_together=True):
                 raise UserError("nothing was done yet, so nothing can be undone; pick an object")
+            self._draft = None if self._draft is None else self._draft.undone()
             self._show_session()
 
     async def finish(self) -> str:
         """Keep the demonstration, learn again, and return its name."""
         async with self._lock:
             session = self._making()
-            recorded, frames, folder = session.demonstration(), Frames.of(session.task), self._library.folder
+            recorded, frames, folder = session.demonstration(), Frames.of(session.task), self._folder
 
             def keep() -> str:
                 folder.create(frames)
@@ -167,6 +186,7 @@ class Teaching:
 
             name = await self._worker.work(keep)
             self.session = None
+            self._keep_draft()
         await self._library.refresh()
         return name
 
@@ -175,6 +195,7 @@ class Teaching:
         async with self._lock:
             if self.session is not None:
                 self.session = None
+                self._keep_draft()
                 self.show(self._edited.start)
                 self._bus.changed("demonstrations")
 
@@ -233,9 +254,17 @@ class Teaching:
             raise UserError("no demonstration is in the making; begin a new one first")
         return self.session
 
+    def _done(self, kind: Literal["pick", "carry", "release"], what: Any = None) -> None:
+        self._draft = None if self._draft is None else self._draft.then(kind, what)
+        self._show_session()
+
     def _show_session(self) -> None:
+        self._keep_draft()
         self.show(self._making().world)
         self._bus.changed("demonstrations")
+
+    def _keep_draft(self) -> None:
+        self._drafts.keep(None if self.session is None else self._draft)
 
 
 def _begun(task: Task, physics: Physics, tree: Tree | None, layout: World) -> Teleoperation:

@@ -1,4 +1,5 @@
-"""The folder that the page works in: its runs, demonstrations and tasks, and the draft of the task that is edited.
+"""The folder that the page works in: its runs, demonstrations and tasks, and the drafts of the task that is edited and
+of the demonstration in the making.
 
 Names come from the browser. Each is checked here, so that none leads out of the folder.
 """
@@ -29,7 +30,8 @@ LEARNT = "learnt_tree.txt"
 
 @dataclasses.dataclass(frozen=True)
 class Workspace:
-    """`root/runs`, `root/demonstrations`, `root/tasks`, `root/draft.yaml`, and files for trainings in `root/.inputs`."""
+    """`root/runs`, `root/demonstrations`, `root/tasks`, the drafts `root/draft.yaml` and `root/demonstration_draft.json`,
+    and files for trainings in `root/.inputs`."""
 
     root: Path
 
@@ -145,18 +147,38 @@ class Workspace:
     def set_draft_aside(self) -> Path:
         """Rename a draft that cannot be read, so that the next one does not replace it, and return its path. Raise UserError
         if that fails."""
-        aside = unused(self._draft.with_name(f"{self._draft.name}.unreadable"))
+        return _set_aside(self._draft, before="you change the task")
+
+    def demonstration_draft(self) -> str | None:
+        """Return the draft of a demonstration, None if there is none. Raise UserError if it cannot be read."""
         try:
-            self._draft.rename(aside)
+            return self._demonstration.read_text(encoding="utf-8") if self._demonstration.is_file() else None
+        except (OSError, UnicodeDecodeError) as error:
+            raise UserError(f"it cannot be read ({error}); demonstrate it again") from error
+
+    def keep_demonstration_draft(self, text: str | None) -> None:
+        """Replace the draft of a demonstration, or delete it. Raise UserError if that fails."""
+        if text is not None:
+            write_atomic(self._demonstration, text)
+            return
+        try:
+            self._demonstration.unlink(missing_ok=True)
         except OSError as error:
             raise UserError(
-                f"{self._draft} cannot be renamed ({error.strerror}); copy it before you change the task"
+                f"{self._demonstration} cannot be deleted ({error.strerror}); check the permissions of {self.root}"
             ) from None
-        return aside
+
+    def set_demonstration_draft_aside(self) -> Path:
+        """Rename a draft of a demonstration that cannot be restored, and return its path. Raise UserError if that fails."""
+        return _set_aside(self._demonstration, before="you demonstrate")
 
     @property
     def _draft(self) -> Path:
         return self.root / "draft.yaml"
+
+    @property
+    def _demonstration(self) -> Path:
+        return self.root / "demonstration_draft.json"
 
     def inside(self, folder: Path, name: str) -> Path:
         """Return the path of a name in a folder of the workspace. Raise UserError if it would lead out of it."""
@@ -166,6 +188,15 @@ class Workspace:
         if path.resolve().parent != folder.resolve():
             raise UserError(f"'{name}' leads out of {self.root}; choose a name from the list")
         return path
+
+
+def _set_aside(draft: Path, *, before: str) -> Path:
+    aside = unused(draft.with_name(f"{draft.name}.unreadable"))
+    try:
+        draft.rename(aside)
+    except OSError as error:
+        raise UserError(f"{draft} cannot be renamed ({error.strerror}); copy it before {before}") from None
+    return aside
 
 
 Stamp = tuple[Path, int, int, int]

@@ -56,6 +56,11 @@ class Server:
                 time.sleep(0.1)
         raise RuntimeError(f"the server has ended: {self.log.read_text()}")
 
+    def kill(self) -> None:
+        """Ends it without a warning."""
+        self.process.kill()
+        self.process.wait()
+
     def stop(self) -> None:
         """Ends it as Ctrl-C does."""
         self.process.send_signal(signal.SIGINT)

@@ -200,6 +200,45 @@ def test_a_box_that_is_clicked_is_picked_and_a_reload_loses_nothing(page, see):
     expect(see("demonstrate-pose-KittingBox-z")).to_be_visible()
 
 
+def test_a_killed_server_loses_nothing(page, see, server):
+    begin(page, see)
+    see("demonstrate-over-YellowBox").click()
+    expect(see("demonstrate-pose-YellowBox-x")).to_have_text(said(0))
+    page.keyboard.press("r")
+    expect(see("demonstrate-done")).to_contain_text("Put GreenBox on top of YellowBox")
+    page.keyboard.press("3")
+    expect(see("demonstrate-done")).to_contain_text("Pick up BlueBox")
+    see("demonstrate-up").focus()
+    draft = server.folder / "demonstration_draft.json"
+    for _ in range(600):
+        if draft.is_file() and "BlueBox" in draft.read_text().rpartition("inputs")[2]:
+            break
+        page.wait_for_timeout(50)
+    server.kill()
+    expect(page.locator("#popup")).to_be_visible()
+    expect(page.locator("body")).to_have_class(re.compile("offline"))
+    assert page.evaluate("document.querySelector('.page').closest('[inert]') !== null")
+    assert page.evaluate("document.activeElement === document.body")
+    server.start()
+    expect(see("notices")).to_contain_text("The demonstration in the making was restored, with 3 actions")
+    expect(page.locator("body")).not_to_have_class(re.compile("offline"))
+    expect(see("demonstrate-done")).to_contain_text("Pick up BlueBox")
+    expect(see("demonstrate-pose-KittingBox-z")).to_be_visible()
+    see("notice-discard").click()
+    expect(see("demonstrate-new")).to_be_visible()
+    expect(see("notices")).to_have_text("")
+
+
+def test_controls_come_back_with_the_connection(page, see):
+    see("demonstrate-new-set").focus()
+    page.evaluate("window.socket.disconnect()")
+    expect(page.locator("body")).to_have_class(re.compile("offline"))
+    assert page.evaluate("document.querySelector('.page').closest('[inert]') !== null")
+    page.evaluate("window.socket.connect()")
+    expect(page.locator("body")).not_to_have_class(re.compile("offline"))
+    expect(see("demonstrate-new-set")).to_be_focused()
+
+
 def test_renamed_replayed_and_deleted(page, see, demonstrate):
     for _ in range(2):
         begin(page, see, "3")

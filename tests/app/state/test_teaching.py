@@ -179,7 +179,7 @@ async def test_what_cannot_be_done_changes_nothing(studio, tmp_path):
     with pytest.raises(UserError, match="would fall to the floor"):
         await teaching.release()
     assert studio.teaching.session.held == "GreenBox"
-    assert list(tmp_path.iterdir()) == []
+    assert not studio.workspace.demonstrations.exists()
     await teaching.undo()
     await teaching.undo()
     assert teaching.done == []
@@ -333,3 +333,82 @@ async def test_another_task_does_not_lose_a_demonstration(studio):
     await studio.teaching.discard()
     studio.open_task(load_task("stack3"))
     await studio.library._refreshing
+
+
+async def teach_something(studio):
+    await studio.teaching.begin(reached=False)
+    await studio.teaching.pick("GreenBox")
+    for _ in range(3):
+        await studio.teaching.move("up")
+    await studio.teaching.carry_over("KittingBox")
+    await studio.teaching.release()
+    await studio.teaching.pick("YellowBox")
+    await studio.teaching.carry_over("GreenBox")
+    await studio.teaching.move("up")
+    await studio.drafts.kept()
+
+
+@in_loop
+async def test_a_demonstration_in_the_making_outlives_a_killed_page(studio):
+    await studio.library.use_set("mine")
+    await teach_something(studio)
+    after = Studio(studio.workspace, load_task("yumi_stack"))
+    after.restore()
+    assert "was restored, with 3 actions" in after.notices.standing[0].text
+    assert (after.library.set_name, after.edited.task) == ("mine", TASK)
+    again, before = after.teaching, studio.teaching
+    assert again.done == before.done
+    np.testing.assert_allclose(again.session.world.poses, before.session.world.poses, atol=1e-6)
+    for teaching in (again, before):
+        await teaching.undo()  # as far as it was carried
+        await teaching.undo()
+    assert again.done == before.done == before.done[:2]
+    assert len(again.done) == 2
+    await again.finish()
+    assert after.notices.standing == ()
+    assert studio.workspace.demonstration_set("mine").names() == ["demo1"]
+    await after.drafts.kept()
+    assert studio.workspace.demonstration_draft() is None
+
+
+@in_loop
+async def test_a_restored_demonstration_can_be_discarded(studio):
+    await teach_something(studio)
+    after = Studio(studio.workspace, TASK)
+    after.restore()
+    await after.notices.standing[0].discard()
+    await after.drafts.kept()
+    assert (after.teaching.session, after.notices.standing) == (None, ())
+    assert studio.workspace.demonstration_draft() is None
+
+
+@in_loop
+async def test_a_demonstration_goes_to_the_set_that_it_was_begun_in(studio):
+    await studio.library.use_set("one")
+    await teach_something(studio)
+    await studio.teaching.release()
+    await studio.library.use_set("other")
+    await studio.teaching.finish()
+    assert studio.workspace.demonstration_set("one").names() == ["demo1"]
+    assert studio.workspace.demonstration_sets() == ["one"]
+
+
+@pytest.mark.parametrize("damage", ["{", "[]", '{"task": {}}', "missing box", "bad number", "unknown input"])
+def test_a_demonstration_that_cannot_be_restored_is_kept_aside(studio, tmp_path, damage):
+    path = tmp_path / "demonstration_draft.json"
+    asyncio.run(teach_something(studio))
+    whole = path.read_text()
+    broken = {
+        "missing box": whole.replace('["pick", "YellowBox"]', '["pick", "Cup"]'),
+        "bad number": whole.replace('"kit": [[', '"kit": [[NaN, '),
+        "unknown input": whole.replace('"release"', '"throw"'),
+    }.get(damage, damage)
+    assert broken != whole
+    path.write_text(broken)
+    after = Studio(studio.workspace, TASK)
+    after.restore()
+    (notice,) = after.notices.standing
+    assert "cannot be restored" in notice.text
+    assert "It is kept as demonstration_draft.json.unreadable." in notice.text
+    assert str(tmp_path) not in notice.text
+    assert (path.with_name(f"{path.name}.unreadable").read_text(), after.teaching.session) == (broken, None)

@@ -1,0 +1,129 @@
+"""The demonstration in the making on the disk: its start and what was done, so that it can be done again after a crash."""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import json
+from collections.abc import Callable
+from typing import Any, Literal
+
+import numpy as np
+
+from bt_jax._util.errors import UserError
+from bt_jax.app.state.workspace import Workspace
+from bt_jax.mjx_env.physics.protocol import Physics
+from bt_jax.mjx_env.world import World
+from bt_jax.tasks import Task, task_from_dict
+from bt_jax.teaching.teleoperation import Teleoperation
+
+__all__ = ["DemonstrationDraft", "DraftKeeper"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Input:
+    """One input of a person: `what` is the object that is picked, or where it is carried [m, in the robot's frame]."""
+
+    kind: Literal["pick", "carry", "release"]
+    what: Any = None
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class DemonstrationDraft:
+    """A demonstration of a task, for the set `set_name`, from the state `start` (a batch of one, NumPy). Motions between a
+    pick and a release are one input, since they are undone at once."""
+
+    task: Task
+    set_name: str
+    start: World
+    inputs: tuple[Input, ...] = ()
+
+    def then(self, kind: Literal["pick", "carry", "release"], what: Any = None) -> DemonstrationDraft:
+        """Return the draft after another input."""
+        kept = (
+            self.inputs[:-1]
+            if kind == "carry" and self.inputs[-1:] and self.inputs[-1].kind == "carry"
+            else self.inputs
+        )
+        return dataclasses.replace(self, inputs=(*kept, Input(kind, what)))
+
+    def undone(self) -> DemonstrationDraft:
+        """Return the draft before its last input."""
+        return dataclasses.replace(self, inputs=self.inputs[:-1])
+
+    def session(self, physics: Physics) -> Teleoperation:
+        """Do all of it again. Raise UserError if that is impossible."""
+        session = Teleoperation(self.task, physics, self.start)
+        for each in self.inputs:
+            if each.kind == "pick":
+                session.pick(each.what)
+            elif each.kind == "carry":
+                session.move_to(each.what, self.task.robot_frame)
+            else:
+                session.release(lowered=True)
+        return session
+
+    def to_json(self) -> str:
+        """Return the text of a file that `from_json` reads."""
+        start = {field.name: getattr(self.start, field.name).tolist() for field in dataclasses.fields(World)}
+        inputs = [[each.kind, each.what] for each in self.inputs]
+        return json.dumps({"task": self.task.to_dict(), "set": self.set_name, "start": start, "inputs": inputs})
+
+    @staticmethod
+    def from_json(text: str) -> DemonstrationDraft:
+        """Read what `to_json` has written. Raise UserError if it is damaged."""
+        try:
+            data = json.loads(text)
+            task, start = task_from_dict(data["task"], source="its task"), data["start"]
+            boxes = len(task.boxes)
+            world = World(
+                kit=np.array(start["kit"], np.float32).reshape(1, 3),
+                poses=np.array(start["poses"], np.float32).reshape(1, boxes, 7),
+                held=np.array(start["held"], np.int8).reshape(1),
+                gripper_open=np.array(start["gripper_open"], bool).reshape(1),
+                reached=np.array(start["reached"], bool).reshape(1, len(task.subgoals)),
+            )
+            finite = np.isfinite(world.kit).all() and np.isfinite(world.poses).all()
+            inputs = tuple(Input(kind, what) for kind, what in data["inputs"])
+            known = all(map(_is_valid, inputs))
+        except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+            raise UserError(f"it is damaged ({error}); demonstrate it again") from error
+        if not (finite and known and isinstance(data["set"], str)):
+            raise UserError("it is damaged; demonstrate it again")
+        return DemonstrationDraft(task, data["set"], world, inputs)
+
+
+def _is_valid(each: Input) -> bool:
+    if each.kind == "carry":
+        return np.asarray(each.what, float).shape == (3,)
+    return each.kind == "release" or (each.kind == "pick" and isinstance(each.what, str))
+
+
+class DraftKeeper:
+    """Keeps the newest draft on the disk, beside the event loop; `failed` is told why that is impossible."""
+
+    def __init__(self, workspace: Workspace, failed: Callable[[UserError], None]) -> None:
+        self._workspace, self._failed = workspace, failed
+        self._wanted: DemonstrationDraft | None = None
+        self._changed = False
+        self._writing: asyncio.Task | None = None
+
+    def keep(self, draft: DemonstrationDraft | None) -> None:
+        """Keep a draft in place of the one before; with None, or nothing done in it, keep none."""
+        self._wanted, self._changed = draft, True
+        if self._writing is None or self._writing.done():
+            self._writing = asyncio.get_running_loop().create_task(self._write())
+
+    async def kept(self) -> None:
+        """Wait until the newest draft is on the disk."""
+        if self._writing is not None:
+            await self._writing
+
+    async def _write(self) -> None:
+        while self._changed:
+            self._changed, draft = False, self._wanted
+            text = draft.to_json() if draft is not None and draft.inputs else None
+            try:
+                await asyncio.to_thread(self._workspace.keep_demonstration_draft, text)
+            except UserError as error:
+                self._failed(error)

@@ -1,0 +1,14 @@
+// While the connection to the server is lost, nothing on the page can be used, and it looks like that: NiceGUI shows a popup
+// then, which this follows. The focus is where it was once the connection is back.
+document.addEventListener("DOMContentLoaded", () => {
+  const popup = document.getElementById("popup");
+  let focused = null;
+  new MutationObserver(() => {
+    const lost = popup.ariaHidden === "false";
+    if (lost === document.body.classList.contains("offline")) return;
+    if (lost) focused = document.activeElement;
+    document.body.classList.toggle("offline", lost);
+    for (const part of document.body.children) if (!part.matches(".nicegui-error-popup")) part.inert = lost;
+    if (!lost) focused?.focus({ preventScroll: true });
+  }).observe(popup, { attributeFilter: ["aria-hidden"] });
+});
