@@ -248,6 +248,28 @@ def test_a_run_that_nobody_reads_any_more_is_completed(tmp_path):
     assert (tmp_path / "run" / "learning_curve.png").is_file()
 
 
+LIMITED = """
+import resource, sys
+from bt_jax.train import main
+resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000))  # more than config.json, less than a checkpoint
+main(sys.argv[1:])
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such limit")
+def test_a_run_whose_results_cannot_be_kept_shows_them_and_fails(tmp_path):
+    words = [*map(str, (*QUICK, "--generations", 6, "--out", tmp_path / "run"))]
+    done = subprocess.run([sys.executable, "-c", LIMITED, *words], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 2
+    assert "learnt tree" in done.stdout
+    assert "success " in done.stdout
+    *_, last = done.stderr.splitlines()
+    assert last.startswith(f"error: the results, shown above, are not all in {tmp_path / 'run'}: ")
+    assert "checkpoint.npz cannot be written (File too large); free some space" in last
+    assert "Traceback" not in done.stderr
+    assert RunFolder(tmp_path / "run").tree()
+
+
 def test_an_interruption_before_the_first_generation(tmp_path):
     process = start(tmp_path / "run")
     while not (tmp_path / "run" / "config.json").exists():

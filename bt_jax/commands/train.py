@@ -44,6 +44,8 @@ def run(arguments: TrainArguments) -> None:
             problem = run.draw(result)
         if problem:
             display.warn(problem)
+        if run.unwritten:
+            raise UserError(f"the results, shown above, are not all in {folder.path}: {run.unwritten}")
 
 
 def warm(arguments: TrainArguments, *, until: Callable[[], bool]) -> None:

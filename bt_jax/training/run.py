@@ -56,7 +56,8 @@ class TrainingRun:
         self.config = self.training.run_config
         if resumed:
             self._saved()
-        self._stopped = self._written = False
+        self.unwritten = ""  # why not everything is in the folder, empty if it is
+        self._stopped = self._written = self._warned = False
         self._checkpoint: Checkpoint | None = None  # the last complete generation of this process
         self._listeners: tuple[Listener, ...] = ()
         self._interruption = Interruption()
@@ -85,8 +86,8 @@ class TrainingRun:
         """Evolve, test the best tree, write the folder but for the pictures, and return what was found and what it took.
 
         The evolution ends at its last generation, once every run has the `target` fitness, after `time_limit` seconds, or at
-        Ctrl-C. Even then the tree is tested and everything written, unless a second Ctrl-C ends the test. Raise UserError if
-        it was stopped before the first generation.
+        Ctrl-C. Even then the tree is tested and everything written, unless a second Ctrl-C ends the test. A full disk ends
+        nothing: `unwritten` says why something is missing. Raise UserError if it was stopped before the first generation.
         """
         began = time.monotonic()
         with CompileClock() as clock:
@@ -98,8 +99,10 @@ class TrainingRun:
         if self._checkpoint is None:
             raise UserError("stopped before the first generation was measured; nothing was learnt")
         session = Session(time.monotonic() - began, clock.seconds, self.training.num_broken, self._stopped)
+        self.unwritten = ""
+        best = self.training.best_tree(self._checkpoint.state)
+        self._write(lambda: self.folder.save_tree(best, title=self.config.task.name))
         self._save(self._checkpoint)
-        self.folder.save_tree(self.training.best_tree(self._checkpoint.state), title=self.config.task.name)
         if self._stopped:
             self._tell_generation()
         self._stage("testing")
@@ -107,12 +110,15 @@ class TrainingRun:
         if self._stopped:  # the interruption may have come in the middle of an entry into the table
             self.training = Training.of(self.config)
         result = self.training.result(self._checkpoint.state, self._checkpoint.history)
-        result.write(self.folder, session)
-        self._written = True
+        self._write(lambda: result.write(self.folder, session))
+        self._written = not self.unwritten
         return result, session
 
     def draw(self, result: Result) -> str:
-        """Draw the pictures of the folder; Ctrl-C waits for them. Return why one is missing, or an empty text."""
+        """Draw the pictures of the folder, unless something else could not be written; Ctrl-C waits for them. Return why one
+        is missing, or an empty text."""
+        if self.unwritten:
+            return ""
         with self._interruption.ignored():
             try:
                 settler = self.training.table.settler
@@ -164,9 +170,24 @@ class TrainingRun:
 
     def _save(self, checkpoint: Checkpoint) -> None:
         """Replace the checkpoint; if somebody has removed the folder meanwhile, make it again."""
-        if not (self.folder.path / "config.json").is_file():
-            self.folder.save_config(self.config)
-        self.folder.save_checkpoint(checkpoint)
+
+        def save() -> None:
+            if not (self.folder.path / "config.json").is_file():
+                self.folder.save_config(self.config)
+            self.folder.save_checkpoint(checkpoint)
+
+        self._write(save)
+
+    def _write(self, action: Callable[[], object]) -> None:
+        """Write something; if that fails, say so once and go on, since what was evolved is still in memory."""
+        try:
+            action()
+        except (UserError, OSError) as error:
+            self.unwritten = str(error)
+            if not self._warned:
+                self._warned = True
+                with contextlib.suppress(OSError):
+                    print(f"warning: {error}; the evolution goes on without it", file=sys.stderr)
 
     def _end(self, error: BaseException | None = None) -> tuple[Stage, str]:
         """Return how the run has ended, and why it has failed; no error fails a run whose results are written."""

@@ -99,7 +99,7 @@ def test_a_subgoal_that_the_task_has_is_not_added_again(unstack):
 def test_what_does_not_go_together():
     with pytest.raises(UserError, match="two baselines"):
         Changes(baseline=plan_task(STACK), plan=True).applied(CONFIG)
-    with pytest.raises(UserError, match="give one with --baseline"):
+    with pytest.raises(UserError, match="leave out --baseline-index, or give --baseline"):
         Changes(baseline_index=1).applied(CONFIG)
     tree = parse_tree("Fallback(open_gripper, move(BlueBox, (0, 0, 0.1), GreenBox))")
     with pytest.raises(UserError, match="--gene-under-fallback"):
@@ -126,7 +126,7 @@ def test_an_index_belongs_to_the_baseline_that_it_was_given_with(tmp_path):
     assert index(baseline=plan_task(STACK)) is None
     assert index("--baseline-index", "2", baseline=plan_task(STACK)) == 2
     for changes in ({}, {"task": load_task("pyramid")}):
-        with pytest.raises(UserError, match="give one with --baseline"):
+        with pytest.raises(UserError, match="leave out --baseline-index, or give --baseline"):
             index("--baseline-index", "3", **changes)
 
 

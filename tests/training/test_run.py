@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import errno
 import json
 import os
 import shutil
@@ -171,6 +172,44 @@ def test_a_run_goes_on_without_a_listener_that_raises(tmp_path, capsys, error):
     assert broken.heard == ["starting", "evolving", 0, 1]
     assert recorder.heard == ["starting", "evolving", 0, 1, 2, 3, "testing", "finished"]
     assert capsys.readouterr().err.count("warning: Recorder") == 1
+
+
+class Disk:
+    """Is full from one generation on, and maybe free again from another."""
+
+    def __init__(self, full, free=10**6):
+        self.full, self.free, self.now = full, free, -1
+
+    def on_stage(self, stage, message=""):
+        pass
+
+    def on_generation(self, history, best_tree):
+        self.now = history[-1].generation
+
+    def fsync(self, file):
+        if self.full <= self.now < self.free:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.mark.parametrize("free", [2, 10**6])
+def test_an_evolution_goes_on_where_nothing_more_can_be_written(tmp_path, monkeypatch, capsys, done, free):
+    disk, run = Disk(1, free), TrainingRun(RunFolder(tmp_path / "run"), CONFIG)
+    monkeypatch.setattr("bt_jax.training.run.CHECKPOINT_SECONDS", 0.0)
+    monkeypatch.setattr("bt_jax.training.run.CHECKPOINT_SHARE", 0)
+    monkeypatch.setattr(os, "fsync", disk.fsync)
+    with run.opened(disk):
+        result, _ = run.evolve()
+        assert run.draw(result) == ""
+    assert result.trees == done[2].trees
+    said = capsys.readouterr().err
+    assert said.startswith(
+        f"warning: {tmp_path / 'run' / 'checkpoint.npz'} cannot be written (No space left on device)"
+    )
+    assert said.count("\n") == 1
+    full = free > 3
+    assert ("No space left" in run.unwritten) == full
+    assert run.folder.load_checkpoint().state.generation == (1 if full else 3)
+    assert (run.folder.path / "result.json").is_file() != full
 
 
 def test_a_complete_run_has_finished_whatever_happens_then(tmp_path):
