@@ -15,6 +15,7 @@ from bt_jax._util.errors import UserError
 from bt_jax.app.panels import PANELS
 from bt_jax.app.phrases import phrase
 from bt_jax.app.state.bus import Kind, Message, Topic
+from bt_jax.app.state.holds import Shared, Window
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.context import STEPS, Step
 from bt_jax.app.widgets.message_line import MessageLine
@@ -38,6 +39,8 @@ class Page:
 
     def __init__(self, studio: Studio, step: str = STEPS[0]) -> None:
         self.studio, self.client = studio, ui.context.client
+        self.window = Window(self.client.id, self.client.ip)
+        self.client.on_disconnect(self.let_go)
         self.step: Step = next((name for name in STEPS if name == step), STEPS[0])
         self._on_step: list[Callable[[Step], None]] = []
         ui.colors(primary=BLUE, secondary="#56616d", positive=GREEN, negative=VERMILION, warning=ORANGE)
@@ -109,6 +112,7 @@ class Page:
         if step != self.step:
             ui.navigate.history.replace(f"?step={step}")
             self._message.clear()
+            self.let_go()
         self.step = step
         for name, panel in self._panels.items():
             panel.set_visibility(name == step)
@@ -137,14 +141,24 @@ class Page:
         """Say one sentence in this window."""
         self._message.say(Message(text, kind))
 
-    def guard(self, handler: Callable[..., Any]) -> Callable[..., Any]:
+    def steer(self, thing: Shared) -> None:
+        """Steer something that all windows share. Raise UserError if another window does."""
+        self.studio.holds.take(thing, self.window)
+
+    def let_go(self) -> None:
+        """Let other windows steer what this one has steered."""
+        self.studio.holds.let_go(self.window)
+
+    def guard(self, handler: Callable[..., Any], *, steers: Shared | None = None) -> Callable[..., Any]:
         """Return a handler of what a person does in this window: an error is said there as a sentence, and what was said
-        before goes with the next success."""
+        before goes with the next success. It is called only if no other window steers the same thing."""
 
         @functools.wraps(handler)
         async def guarded(*args: Any, **kwargs: Any) -> None:
             said = self._message.count
             try:
+                if steers is not None:
+                    self.steer(steers)
                 result = handler(*args, **kwargs)
                 if inspect.isawaitable(result):
                     await result

@@ -17,6 +17,7 @@ from bt_jax.app.state.workspace import Workspace
 __all__ = ["serve"]
 
 WATCH_SECONDS = 0.1  # between two readings of the evolution's progress
+HOLD_SECONDS = 0.5  # between two looks at who steers what
 RECONNECT_SECONDS = 30.0  # for which a window that is not heard of is kept, on a busy machine
 
 
@@ -51,6 +52,7 @@ def serve(
     app.on_shutdown(studio.evolution.close)
     app.on_shutdown(studio.drafts.kept)
     app.timer(WATCH_SECONDS, studio.watch)
+    app.timer(HOLD_SECONDS, studio.holds.expire)
 
     @ui.page("/")
     def window(step: str = "") -> None:

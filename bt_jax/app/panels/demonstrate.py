@@ -12,6 +12,7 @@ from bt_jax.app.panels.gripper import GripperControls
 from bt_jax.app.panels.parts import ask, ask_for, button, heading, mark
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.context import Step
+from bt_jax.app.widgets.holder_line import holder_line
 
 __all__ = ["build"]
 
@@ -33,12 +34,14 @@ class _Demonstrate:
             self.idle = ui.element("div").classes("teach")
             with self.idle:
                 self._build_idle()
+            holder_line(studio.holds, page, "gripper")
             self.making = ui.element("div").classes("teach")
             with self.making:
                 self.gripper = GripperControls(studio, page)
         self._listed: object = None
         page.on("demonstrations", self._refresh)
         page.on("tree", self._refresh)
+        page.on("holds", self._lock)
         page.on_step(self._enter)
         if not self.library.read:
             ui.timer(0, page.guard(self.library.refresh), once=True)
@@ -58,12 +61,12 @@ class _Demonstrate:
             self.progress = ui.label().props("data-testid=demonstrate-progress")
         heading("New demonstration")
         with ui.row().classes("items-center gap-2"):
-            button("From the start", "demonstrate-new", "add", page.guard(self._begin))
+            button("From the start", "demonstrate-new", "add", page.guard(self._begin, steers="gripper"))
             self.reached = button(
                 "From where the tree ends",
                 "demonstrate-new-reached",
                 "account_tree",
-                page.guard(functools.partial(self._begin, reached=True)),
+                page.guard(functools.partial(self._begin, reached=True), steers="gripper"),
                 more="outline",
             )
         self.elsewhere = ui.checkbox("Each in another layout", value=teaching.elsewhere).props(
@@ -73,6 +76,13 @@ class _Demonstrate:
         ui.label(LAYOUTS).classes("teach-hint")
         heading("Demonstrations")
         self.list = ui.element("div").classes("teach-list").props("data-testid=demonstrate-list role=list")
+
+    def _lock(self) -> None:
+        """Lock the gripper while another window steers it."""
+        if self.studio.holds.other("gripper", self.page.window) is None:
+            self.making.props(remove="inert")
+        else:
+            self.making.props("inert")
 
     async def _begin(self, *, reached: bool = False) -> None:
         await self.teaching.begin(reached=reached)

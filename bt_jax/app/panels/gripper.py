@@ -42,7 +42,8 @@ class GripperControls:
 
     def __init__(self, studio: Studio, page: PanelContext) -> None:
         self.studio, self.page, self.teaching = studio, page, studio.teaching
-        ui.on("teach_key", page.guard(self._key))
+        self._guard = functools.partial(page.guard, steers="gripper")
+        ui.on("teach_key", self._guard(self._key))
         self._posed: object = None
         self._done: object = None
         self._stepped = studio.teaching.step
@@ -92,12 +93,12 @@ class GripperControls:
                 ui.label("nothing yet").classes("teach-hint")
 
     def _build(self) -> None:
-        page, teaching = self.page, self.teaching
+        guard, teaching = self._guard, self.teaching
         with ui.row().classes("items-center gap-2 w-full"):
             heading("Demonstration in the making").classes("flex-1")
-            button("Undo", "demonstrate-undo", "undo", page.guard(self._undo), more="flat title='Undo (Ctrl+Z)'")
-            button("Discard", "demonstrate-discard", "close", page.guard(self._discard), more="flat")
-            button("Finish", "demonstrate-finish", "check", page.guard(self._finish), more="color=positive")
+            button("Undo", "demonstrate-undo", "undo", guard(self._undo), more="flat title='Undo (Ctrl+Z)'")
+            button("Discard", "demonstrate-discard", "close", guard(self._discard), more="flat")
+            button("Finish", "demonstrate-finish", "check", guard(self._finish), more="color=positive")
         with ui.row().classes("items-center gap-2"):
             ui.label("Pick").classes("teach-word")
             self.picks = ui.row().classes("gap-2 items-center")
@@ -105,27 +106,23 @@ class GripperControls:
             ui.label("Place").classes("teach-word")
             with ui.element("div").classes("teach-pad") as self.pad:
                 for direction, icon, text, place in PAD:
-                    move = button(
-                        "", f"demonstrate-{direction}", icon, page.guard(self._mover(direction)), more="outline"
-                    )
+                    move = button("", f"demonstrate-{direction}", icon, guard(self._mover(direction)), more="outline")
                     move.props(f'aria-label="{text}" title="{text}"').style(f"grid-area: {place}")
                     self._move_buttons.append(move)
             with ui.column().classes("gap-1"):
                 with ui.row().classes("items-center gap-1 no-wrap"):
                     smaller = "flat round aria-label='Smaller step (-)' title='Smaller step (-)'"
                     larger = "flat round aria-label='Larger step (+)' title='Larger step (+)'"
-                    button(
-                        "", "demonstrate-smaller", "remove", page.guard(lambda: teaching.change_step(-1)), more=smaller
-                    )
+                    button("", "demonstrate-smaller", "remove", guard(lambda: teaching.change_step(-1)), more=smaller)
                     self.step = (
                         ui.number("Step", value=100 * teaching.step, format="%g", suffix="cm")
                         .props("dense outlined data-testid=demonstrate-step")
                         .classes("teach-step")
                     )
-                    self.step.on("change", page.guard(self._set_step))
+                    self.step.on("change", guard(self._set_step))
                     self.step.on("keydown.enter", js_handler="(event) => event.target.blur()")  # the keys carry again
-                    button("", "demonstrate-larger", "add", page.guard(lambda: teaching.change_step(1)), more=larger)
-                self.release = button("Release", "demonstrate-release", "pan_tool_alt", page.guard(self._release))
+                    button("", "demonstrate-larger", "add", guard(lambda: teaching.change_step(1)), more=larger)
+                self.release = button("Release", "demonstrate-release", "pan_tool_alt", guard(self._release))
                 self.release.props("title='Let go (R)'").classes("w-full")
         with ui.row().classes("items-center gap-2"):
             ui.label("Over").classes("teach-word")
@@ -161,6 +158,7 @@ class GripperControls:
 
     async def _clicked(self, name: str) -> None:
         if self.page.step == "demonstrate" and self.teaching.session is not None:
+            self.page.steer("gripper")
             await self._pick(name)
 
     async def _pick(self, name: str) -> None:
@@ -181,6 +179,7 @@ class GripperControls:
 
     async def _finish(self) -> None:
         name = await self.teaching.finish()
+        self.page.let_go()
         self.page.say(f"{name} is kept. {self.studio.library.progress}", "success")
 
     async def _discard(self) -> None:
@@ -192,6 +191,7 @@ class GripperControls:
             if self.teaching.session is not session:
                 raise UserError("that demonstration has ended already; nothing was discarded")
         await self.teaching.discard()
+        self.page.let_go()
         self.page.say("The demonstration was discarded; the others are kept.")
 
     def _set_step(self) -> None:
@@ -211,7 +211,7 @@ class GripperControls:
                     f"{number} {box.name}",
                     f"demonstrate-pick-{box.name}",
                     "stop",
-                    self.page.guard(functools.partial(self._pick, box.name)),
+                    self._guard(functools.partial(self._pick, box.name)),
                     more=f"outline title='Key {number}'",
                 )
                 pick.style(f"--box: {css_color(box)}").classes("teach-pick")
@@ -220,7 +220,7 @@ class GripperControls:
         self._over_buttons = {}
         with self.over:
             for frame in (*self.studio.edited.task.box_names, self.studio.edited.task.kit.name):
-                carry = self.page.guard(functools.partial(self.teaching.carry_over, frame))
+                carry = self._guard(functools.partial(self.teaching.carry_over, frame))
                 text = f"outline title='Carry straight over {frame}'"
                 self._over_buttons[frame] = button(
                     self._called(frame), f"demonstrate-over-{frame}", "vertical_align_bottom", carry, more=text

@@ -57,7 +57,7 @@ class _Keep:
             self.table.add_slot("body-selection", TICK)
             with ui.row().classes("items-center gap-2"):
                 self.buttons = [
-                    button("Open", "keep-open", "folder_open", page.guard(self._open)),
+                    button("Open", "keep-open", "folder_open", page.guard(self._open, steers="task")),
                     button("XML", "keep-xml", "download", page.guard(lambda: self._download("xml"))),
                     button("SVG", "keep-svg", "download", page.guard(lambda: self._download("svg"))),
                     button("Text", "keep-txt", "download", page.guard(lambda: self._download("txt"))),

@@ -17,6 +17,7 @@ from bt_jax.app.state.playing import SPEEDS
 from bt_jax.app.state.spots import Spot, origins, spot_at
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.context import Step
+from bt_jax.app.widgets.holder_line import holder_line
 from bt_jax.app.widgets.place_fields import PlaceFields
 from bt_jax.app.widgets.tree_view import TreeView
 from bt_jax.mjx_env.episodes.rules import Ending
@@ -47,19 +48,21 @@ class _Run:
         self.scrubbing, self.wanted = False, 0
         self.learnt: dict[str, str] = {}
         self.fields: PlaceFields | None = None
+        guard = functools.partial(page.guard, steers="run")
         with ui.element("div").classes("run"):
+            holder_line(studio.holds, page, "run")
             with ui.row().classes("items-center gap-2 w-full no-wrap"):
                 self.source = (
                     ui.select([], label="Tree of")
-                    .on("update:model-value", page.guard(self._choose))
+                    .on("update:model-value", guard(self._choose))
                     .props("dense outlined options-dense data-testid=run-source")
                     .classes("run-source")
                 )
-                self.over = button("Start over", "run-restart", "replay", page.guard(self._restart))
-                self.other = button("Other start", "run-layout", "shuffle", page.guard(self._other_layout))
+                self.over = button("Start over", "run-restart", "replay", guard(self._restart))
+                self.other = button("Other start", "run-layout", "shuffle", guard(self._other_layout))
             with ui.row().classes("items-center gap-2 w-full no-wrap"):
-                self.toggle = button("Play", "run-play", "play_arrow", page.guard(self._toggle))
-                self.step = button("One tick", "run-tick", "skip_next", page.guard(self._tick))
+                self.toggle = button("Play", "run-play", "play_arrow", guard(self._toggle))
+                self.step = button("One tick", "run-tick", "skip_next", guard(self._tick))
                 ui.select(
                     {speed: f"{speed:g} \N{MULTIPLICATION SIGN}" for speed in SPEEDS},
                     label="Speed",
@@ -69,7 +72,7 @@ class _Run:
                 )
                 self.timeline = (
                     ui.slider(min=0, max=1, value=0)
-                    .on("update:model-value", page.guard(self._scrub))
+                    .on("update:model-value", guard(self._scrub))
                     .props('data-testid=run-timeline markers snap aria-label="Timeline"')
                     .classes("run-timeline")
                 )
@@ -92,6 +95,7 @@ class _Run:
         page.on("runs", self._sources, now=False)
         page.on("lesson", self._sources, now=False)
         page.on("player", self._refresh)
+        page.on("holds", self._refused, now=False)
         page.on_step(self._enter)
         page.scene.on_drop(self._drop)
 
@@ -116,6 +120,11 @@ class _Run:
             here = LESSON if lesson is not None and studio.playing.tree == lesson.tree else self.source.value
         self.source.set_options(options, value=here if here in options else None)
         self._refresh()
+
+    def _refused(self) -> None:
+        """Show what runs, instead of what was chosen in vain, while another window steers it."""
+        if self.studio.holds.other("run", self.page.window) is not None:
+            self._sources()
 
     async def _choose(self) -> None:
         studio, name = self.studio, self.source.value
@@ -185,6 +194,7 @@ class _Run:
             self.fields = PlaceFields(self.page, name, references, spot, moved, step="run")
 
     async def _move(self, name: str, spot: Spot) -> None:
+        self.page.steer("run")
         task = self.studio.edited.task
         await self.studio.playing.put(name, lambda world: spot.point(task, name, origins(task, world, ended=False)))
 
@@ -193,6 +203,7 @@ class _Run:
             return
         if self.studio.playing.player is None:
             raise UserError("nothing runs yet; press Play first, or arrange boxes in step 1")
+        self.page.steer("run")
         await self.studio.playing.put(name, lambda world: position)
 
     def _refresh(self) -> None:

@@ -17,6 +17,7 @@ from bt_jax.app.plain_words import Words
 from bt_jax.app.state.arrangement import fixed_layout, free_layout, kit_table, move_kit, put, retarget, untarget
 from bt_jax.app.state.spots import Spot, origins, spot_at, spot_of_target
 from bt_jax.app.state.studio import Studio
+from bt_jax.app.widgets.holder_line import holder_line
 from bt_jax.app.widgets.place_fields import PlaceFields
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.world import World
@@ -44,22 +45,24 @@ def build(studio: Studio, page: PanelContext) -> None:
 class _Task:
     def __init__(self, studio: Studio, page: PanelContext) -> None:
         self.studio, self.page = studio, page
+        self._guard = guard = functools.partial(page.guard, steers="task")
         self.draws = 0
         self.suggested_for = ""  # name of the task for which a name was suggested
         self.shape: tuple[object, ...] = ()
         self.fields: dict[str, PlaceFields] = {}
         self.words: dict[str, ui.label] = {}
         with ui.element("div").classes("task"):
+            holder_line(studio.holds, page, "task")
             with ui.row().classes("items-center gap-2 w-full no-wrap"):
                 self.choice = (
                     ui.select([], label="Task")
-                    .on(CHOSEN, page.guard(self._choose))
+                    .on(CHOSEN, guard(self._choose))
                     .props("dense outlined options-dense data-testid=task-choice")
                     .classes("task-choice")
                 )
-                self.undo = button("", "task-undo", "undo", page.guard(studio.undo_edit), more="flat round data-undo")
+                self.undo = button("", "task-undo", "undo", guard(studio.undo_edit), more="flat round data-undo")
                 self.undo.props('aria-label="Undo" title="Undo (Ctrl+Z)"')
-                self.redo = button("", "task-redo", "redo", page.guard(studio.redo_edit), more="flat round data-redo")
+                self.redo = button("", "task-redo", "redo", guard(studio.redo_edit), more="flat round data-redo")
                 self.redo.props('aria-label="Redo" title="Redo (Ctrl+Shift+Z)"')
                 self.description = ui.label().classes("hint").props("data-testid=task-description")
             with ui.tabs().props("dense no-caps align=left").classes("task-tabs") as self.tabs:
@@ -72,14 +75,14 @@ class _Task:
                 with ui.row().classes("items-center gap-2"):
                     self.kit = (
                         ui.select([], label="The kit stands on")
-                        .on(CHOSEN, page.guard(self._move_kit))
+                        .on(CHOSEN, guard(self._move_kit))
                         .props("dense outlined options-dense data-testid=task-kit")
                         .classes("task-reference")
                     )
-                    button("Another random start", "task-random", "shuffle", page.guard(self._random))
+                    button("Another random start", "task-random", "shuffle", guard(self._random))
                 self.fixed = (
                     ui.radio({False: "Every episode starts at random", True: "Every episode starts as shown now"})
-                    .on(CHOSEN, page.guard(self._fix))
+                    .on(CHOSEN, guard(self._fix))
                     .props("dense data-testid=task-fixed")
                 )
             ui.separator()
@@ -87,20 +90,26 @@ class _Task:
                 self.name = (
                     ui.input("Name of your task").props("dense outlined data-testid=task-name").classes("task-name")
                 )
-                button("Save", "task-save", "save", page.guard(self._save))
-                self.revert = button("Discard changes", "task-revert", "restart_alt", page.guard(self._revert)).props(
+                button("Save", "task-save", "save", guard(self._save))
+                self.revert = button("Discard changes", "task-revert", "restart_alt", guard(self._revert)).props(
                     "outline"
                 )
                 self.saved = ui.label().classes("hint task-saved").props("data-testid=task-saved")
         self.tabs.on_value_change(lambda event: self._turn())
         self.tabs.set_value("targets")
         page.on("task", self._refresh)
+        page.on("holds", self._refused, now=False)
         page.on_step(lambda step: self._refresh())
         page.scene.on_drop(self._drop)
 
     @property
     def side(self) -> Side:
         return self.tabs.value
+
+    def _refused(self) -> None:
+        """Show the task as it is, instead of what was chosen in vain, while another window steers it."""
+        if self.studio.holds.other("task", self.page.window) is not None:
+            self._refresh()
 
     def _turn(self) -> None:
         self.page.scene.arrange("targets" if self.side == "targets" else "boxes")
@@ -169,10 +178,10 @@ class _Task:
             _name(box)
             self.words[name] = ui.label("may be anywhere").classes("task-words").props(f"data-testid=task-words-{name}")
             if not has_target:
-                button("Add a target", f"task-add-{name}", "add", self.page.guard(lambda: self._add(name)))
+                button("Add a target", f"task-add-{name}", "add", self._guard(lambda: self._add(name)))
                 return
             hint = f"{name} may be anywhere"
-            remove = self.page.guard(lambda: self._edit(untarget(self.studio.edited.task, name)))
+            remove = self._guard(lambda: self._edit(untarget(self.studio.edited.task, name)))
             with ui.button(icon="close", on_click=remove).props(
                 f'flat dense size=sm data-testid=task-remove-{name} aria-label="{hint}"'
             ):
@@ -188,6 +197,8 @@ class _Task:
         )
 
     async def _place(self, side: Side, name: str, spot: Spot) -> None:
+        self.page.steer("task")
+
         def place(task: Task, start: World) -> Float[np.ndarray, "3"]:
             return spot.point(task, name, origins(task, start, ended=side == "targets"))
 
@@ -203,6 +214,7 @@ class _Task:
 
     async def _drop(self, dragged: str, name: str, position: Float[np.ndarray, "3"]) -> None:
         if self.page.step == "task":
+            self.page.steer("task")
             await (self._target if dragged == "targets" else self._start)(name, lambda task, start: position)
 
     async def _target(self, name: str, place: Place, frame: str | None = None) -> None:

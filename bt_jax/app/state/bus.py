@@ -10,7 +10,9 @@ from typing import Literal
 
 __all__ = ["Bus", "Kind", "Message", "Topic"]
 
-Topic = Literal["task", "scene", "evolution", "tree", "demonstrations", "lesson", "player", "runs", "news", "notices"]
+Topic = Literal[
+    "task", "scene", "evolution", "tree", "demonstrations", "lesson", "player", "runs", "news", "notices", "holds"
+]
 Kind = Literal["info", "success", "warning", "error"]
 
 

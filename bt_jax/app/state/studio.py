@@ -22,6 +22,7 @@ from bt_jax.app.state.demonstration_draft import DemonstrationDraft, DraftKeeper
 from bt_jax.app.state.demonstration_library import DemonstrationLibrary
 from bt_jax.app.state.edited_task import EditedTask, same_goal, same_things
 from bt_jax.app.state.evolution_process import EvolutionProcess, EvolutionStage
+from bt_jax.app.state.holds import Holds
 from bt_jax.app.state.notices import Notice, Notices
 from bt_jax.app.state.playing import Playing
 from bt_jax.app.state.run_record import read_record
@@ -49,6 +50,7 @@ class Studio:
     def __init__(self, workspace: Workspace, task: Task, warm_worker: WarmWorker | None = None) -> None:
         self.workspace = workspace
         self.bus, self.worker = Bus(), Worker()
+        self.holds = Holds(self.bus)
         self.edited = EditedTask(workspace, task)
         self.evolution = EvolutionProcess(workspace, warm_worker)
         self.playing = Playing(self.bus, self.worker, self.edited)

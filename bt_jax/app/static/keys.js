@@ -4,7 +4,7 @@ document.addEventListener(
   "keydown",
   (event) => {
     const area = document.querySelector("[data-teach-keys]");
-    if (!area || area.offsetParent === null) return;
+    if (!area || area.offsetParent === null || area.closest("[inert]")) return;
     if (event.target.closest("input, textarea, select, [contenteditable=true], [role=slider], .q-menu, .q-dialog")) return;
     if (event.key.startsWith("Arrow") && event.target.closest("[role=tab], [role=tablist], [role=radiogroup]")) return;
     const undo = (event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z";

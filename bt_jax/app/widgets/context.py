@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any, Literal, Protocol, runtime_checkable
 
 from bt_jax.app.state.bus import Kind, Topic
+from bt_jax.app.state.holds import Shared, Window
 
 __all__ = ["STEPS", "PageContext", "Step"]
 
@@ -16,6 +17,10 @@ STEPS: tuple[Step, ...] = ("task", "evolve", "demonstrate", "understand", "combi
 @runtime_checkable
 class PageContext(Protocol):
     """One window of the page."""
+
+    @property
+    def window(self) -> Window:
+        """Which window it is."""
 
     @property
     def step(self) -> Step:
@@ -34,6 +39,12 @@ class PageContext(Protocol):
     def say(self, text: str, kind: Kind = "info") -> None:
         """Say one sentence in this window."""
 
-    def guard(self, handler: Callable[..., Any]) -> Callable[..., Any]:
+    def guard(self, handler: Callable[..., Any], *, steers: Shared | None = None) -> Callable[..., Any]:
         """Return a handler of what a person does in this window: an error is said there as a sentence, and what was said
-        before goes with the next success."""
+        before goes with the next success. It is called only if no other window steers the same thing."""
+
+    def steer(self, thing: Shared) -> None:
+        """Steer something that all windows share. Raise UserError if another window does."""
+
+    def let_go(self) -> None:
+        """Let other windows steer what this one has steered."""

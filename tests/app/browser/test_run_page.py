@@ -248,6 +248,10 @@ def test_two_windows_show_the_same_run(page, see, window):
     at_rest(page)
     at_rest(other)
     assert math.dist(position(page, "YellowBox"), position(other, "YellowBox")) < 1e-3
+    expect(other.get_by_test_id("holder-run")).to_contain_text("Another window on this computer has the running tree")
+    other.get_by_test_id("run-tick").click()
+    expect(other.get_by_test_id("message")).to_contain_text("has the running tree; wait until")
+    expect(other.get_by_test_id("holder-run")).to_be_hidden()
     other.get_by_test_id("run-tick").click()
     expect(see("run-what")).to_contain_text("Tick 2")
 

@@ -298,12 +298,25 @@ def test_a_damaged_demonstration_is_listed_with_the_reason(page, see, demonstrat
     expect(see("understand-problem")).to_contain_text("data_2.yaml cannot be read")
 
 
-def test_two_windows_show_one_demonstration(window, page, see):
+def test_two_windows_show_one_demonstration_that_one_of_them_steers(window, page, see):
     other = window()
-    go(other.get_by_test_id, "demonstrate")
+    look = other.get_by_test_id
+    go(look, "demonstrate")
     begin(page, see)
-    expect(other.get_by_test_id("demonstrate-done")).to_contain_text("Pick up GreenBox")
+    expect(look("demonstrate-done")).to_contain_text("Pick up GreenBox")
+    expect(look("holder-gripper")).to_contain_text("Another window on this computer has the gripper")
+    expect(see("holder-gripper")).to_be_hidden()
     before = position(see, "KittingBox", "z")
     other.keyboard.press("PageUp")
-    for find in (see, other.get_by_test_id):
-        expect(find("demonstrate-pose-KittingBox-z")).to_have_text(said(before + 2))
+    other.evaluate("emitEvent('teach_key', 'PageUp')")  # as a page might that was changed
+    expect(look("message")).to_contain_text("has the gripper; wait until")
+    press(page, see, "PageUp", 1, frame="KittingBox", axis="z", sign=1, step=2)
+    expect(look("demonstrate-pose-KittingBox-z")).to_have_text(said(before + 2))
+    go(see, "task")  # lets go
+    expect(look("holder-gripper")).to_be_hidden()
+    press(other, look, "PageUp", 1, frame="KittingBox", axis="z", sign=1, step=2)
+    go(see, "demonstrate")
+    expect(see("holder-gripper")).to_contain_text("Another window on this computer has the gripper")
+    expect(see("demonstrate-pose-KittingBox-z")).to_have_text(said(before + 4))
+    other.context.close()
+    expect(see("holder-gripper")).to_be_hidden()
