@@ -6,7 +6,8 @@ import math
 from collections.abc import Callable
 
 from bt_jax.behaviors import Behavior
-from bt_jax.lfd.clustering import NEEDED, Inference
+from bt_jax.lfd.clustering import NEEDED
+from bt_jax.lfd.inference import Inference
 from bt_jax.lfd.learning import LearntSubtask, Lesson
 
 __all__ = ["action_rows", "goal_sentence", "missing_sentence", "order_sentences", "precondition_sentences"]
