@@ -18,7 +18,7 @@ from bt_jax._util.errors import UserError
 from bt_jax.behaviors.nodes import EXTENDED, Control, ExtendedNode, Kind
 from bt_jax.behaviors.symbols import SIGNATURES, Argument, Behavior, Tree
 
-__all__ = ["CONTROLS", "Parser", "Token", "inner_node", "parse_behavior"]
+__all__ = ["CONTROLS", "Parser", "Token", "inner_node", "parse_behavior", "plain"]
 
 CONTROLS = {"Sequence": Kind.SEQUENCE, "Fallback": Kind.FALLBACK}
 Item = TypeVar("Item")
@@ -69,8 +69,13 @@ _LOOKALIKES = str.maketrans({**dict.fromkeys(_SPACES, " "), **dict.fromkeys(_MIN
 _QUOTES = "\"'`\u201c\u201d\u201e\u2018\u2019\u201a\u00ab\u00bb"
 
 
+def plain(text: str) -> str:
+    """Return a text with the spaces and minus signs of typesetters as ASCII, and without a byte order mark."""
+    return text.removeprefix("\ufeff").translate(_LOOKALIKES)
+
+
 def _tokens(text: str) -> list[Token]:
-    text = text.removeprefix("\ufeff").translate(_LOOKALIKES)
+    text = plain(text)
     tokens: list[Token] = []
     line, line_start, at, nesting, fresh = 1, 0, 0, 0, True
     while at < len(text):

@@ -12,15 +12,18 @@ from rich.markup import escape
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.startup import configure_jax
+from bt_jax._util.text_files import read_text
 from bt_jax.commands.arguments import DemonstrateArguments
 from bt_jax.encoding.formats.files import read_tree
 from bt_jax.lfd import DemonstrationFolder, Frames
 from bt_jax.lfd.clustering import NEEDED
 from bt_jax.mjx_env.physics.mujoco import MujocoPhysics
 from bt_jax.tasks import Task, load_task, task_of_folder
-from bt_jax.teaching.script import parse_script, record
+from bt_jax.teaching.script import parse_script, record_one
 
 __all__ = ["run"]
+
+LISTED = 20  # layouts in an error
 
 
 def run(arguments: DemonstrateArguments) -> None:
@@ -39,19 +42,36 @@ def run(arguments: DemonstrateArguments) -> None:
     seed = arguments.seed
     if seed is None:
         seed = len(folder.names()) if folder.path.is_dir() else 0
-    recorded = record(task, physics, script, count=arguments.count, seed=seed, noise=arguments.noise, after=tree)
-    folder.create(Frames.of(task))
-    for demonstration in recorded:
-        named = folder.append(demonstration)
+    problems: dict[int, str] = {}
+    recorded = 0
+    for number in range(seed, seed + arguments.count):
+        try:
+            one = record_one(task, physics, script, number, noise=arguments.noise, after=tree)
+        except UserError as error:
+            problems[number] = str(error)
+            continue
+        if not recorded:
+            folder.create(Frames.of(task))
+            if arguments.after is not None and (arguments.after / "config.json").is_file():
+                folder.remember_run(arguments.after)
+        named = folder.append(one)
+        recorded += 1
         console.print(f"{escape(str(folder.path / named.name))}: {len(named.actions)} actions")
-    if arguments.after is not None and (arguments.after / "config.json").is_file():
-        folder.remember_run(arguments.after)
+    if not recorded:
+        raise UserError(next(iter(problems.values())))
     total = len(folder.names())
     if total < NEEDED:
         console.print(
             f"{total} of {NEEDED} demonstrations: with fewer, every place is taken to be in {task.robot_frame}"
         )
     console.print(f"learn from them with python -m bt_jax.learn {escape(shlex.quote(str(folder.path)))}")
+    if problems:
+        numbers = [str(number) for number in problems]
+        listed = ", ".join(numbers[:LISTED]) + (f" and {len(numbers) - LISTED} others" if len(numbers) > LISTED else "")
+        raise UserError(
+            f"{recorded} of {arguments.count} demonstrations are kept; the script fails in the layouts {listed}, first in "
+            f"{next(iter(problems.values()))}"
+        )
 
 
 def _task(arguments: DemonstrateArguments) -> Task:
@@ -83,12 +103,6 @@ def _edit(console: Console, folder: DemonstrationFolder, arguments: DemonstrateA
 
 def _script_text(given: str) -> str:
     """Return the script itself, or the content of a file of that name."""
-    path = Path(given)
-    try:
-        if not os.path.isfile(given) and not re.fullmatch(r"\S+\.\w+", given):  # long texts make Path.is_file raise
-            return given
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(
-            f"the script {path} cannot be read ({error}); check its name, or write the steps themselves"
-        ) from None
+    if os.path.isfile(given) or re.fullmatch(r"[^;()]+\.\w+", given):  # long texts make Path.is_file raise
+        return read_text(Path(given))
+    return given

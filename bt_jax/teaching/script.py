@@ -1,7 +1,7 @@
 """Demonstrations from a script of what the person at the gripper does, in simulation.
 
 Steps are separated by semicolons or lines: `pick BOX; move (DX, DY, DZ); to (X, Y, Z) FRAME; release`. Positions are those
-of the centre of the box, in metres.
+of the centre of the box, in metres. The rest of a line after # is a comment.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Tree, Vocabulary
+from bt_jax.behaviors.notation import plain
 from bt_jax.encoding.walk import leaves
 from bt_jax.lfd import Demonstration
 from bt_jax.lfd.clustering import NEEDED
@@ -26,7 +27,7 @@ from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Task
 from bt_jax.teaching.teleoperation import Teleoperation
 
-__all__ = ["Input", "parse_script", "perform", "reached_by", "record"]
+__all__ = ["Input", "parse_script", "perform", "reached_by", "record", "record_one"]
 
 DEMONSTRATED = 1 << 21  # seeds of layouts for demonstrations; neither training nor tests use them
 _INPUT = re.compile(
@@ -46,10 +47,11 @@ class Input:
 
 def parse_script(text: str) -> list[Input]:
     """Read a script. Raise UserError, naming the step, if it is invalid."""
-    steps = [step.strip() for step in re.split(r"[;\n]", text) if step.split("#")[0].strip()]
+    lines = (line.partition("#")[0] for line in plain(text).splitlines())
+    steps = [" ".join(step.split()) for line in lines for step in line.split(";") if step.strip()]
     found = []
     for step in steps:
-        match = _INPUT.fullmatch(step.split("#")[0].strip())
+        match = _INPUT.fullmatch(step)
         if match is None:
             raise UserError(f"'{step}' is no step; write pick BOX, move (X, Y, Z), to (X, Y, Z) FRAME, or release")
         if match["pick"]:
@@ -104,13 +106,21 @@ def record(
     after: Tree | None = None,
 ) -> list[Demonstration]:
     """Return demonstrations of one script in `count` layouts, numbered from `seed`; the tree `after` is executed first
-    in each."""
-    found = []
-    for number in range(seed, seed + count):
-        start, rng = sample_layouts(task, [DEMONSTRATED, number], 1), np.random.default_rng([DEMONSTRATED, number])
+    in each. Raise UserError, naming the layout, if the script does not work in one."""
+    return [record_one(task, physics, script, number, noise=noise, after=after) for number in range(seed, seed + count)]
+
+
+def record_one(
+    task: Task, physics: Physics, script: Sequence[Input], number: int, *, noise: float = 0.0, after: Tree | None = None
+) -> Demonstration:
+    """Return the demonstration in one layout, as `record` does. Raise UserError, naming the layout, if the script does not
+    work there."""
+    start, rng = sample_layouts(task, [DEMONSTRATED, number], 1), np.random.default_rng([DEMONSTRATED, number])
+    try:
         session = Teleoperation(task, physics, start if after is None else reached_by(after, task, physics, start))
-        found.append(perform(session, script, noise=noise, rng=rng))
-    return found
+        return perform(session, script, noise=noise, rng=rng)
+    except UserError as error:
+        raise UserError(f"layout {number}: {error}") from error
 
 
 def reached_by(tree: Tree, task: Task, physics: Physics, start: World) -> World:

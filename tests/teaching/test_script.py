@@ -6,6 +6,7 @@ import shlex
 
 import pytest
 
+from bt_jax import demonstrate
 from bt_jax._util.errors import UserError
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.formats.xml_reader import from_xml
@@ -13,7 +14,7 @@ from bt_jax.gp.config import GPConfig
 from bt_jax.lfd import DemonstrationFolder, Demonstrations, Frames, learn, plan_task
 from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.tasks import load_task, task_of_folder
-from bt_jax.teaching.script import Input, parse_script, record
+from bt_jax.teaching.script import Input, parse_script, record, record_one
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import Settings
@@ -39,6 +40,52 @@ def test_scripts_are_read():
 def test_invalid_scripts(text):
     with pytest.raises(UserError, match="write"):
         parse_script(text)
+
+
+def test_scripts_come_from_any_editor():
+    text = "\ufeffpick BlueBox  # take it; then\r\nto (0,\u00a00, \u22120.1) GreenBox;release # done; really"
+    assert parse_script(text) == [Input("pick", "BlueBox"), Input("to", "GreenBox", (0.0, 0.0, -0.1)), Input("release")]
+
+
+EDGE = "pick BlueBox; to (0.25, 0, 0) GreenBox; release"  # in some layouts the box falls beside the table
+
+
+def demonstrated(capsys, *words):
+    """What the command says on stderr, and its exit code."""
+    with pytest.raises(SystemExit) as end:
+        demonstrate.main(list(map(str, words)))
+    return capsys.readouterr().err, end.value.code
+
+
+def test_a_layout_in_which_a_script_fails_costs_only_itself(tmp_path, capsys):
+    said, code = demonstrated(capsys, tmp_path / "demos", EDGE, "--count", 6)
+    assert code == 2
+    assert said.startswith(
+        "error: 3 of 6 demonstrations are kept; the script fails in the layouts 0, 3, 5, first in layout 0: "
+    )
+    assert "BlueBox would fall to the floor" in said
+    folder = DemonstrationFolder(tmp_path / "demos")
+    assert folder.names() == [one.name for one in folder.read()] == ["demo1", "demo2", "demo3"]
+
+
+def test_demonstrations_that_are_whole_are_kept_when_somebody_presses_ctrl_c(tmp_path, capsys, monkeypatch):
+    def interrupted(task, physics, script, number, **options):
+        if number == 2:
+            raise KeyboardInterrupt
+        return record_one(task, physics, script, number, **options)
+
+    monkeypatch.setattr("bt_jax.commands.demonstrate.record_one", interrupted)
+    assert demonstrated(capsys, tmp_path / "demos", SCRIPT, "--count", 20) == ("stopped\n", 130)
+    assert [one.name for one in DemonstrationFolder(tmp_path / "demos").read()] == ["demo1", "demo2"]
+
+
+def test_a_script_is_read_from_an_existing_file_whatever_its_name(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("my script.txt", "pick BlueBox", "größer; 箱.txt"):
+        (tmp_path / name).write_text(SCRIPT, encoding="utf-8-sig")
+        assert demonstrated(capsys, f"demos of {name}", name, "--count", 1) == ("", 0)
+    said, code = demonstrated(capsys, "demos", "your script.txt")
+    assert (said, code) == ("error: there is no file your script.txt; check the path\n", 2)
 
 
 def test_the_lesson_is_what_was_scripted():

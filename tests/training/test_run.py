@@ -116,6 +116,15 @@ def test_a_checkpoint_with_other_behaviors_is_refused_and_nothing_changes(done, 
     assert {path.name: path.read_bytes() for path in folder.path.iterdir()} == before
 
 
+def test_no_folder_is_made_for_a_task_that_cannot_be_simulated(tmp_path):
+    pills = tuple(dataclasses.replace(box, size=0.0003) for box in CONFIG.task.boxes)
+    task = dataclasses.replace(CONFIG.task, boxes=pills)
+    config = dataclasses.replace(CONFIG, task=task, settings=Settings(backend="mujoco"))
+    with pytest.raises(UserError, match=r"MuJoCo cannot simulate the task stack .*mjMINVAL.*; change the sizes"):
+        TrainingRun(RunFolder(tmp_path / "run"), config)
+    assert not list(tmp_path.iterdir())
+
+
 def test_evolve_gives_what_a_run_in_a_folder_gives(done):
     result = evolve(CONFIG.task, GP, SETTINGS)
     assert (result.trees, result.episodes) == (done[2].trees, done[2].episodes)

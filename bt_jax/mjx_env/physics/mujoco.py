@@ -32,6 +32,7 @@ class MujocoPhysics:
         self._pool = Rollout(nthread=self.threads if self.threads > 1 else 0)
         self._data: dict[int, list[mujoco.MjData]] = {}
         self._models: dict[bytes, mujoco.MjModel] = {}
+        self._model(bytes([1] * len(task.boxes)))  # says before anything begins if MuJoCo refuses the task
 
     def settle(
         self, kit: Float32[np.ndarray, "S 3"], poses: Float32[np.ndarray, "S B 7"], present: Bool[np.ndarray, "S B"]

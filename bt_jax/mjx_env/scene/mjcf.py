@@ -14,6 +14,7 @@ from collections.abc import Iterable, Sequence
 import mujoco
 import numpy as np
 
+from bt_jax._util.errors import UserError
 from bt_jax.tasks import Box, Kit, Task
 
 __all__ = ["SceneIds", "Timing", "build_mjcf", "compile_scene", "kit_height", "resolve_ids", "timing"]
@@ -148,8 +149,15 @@ def resolve_ids(model: mujoco.MjModel, task: Task) -> SceneIds:
 def compile_scene(
     task: Task, boxes: tuple[str, ...] | None = None, gripper: bool = False
 ) -> tuple[mujoco.MjModel, SceneIds]:
-    """Return the compiled scene and its indices; kept per task and set of boxes, so do not change the model."""
-    model = mujoco.MjModel.from_xml_string(build_mjcf(task, boxes, gripper=gripper))
+    """Return the compiled scene and its indices; kept per task and set of boxes, so do not change the model. Raise UserError
+    if MuJoCo refuses it."""
+    try:
+        model = mujoco.MjModel.from_xml_string(build_mjcf(task, boxes, gripper=gripper))
+    except ValueError as error:
+        problem = "; ".join(str(error).removeprefix("Error: ").splitlines())
+        raise UserError(
+            f"MuJoCo cannot simulate the task {task.name} ({problem}); change the sizes or densities"
+        ) from error
     return model, resolve_ids(model, task)
 
 
