@@ -235,3 +235,30 @@ def test_the_command_line_exits_with_2(tmp_path):
     assert done.returncode == 2
     assert done.stderr.startswith("error: there is no file")
     assert done.stderr.count("\n") == 1
+
+
+def test_trees_of_other_programs(tmp_path):
+    """Attempts, memory and a main tree that is not named; many layouts, too."""
+    path = tmp_path / "groot.xml"
+    path.write_text("""<root BTCPP_format="4">
+      <BehaviorTree ID="Put"><Sequence><Pick object="{object}"/>
+        <Place object="{object}" position="{where}" frame="KittingBox"/></Sequence></BehaviorTree>
+      <BehaviorTree ID="Main"><RetryUntilSuccessful num_attempts="3">
+        <SubTree ID="Put" object="YellowBox" where="0;0;0.055"/></RetryUntilSuccessful></BehaviorTree></root>""")
+    text = shown(source=path, verbose=True)
+    assert "RetryUntilSuccessful 3" in text
+    assert "ending     SUCCESS at tick 3" in text
+    assert "0 of 2 layouts" in shown(source=path, layouts=2)
+    exported = tmp_path / "again.xml"
+    shown(source=path, export=exported)
+    assert read_tree(exported) == read_tree(path)
+    with pytest.raises(UserError, match="cannot be simplified, it has RetryUntilSuccessful 3"):
+        shown(source=path, simplify=True)
+
+
+def test_a_tree_of_300_nodes_runs_in_many_layouts(tmp_path):
+    path = tmp_path / "large.txt"
+    path.write_text(STACK + "  reachable(YellowBox)\n" * 297)
+    assert "2 of 2 layouts" in shown(source=path, layouts=2)
+    with pytest.raises(UserError, match="it has 300 nodes; give Sequences and Fallbacks, 250 nodes at most"):
+        shown(source=path, simplify=True)

@@ -17,18 +17,16 @@ from bt_jax._util.startup import configure_jax
 from bt_jax.behaviors import Behavior, Tree, Vocabulary, expand
 from bt_jax.commands.arguments import RunArguments
 from bt_jax.deploy.commands.arguments import TwinArguments
-from bt_jax.encoding.arrays import encode_all
 from bt_jax.encoding.drawing.svg import to_svg
 from bt_jax.encoding.drawing.terminal import draw_text, to_dot
 from bt_jax.encoding.formats.files import read_tree
 from bt_jax.encoding.formats.text import format_tree
 from bt_jax.encoding.formats.xml import to_xml
-from bt_jax.encoding.limits import MAX_NODES
 from bt_jax.encoding.tick import Status
 from bt_jax.encoding.walk import leaves, prefix
-from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
 from bt_jax.mjx_env.episodes.playback import Playback, Tick, play
 from bt_jax.mjx_env.episodes.rules import Ending
+from bt_jax.mjx_env.episodes.survey import survey
 from bt_jax.mjx_env.physics.mujoco import MujocoPhysics
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.physics.settler import Settler
@@ -168,8 +166,7 @@ def _survey(console: Console, semantics: LeafSemantics, physics: Physics, tree: 
     task = semantics.task
     seeds = range(arguments.seed, arguments.seed + arguments.layouts)
     layouts = concatenate([_layout(task, seed) for seed in seeds])
-    trees = encode_all([tree], semantics.vocabulary, MAX_NODES)
-    result: Evaluation = TableEvaluator(semantics, physics, batch=1)(trees, layouts)
+    result = survey(semantics, physics, tree, layouts)
     solved, values = result.solved[0], result.values[0]
     console.print(
         f"success    [bold]{solved.sum()} of {len(solved)}[/] layouts ({100 * solved.mean():.0f} %)\n"

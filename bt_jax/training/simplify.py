@@ -5,11 +5,13 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 
+from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Control, Tree, Vocabulary
 from bt_jax.encoding.arrays import encode_all, violations
 from bt_jax.encoding.limits import MAX_NODES
-from bt_jax.encoding.walk import leaves, prefix
+from bt_jax.encoding.walk import extended_nodes, leaves, prefix
 from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
+from bt_jax.mjx_env.episodes.survey import fits_arrays
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.world import World
@@ -44,8 +46,15 @@ def smaller_trees(tree: Tree) -> list[Tree]:
 def simplify(task: Task, physics: Physics, tree: Tree, layouts: World) -> Simplification:
     """Remove whatever changes neither the fitness, apart from the cost of nodes, nor success in any of K layouts.
 
-    All single removals are tried in one batch, the smallest tree that is as good stays, until none is.
+    All single removals are tried in one batch, the smallest tree that is as good stays, until none is. Raise UserError if
+    the tree is too large, or not of Sequences and Fallbacks.
     """
+    if not fits_arrays(tree):
+        extended = extended_nodes(tree)
+        found = extended[0].label if extended else f"{len(prefix(tree))} nodes"
+        raise UserError(
+            f"the tree cannot be simplified, it has {found}; give Sequences and Fallbacks, {MAX_NODES} nodes at most"
+        )
     semantics = LeafSemantics(task, Vocabulary.of(leaves(tree)))
     evaluator = TableEvaluator(semantics, physics, batch=BATCH)
 

@@ -12,9 +12,8 @@ import numpy as np
 from jaxtyping import Float32, Int32
 from rich.console import Console
 
-from bt_jax._util.errors import UserError
 from bt_jax.behaviors import FIRST_LEAF, Behavior, Tree, gene_pool
-from bt_jax.encoding.arrays import Trees, decode, encode, violations
+from bt_jax.encoding.arrays import Trees, decode, encode
 from bt_jax.encoding.walk import leaves
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.config import GPConfig
@@ -28,6 +27,7 @@ from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.world import World, concatenate, take
 from bt_jax.tasks import Task
 from bt_jax.training.bar import GenerationBar, is_interactive
+from bt_jax.training.baseline import evolvable
 from bt_jax.training.checkpoint import Checkpoint
 from bt_jax.training.levels import make_level, make_settle
 from bt_jax.training.result import Failures, Result, Test
@@ -56,7 +56,8 @@ class Training:
         config.check()
         settings.check()
         self.task, self.config, self.settings = task, config, settings
-        own = [] if baseline is None else _checked_leaves(baseline, config)
+        baseline = None if baseline is None else evolvable(baseline, config)
+        own = [] if baseline is None else leaves(baseline)
         self.vocabulary = gene_pool(task).extended([*extra_leaves, *own])
         self.level = make_level(task, settings)
         self.run_config = _pinned(RunConfig(task, config, settings, baseline, extra_leaves), self.level.name)
@@ -170,17 +171,6 @@ def _pinned(config: RunConfig, level: str) -> RunConfig:
     settings: dict[str, Any] = {"backend": level} if config.settings.level == "physics" else {}
     x64 = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]  # JAX makes it while it is imported
     return dataclasses.replace(config, settings=dataclasses.replace(config.settings, **settings), x64=x64)
-
-
-def _checked_leaves(baseline: Tree, config: GPConfig) -> list[Behavior]:
-    """Return the leaves of a baseline. Raise UserError if it breaks a rule of evolved trees."""
-    broken = violations(baseline, gene_under_fallback=config.gene_under_fallback)
-    if broken:
-        remedy = "allow it with --gene-under-fallback" if "directly under a Fallback" in broken[0] else "fix the tree"
-        raise UserError(
-            f"the baseline cannot be evolved: {broken[0]}; {remedy}", code="gene under fallback", problem=broken[0]
-        )
-    return leaves(baseline)
 
 
 def evolve(

@@ -22,6 +22,7 @@ from bt_jax.deploy.execution.settings import Limits
 from bt_jax.deploy.execution.statuses import Context
 from bt_jax.encoding.drawing.terminal import draw_text
 from bt_jax.encoding.formats.text import parse_tree
+from bt_jax.encoding.interpret import TreeMemory
 from bt_jax.encoding.status import Status
 from bt_jax.tasks import task_from_dict
 
@@ -70,6 +71,7 @@ def _replayed(
     program: Program, start: Mapping[str, Any], entries: Iterable[tuple[int, dict[str, Any]]], damage: Damage
 ) -> Iterator[Replayed]:
     tree, patience = expand(program.tree), start.get("limits", {}).get("look", Limits().look)
+    memory = TreeMemory()
     for number, entry in entries:
         if entry["kind"] == "tick" and entry["statuses"] is not None:
             tick = None
@@ -77,7 +79,8 @@ def _replayed(
                 seen = Observation.from_dict(entry["seen"])
                 context, sight = _context(entry["context"], seen), _sight(entry)
                 now = entry.get("time", seen.time)
-                decision = decide(program, tree, seen, context, sight, now=now, patience=patience)
+                decision = decide(program, tree, seen, context, sight, memory, now=now, patience=patience)
+                memory = decision.memory
                 phase = str(decision.step) if "sight" in entry else None
                 if phase == Step.STARTING and start.get("dry"):
                     phase = f"would start {decision.wanted}"

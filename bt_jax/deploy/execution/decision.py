@@ -9,7 +9,7 @@ from bt_jax.behaviors import Behavior, Tree
 from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.program import Program
 from bt_jax.deploy.execution.statuses import Context, Statuses
-from bt_jax.encoding.interpret import TreeTick, tick_tree
+from bt_jax.encoding.interpret import TreeMemory, TreeTick, tick_tree
 from bt_jax.encoding.walk import prefix
 
 __all__ = ["Decision", "Sight", "Step", "decide"]
@@ -46,27 +46,39 @@ class Sight:
 
 @dataclasses.dataclass(frozen=True)
 class Decision:
-    """One tick of a tree, the sight after it, the action that the tree wants, the next step, and the subgoals that count as
-    reached from now on."""
+    """One tick of a tree, the sight after it, the action that the tree wants, the next step, the subgoals that count as
+    reached from now on, and what the nodes remember. A tick that is not acted upon, since something is not seen, is not
+    remembered."""
 
     ticked: TreeTick
     sight: Sight
     wanted: Behavior | None
     step: Step
     reached: frozenset[str]
+    memory: TreeMemory
 
 
 def decide(
-    program: Program, tree: Tree, seen: Observation, context: Context, sight: Sight, *, now: float, patience: float
+    program: Program,
+    tree: Tree,
+    seen: Observation,
+    context: Context,
+    sight: Sight,
+    memory: TreeMemory,
+    *,
+    now: float,
+    patience: float,
 ) -> Decision:
-    """Tick an expanded tree and say what follows. `patience` [s]: how long after a look what is not seen may yet be seen."""
+    """Tick an expanded tree and say what follows. `memory` is that of the decision before; `patience` [s]: how long after a
+    look what is not seen may yet be seen."""
     statuses = Statuses(program.task, seen, context)
-    ticked = tick_tree(tree, statuses)
+    ticked = tick_tree(tree, statuses, memory, time=now)
     sight = sight.after(frozenset(statuses.undecided))
     node = None if ticked.running is None else prefix(tree)[ticked.running]
     wanted = node if isinstance(node, Behavior) else None
     step = _step(context.attempt, wanted, sight, blind=sight.blind(now, patience))
-    return Decision(ticked, sight, wanted, step, frozenset(statuses.ticked))
+    kept = memory if step in (Step.LOOKING, Step.UNSEEN) else ticked.memory
+    return Decision(ticked, sight, wanted, step, frozenset(statuses.ticked), kept)
 
 
 def _step(attempt: Behavior | None, wanted: Behavior | None, sight: Sight, *, blind: bool) -> Step:

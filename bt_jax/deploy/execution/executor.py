@@ -13,12 +13,12 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, NoReturn
 
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax._util.errors import UserError
-from bt_jax.behaviors import Behavior, expand
+from bt_jax.behaviors import Behavior, expand, not_memoryless
 from bt_jax.deploy.execution.action_runner import ActionRunner, Skills
 from bt_jax.deploy.execution.decision import Decision, Sight, Step, decide
 from bt_jax.deploy.execution.log import Log, RunLog, TickEntry
@@ -30,6 +30,7 @@ from bt_jax.deploy.execution.settings import Exit, Limits
 from bt_jax.deploy.execution.statuses import Context, subgoals_by_sight
 from bt_jax.deploy.link.protocol import ControllerGone, RobotLink
 from bt_jax.deploy.link.safety import Rejected
+from bt_jax.encoding.interpret import TreeMemory
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import prefix
 
@@ -69,6 +70,8 @@ class Executor:
         self._entries = RunLog(log, link)
         self._last_seen: dict[str, RigidTransform] = {}
         self._reached: frozenset[str] = frozenset()
+        self._memory = TreeMemory()
+        self._memoryless = not_memoryless(self.tree) is None
         self._undecided: frozenset[Behavior] = frozenset()  # conditions, at the last tick
         self._since: tuple[Status, float] = (Status.RUNNING, 0.0)  # what the tree returns, and since when
         self._time = 0.0  # s, when the link was last asked for it
@@ -120,7 +123,8 @@ class Executor:
         elif now < self.runner.rest_at:
             phase = "settling"
         else:
-            decision = decide(self.program, self.tree, seen, context, sight, now=now, patience=self.limits.look)
+            patience = self.limits.look
+            decision = decide(self.program, self.tree, seen, context, sight, self._memory, now=now, patience=patience)
             phase = self._act(decision, seen, now)
         self.overruns += self.link.now() - now > self.limits.tick  # never where time is simulated: it waits for us
         self._record(TickEntry(now, seen, context, sight, decision, phase, time.monotonic() - began))
@@ -150,7 +154,9 @@ class Executor:
         self.runner.forgive(self.program.task, seen)
         self.runner.looked, self._undecided = decision.sight.looked, decision.sight.undecided
         self._reached |= decision.reached
-        ticked, wanted = decision.ticked, decision.wanted
+        self._memory, ticked, wanted = decision.memory, decision.ticked, decision.wanted
+        if not self._memoryless and ticked.status != Status.RUNNING and decision.step in (Step.HALTING, Step.WAITING):
+            self._conclude(ticked.status, decision.sight.undecided, now)
         if self.runner.action is None and decision.step != Step.WAITING:
             self._since = (Status.RUNNING, now)
         match decision.step:
@@ -176,16 +182,23 @@ class Executor:
                 self.runner.look(now)
         lasted = now - self._since[1]
         if status == Status.SUCCESS and not self.runner.looking and lasted >= self.limits.success:
+            self._conclude(status, undecided, now)
+        if status == Status.FAILURE and lasted >= self.limits.patience:
+            self._conclude(status, undecided, now)
+
+    def _conclude(self, status: Status, undecided: frozenset[Behavior], now: float) -> NoReturn:
+        """Raise Halt, since the tree has succeeded or failed for good. A tree that is not memoryless does so at once: ticked
+        again, it would begin from the start."""
+        if status == Status.SUCCESS:
             wrong = self.verify()
             raise Halt(
                 f"the tree has succeeded{wrong and f', but {wrong}'}", Exit.FAILED if wrong else Exit.DONE, status
             )
-        if status == Status.FAILURE and lasted >= self.limits.patience:
-            unseen = sorted({name for c in undecided for name in (c.object, c.frame) if name is not None})
-            why = [f"{action} failed {count} times" for action, count in self.runner.failures.items()]
-            why += [f"{name} is out of reach" for name in self._reach.known_unreachable()]
-            why += [f"one of {', '.join(unseen)} is not seen"] if unseen else []
-            raise self._failed(f"the tree has failed{': ' if why else ''}{'; '.join(why)}", now, status)
+        unseen = sorted({name for c in undecided for name in (c.object, c.frame) if name is not None})
+        why = [f"{action} failed {count} times" for action, count in self.runner.failures.items()]
+        why += [f"{name} is out of reach" for name in self._reach.known_unreachable()]
+        why += [f"one of {', '.join(unseen)} is not seen"] if unseen else []
+        raise self._failed(f"the tree has failed{': ' if why else ''}{'; '.join(why)}", now, status)
 
     def _failed(self, reason: str, now: float, status: Status = Status.RUNNING) -> Halt:
         """Bring the arms to rest, and return the end of a run that has failed."""

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float32, Int32
 
-from bt_jax.behaviors import Behavior, Tree
-from bt_jax.encoding.interpret import tick_tree
+from bt_jax.behaviors import Behavior, Tree, not_memoryless
+from bt_jax.encoding.interpret import TreeMemory, TreeTick, tick_tree
 from bt_jax.encoding.tick import Status
 from bt_jax.encoding.walk import prefix
 from bt_jax.mjx_env.episodes.fitness import fitness, subgoals_missed, target_distances
@@ -27,7 +27,9 @@ from bt_jax.mjx_env.semantics import LeafSemantics, command_of, subgoals_of
 from bt_jax.mjx_env.skills import act, reach, settled_world
 from bt_jax.mjx_env.world import World
 
-__all__ = ["EpisodeState", "Playback", "Tick", "play"]
+__all__ = ["SECONDS_PER_TICK", "EpisodeState", "Playback", "Tick", "play"]
+
+SECONDS_PER_TICK = 2.5  # on the clock of Timeouts, as in the published simulation
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,6 +76,7 @@ class EpisodeState:
     tree: Tree
     world: World  # a batch of one state (NumPy)
     tally: Tally = dataclasses.field(default_factory=lambda: fresh_tally(1))
+    memory: TreeMemory = dataclasses.field(default_factory=TreeMemory)
 
     @property
     def ending(self) -> Ending:
@@ -83,19 +86,46 @@ class EpisodeState:
     def tick(self) -> tuple[Tick, EpisodeState]:
         """Return the next tick, and the episode after it. Raises UserError if a leaf is not in the vocabulary."""
         rules = self.semantics.task.episode
-        statuses, command, subgoals = _tick(self.semantics, self.tree, self.world, exhausted=used_up(self.tally, rules))
+        memoryless = not_memoryless(self.tree) is None
+        if not memoryless:  # ticked again after its SUCCESS, it would begin from the start
+            rules = dataclasses.replace(rules, success_ticks=1)
+        ticked, command, subgoals, again = self._ticked(exhausted=used_up(self.tally, rules), fails_once=not memoryless)
         after, sane = reach(self.world, subgoals), True
         if command != NO_COMMAND:
             after, sane = _execute(self.semantics, self.settler, after, command)
+        before = dataclasses.replace(self.tally, command=np.array([NO_COMMAND], np.int32)) if again else self.tally
         tally = count_tick(
-            self.tally,
-            np.array([statuses[0]], np.int8),
+            before,
+            np.array([ticked.status], np.int8),
             np.array([command], np.int32),
             np.array([not sane]),
             rules,
         )
         ran = None if command == NO_COMMAND else self.semantics.commands[command]
-        return Tick(statuses, ran, self.world, after), dataclasses.replace(self, world=after, tally=tally)
+        following = dataclasses.replace(self, world=after, tally=tally, memory=ticked.memory)
+        return Tick(ticked.statuses, ran, self.world, after), following
+
+    def _ticked(
+        self, *, exhausted: Int32[np.ndarray, "1"], fails_once: bool
+    ) -> tuple[TreeTick, int, Int32[np.ndarray, "1"], bool]:
+        """Return the tick of the tree, the command that runs or NO_COMMAND, the subgoals that the tree ticks, as bits, and
+        whether the `exhausted` command, which has failed, has begun again: where it `fails_once`, a loop tries it again."""
+        outcomes = self.semantics.outcomes(self.world)
+        running, subgoals, again = NO_COMMAND, np.zeros(1, np.int32), False
+
+        def status_of(leaf: Behavior, _: int) -> Status:
+            nonlocal running, subgoals, again
+            token = self.semantics.vocabulary.token(leaf)
+            spent = np.array([NO_COMMAND], np.int32) if again else exhausted
+            outcome = resolve(outcomes[0, :, token], outcomes[1, :, token], spent)
+            again = again or (fails_once and bool(outcome[0] != outcomes[0, 0, token]))
+            status, subgoals = Status(outcome[0] & 3), subgoals | subgoals_of(outcome)
+            if status == Status.RUNNING:
+                running = int(command_of(outcome)[0])
+            return status
+
+        time = SECONDS_PER_TICK * int(self.tally.ticks[0])
+        return tick_tree(self.tree, status_of, self.memory, time=time), running, subgoals, again
 
 
 def play(semantics: LeafSemantics, settler: Settler, tree: Tree, layout: World) -> Playback:
@@ -108,26 +138,6 @@ def play(semantics: LeafSemantics, settler: Settler, tree: Tree, layout: World) 
         tick, episode = episode.tick()
         ticks.append(tick)
     return _playback(semantics, tree, layout, ticks, episode.ending)
-
-
-def _tick(
-    semantics: LeafSemantics, tree: Tree, world: World, *, exhausted: Int32[np.ndarray, "1"]
-) -> tuple[tuple[Status | None, ...], int, Int32[np.ndarray, "1"]]:
-    """Return the statuses of all nodes, the command that runs or NO_COMMAND, and the subgoals that the tree ticks, as bits;
-    the `exhausted` command has failed."""
-    outcomes = semantics.outcomes(world)
-    running, subgoals = NO_COMMAND, np.zeros(1, np.int32)
-
-    def status_of(leaf: Behavior, _: int) -> Status:
-        nonlocal running, subgoals
-        token = semantics.vocabulary.token(leaf)
-        outcome = resolve(outcomes[0, :, token], outcomes[1, :, token], exhausted)
-        status, subgoals = Status(outcome[0] & 3), subgoals | subgoals_of(outcome)
-        if status == Status.RUNNING:
-            running = int(command_of(outcome)[0])
-        return status
-
-    return tick_tree(tree, status_of).statuses, running, subgoals
 
 
 def _execute(semantics: LeafSemantics, settler: Settler, world: World, command: int) -> tuple[World, bool]:

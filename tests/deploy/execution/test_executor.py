@@ -5,9 +5,11 @@ import numpy as np
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, Control
+from bt_jax.deploy.commands.replay import replay
 from bt_jax.deploy.execution.log import Log
 from bt_jax.deploy.execution.log_reader import read_log
 from bt_jax.deploy.execution.settings import Exit, Limits
+from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.status import Status
 from bt_jax.mjx_env.episodes.playback import play
 from tests.helpers.ideal import SEMANTICS, SETTLER, STACK3, TASK, IdealCell
@@ -258,3 +260,40 @@ def test_a_run_whose_clock_has_died_is_stopped_and_logged(tmp_path):
     end = list(read_log(log.path))[-1]
     assert (end["kind"], end["exit_code"]) == ("end", Exit.STOPPED)
     assert "link ended" in end["reason"]
+
+
+STEPS = "pick(YellowBox), place(YellowBox, (0, 0, 0.055), KittingBox)"
+
+
+def test_steps_with_memory_are_done_once_and_replay_the_same(tmp_path):
+    path = tmp_path / "log.jsonl"
+    with Log(path) as log:
+        cell = IdealCell(parse_tree(f"Sequence(Inverter(gripper(closed)), ResumingSequence({STEPS}))"), log=log)
+        outcome = cell.executor.run()
+    assert (outcome.exit_code, outcome.status) == (
+        Exit.FAILED,
+        Status.FAILURE,
+    )  # the gripper is closed once it holds the box
+    with Log(tmp_path / "again.jsonl") as log:
+        cell = IdealCell(parse_tree(f"RetryUntilSuccessful(2, ResumingSequence({STEPS}))"), log=log)
+        outcome = cell.executor.run()
+    assert (outcome.exit_code, outcome.reason) == (Exit.DONE, "the tree has succeeded")
+    assert [action.name for action in cell.skills.started] == ["pick", "place"]
+    assert all(tick.same for one in (path, tmp_path / "again.jsonl") for tick in replay(one))
+
+
+def test_a_timeout_breaks_an_attempt_off_and_ends_the_run():
+    cell = IdealCell(parse_tree(f"Timeout(300, ResumingSequence({STEPS}))"), limits=Limits(patience=1000.0))
+    cell.skills.polls = 100
+    outcome = cell.executor.run()
+    assert (outcome.exit_code, outcome.status) == (Exit.FAILED, Status.FAILURE)
+    assert cell.skills.cancelled == [PICK["YellowBox"]]
+    assert outcome.seconds < 10.0
+
+
+def test_what_is_not_seen_uses_no_attempt_up():
+    tree = parse_tree("RetryUntilSuccessful(2, Sequence(reachable(YellowBox), pick(YellowBox)))")
+    cell = IdealCell(tree)
+    cell.hide.add("YellowBox")
+    cell.on_tick = lambda shown: cell.hide.clear() if len(cell.shown) > 5 else None
+    assert cell.executor.run().exit_code == Exit.DONE

@@ -1,0 +1,41 @@
+"""One tree in many layouts, also a tree that arrays cannot hold."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bt_jax.behaviors import Tree
+from bt_jax.encoding.arrays import encode_all
+from bt_jax.encoding.limits import MAX_NODES
+from bt_jax.encoding.walk import extended_nodes, prefix
+from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
+from bt_jax.mjx_env.episodes.fitness import subgoals_missed
+from bt_jax.mjx_env.episodes.playback import play
+from bt_jax.mjx_env.physics.protocol import Physics
+from bt_jax.mjx_env.physics.settler import Settler
+from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.mjx_env.world import World, take
+
+__all__ = ["fits_arrays", "survey"]
+
+
+def fits_arrays(tree: Tree) -> bool:
+    """Return whether compiled code can tick a tree: one of Sequences and Fallbacks that is not too large."""
+    return not extended_nodes(tree) and len(prefix(tree)) <= MAX_NODES
+
+
+def survey(semantics: LeafSemantics, physics: Physics, tree: Tree, layouts: World) -> Evaluation:
+    """Return the episodes of a tree in K layouts (NumPy), P = 1. Compiled code ticks the tree if it can, with the same
+    result as plain Python."""
+    if fits_arrays(tree):
+        return TableEvaluator(semantics, physics, batch=1)(encode_all([tree], semantics.vocabulary, MAX_NODES), layouts)
+    settler = Settler(semantics.task, physics)
+    played = [play(semantics, settler, tree, take(layouts, slice(k, k + 1))) for k in range(layouts.held.shape[0])]
+    return Evaluation(
+        values=np.array([[one.fitness for one in played]], np.float32),
+        ending=np.array([[one.ending for one in played]], np.int8),
+        ticks=np.array([[len(one.ticks) for one in played]], np.int32),
+        distance=np.array([[one.distance for one in played]], np.float32),
+        subgoals_missed=np.array([[subgoals_missed(one.final)[0] for one in played]], np.int32),
+        solved=np.array([[one.solved for one in played]], bool),
+    )
