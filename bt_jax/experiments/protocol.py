@@ -90,7 +90,7 @@ EXPERIMENTS = (
                   pick BlueBox; to (-0.3, -1.3, 0.75) base_link; release""",
         demonstrations=1,
         use="subgoal",
-        wanted=-70.0,
+        wanted=-100.0,
         baseline_index=0,
     ),
 )

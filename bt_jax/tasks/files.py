@@ -24,6 +24,8 @@ SUBGOALS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {"unstacked": ("holding(nothing)", "reachable({box})", "clear({box})")}  # every box rests on a table or in the kit
 )
 
+BEFORE: Mapping[str, str] = MappingProxyType({"subgoal_reward": "seen"})  # key -> what holds where it is not kept
+
 EXAMPLES: Mapping[str, str] = MappingProxyType(
     {  # key -> what to write for it
         "name": "YellowBox",
@@ -65,19 +67,23 @@ def task_of_folder(folder: Path) -> Task | None:
     """
     config, own = folder / "config.json", folder / "task.yaml"
     if not config.is_file():
-        return load_task(own) if own.is_file() else None
+        return task_from_dict(_read(own), source=str(own), kept=True) if own.is_file() else None
     try:
         data = read_json(config)["task"]
     except (KeyError, TypeError) as error:
         raise UserError(f"{config} says no task; restore it, or name the task with --task") from error
-    return task_from_dict(data, source=str(config))
+    return task_from_dict(data, source=str(config), kept=True)
 
 
-def task_from_dict(data: Any, *, source: str) -> Task:
-    """Build a task from a mapping as in the YAML files and check it; `source` is named in errors."""
+def task_from_dict(data: Any, *, source: str, kept: bool = False) -> Task:
+    """Build a task from a mapping as in the YAML files and check it; `source` is named in errors.
+
+    If the program has `kept` it, in a run folder, a log or a draft, a key that it lacks means what held before there was
+    that key.
+    """
     if not isinstance(data, Mapping):
         raise UserError(f"{source}: the task must be a mapping, found {data!r}; see bt_jax/tasks/stack.yaml")
-    data = {"description": "", **data}
+    data = {"description": "", **(BEFORE if kept else {}), **data}
     data.pop("extends", None)
     if isinstance(data.get("subgoals"), list | tuple):
         data["subgoals"] = [_subgoal(entry, source) for entry in data["subgoals"]]

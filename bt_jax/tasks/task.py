@@ -154,7 +154,7 @@ class Task:
     episode: Episode = Episode()
     weights: Weights = Weights()
     subgoals: tuple[Subgoal, ...] = ()
-    subgoal_reward: SubgoalReward = "seen"
+    subgoal_reward: SubgoalReward = "ticked"
     robot_frame: str = "base_link"
     robot_position: Vec3 = (0.0, 1.0, 0.05)
     gripper_opening: float = 0.2

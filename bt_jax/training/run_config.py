@@ -95,7 +95,7 @@ class RunConfig:
             content = decode(data, _Content, source)
             baseline = None if content.baseline is None else parse_tree(content.baseline)
             extra = tuple(map(parse_leaf, content.extra_leaves))
-            task = task_from_dict(content.task, source=str(source))
+            task = task_from_dict(content.task, source=str(source), kept=True)
         except UserError as error:
             version = data.get("version") if isinstance(data, dict) else None
             if isinstance(version, str) and version != package_version():

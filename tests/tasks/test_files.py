@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bt_jax._util.errors import UserError
-from bt_jax.tasks import load_task, task_from_dict, task_names
+from bt_jax.tasks import load_task, task_from_dict, task_names, task_of_folder
 
 LAST = "\ntargets: [{object: YellowBox, position: [0, 0, 0.052], frame: KittingBox}]\n"
 
@@ -191,14 +191,21 @@ def test_any_value_is_a_task_or_a_user_error(key, value):
         assert task_from_dict(task.to_dict(), source="again") == task
 
 
-def test_subgoals_are_reached_by_sight_unless_the_task_says_otherwise(tmp_path):
-    """So they were in every task and run folder that does not say."""
+def test_a_subgoal_has_to_be_ticked_unless_the_task_says_otherwise(tmp_path):
     assert load_task("restack").subgoal_reward == "ticked"
+    mine = tmp_path / "mine.yaml"
+    for rule in ("seen", "ticked"):
+        mine.write_text(yaml.safe_dump({"extends": "restack", "name": "mine", "subgoal_reward": rule}))
+        assert load_task(mine).subgoal_reward == rule
+    mine.write_text(yaml.safe_dump({"extends": "stack", "name": "mine", "subgoals": ["unstacked"]}))
+    assert load_task(mine).subgoal_reward == "ticked"
+
+
+@pytest.mark.parametrize("kept", ["config.json", "task.yaml"])
+def test_tasks_that_were_kept_before_there_was_a_rule_for_subgoals_and_with_another_range_keep_theirs(tmp_path, kept):
     older = load_task("restack").to_dict()
     del older["subgoal_reward"]
-    assert task_from_dict(older, source="config.json").subgoal_reward == "seen"
-    mine = tmp_path / "mine.yaml"
-    mine.write_text(yaml.safe_dump({"extends": "stack", "name": "mine", "subgoals": ["unstacked"]}))
-    assert load_task(mine).subgoal_reward == "seen"
-    mine.write_text(yaml.safe_dump({"extends": "restack", "name": "mine"}))
-    assert load_task(mine).subgoal_reward == "ticked"
+    older["layout"]["margin"] = 0.125
+    (tmp_path / kept).write_text(json.dumps({"task": older} if kept == "config.json" else older))
+    task = task_of_folder(tmp_path)
+    assert (task.subgoal_reward, task.layout.margin) == ("seen", 0.125)

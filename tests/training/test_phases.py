@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -203,3 +204,10 @@ def test_a_phase_that_was_killed_at_its_beginning_goes_on(two_phases, on_top, tm
     ours, theirs = (np.load(path / "checkpoint.npz") for path in (folder, two_phases))
     for name in ours.files:
         np.testing.assert_array_equal(ours[name], theirs[name])
+
+
+def test_a_run_from_before_there_was_a_rule_for_subgoals_goes_on_with_its_own():
+    older = dataclasses.replace(CONFIG, task=dataclasses.replace(RESTACK, subgoal_reward="seen"))
+    data = json.loads(older.to_json())
+    del data["task"]["subgoal_reward"]
+    assert RunConfig.of(data, Path("config.json")) == older

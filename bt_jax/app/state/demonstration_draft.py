@@ -74,7 +74,7 @@ class DemonstrationDraft:
         """Read what `to_json` has written. Raise UserError if it is damaged."""
         try:
             data = json.loads(text)
-            task, start = task_from_dict(data["task"], source="its task"), data["start"]
+            task, start = task_from_dict(data["task"], source="its task", kept=True), data["start"]
             boxes = len(task.boxes)
             world = World(
                 kit=np.array(start["kit"], np.float32).reshape(1, 3),

@@ -53,7 +53,8 @@ def program_of(start: Mapping[str, Any], source: Path) -> Program:
     for key in ("task", "tree", "digest"):
         if key not in start:
             raise UserError(f"{source} lacks the {key}; give the log that a run has written")
-    program = Program(task_from_dict(start["task"], source=str(source)), parse_tree(start["tree"]))
+    task = task_from_dict(start["task"], source=str(source), kept=True)
+    program = Program(task, parse_tree(start["tree"]))
     if program.digest != start["digest"]:
         raise UserError(f"{source} was changed, its tree is not that of its digest; use the log as it was written")
     return program

@@ -60,6 +60,15 @@ def test_layouts_are_as_the_task_says(name, seed):
     assert not layouts.reached.any()  # restack starts stacked; the others have no subgoal
 
 
+@pytest.mark.parametrize("name", ["stack", "stack3", "pyramid", "restack"])
+def test_boxes_start_in_the_published_range(name):
+    """Within 0.175 m of the centre of a table, along both of its edges."""
+    task = load_task(name)
+    xy = sample_layouts(task, 1, 400).poses[..., :2]
+    away = np.abs(xy[:, :, None] - np.array([table.position[:2] for table in task.tables])).max(axis=-1).min(axis=-1)
+    assert 0.17 < away.max() < 0.175 + 1e-4
+
+
 def test_layouts_follow_from_the_seed():
     task = load_task("stack")
     first = sample_layouts(task, 7, 30)
