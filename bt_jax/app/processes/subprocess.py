@@ -12,11 +12,24 @@ from bt_jax._util.errors import UserError
 __all__ = ["NICE", "last_words", "run_command"]
 
 NICE = 10  # the page comes first on a busy machine
+AT_ONCE = 2  # commands, whoever presses what how often
+
+_running: set[object] = set()
 
 
 async def run_command(module: str, words: Sequence[str], *, otherwise: str) -> None:
     """Run python -m MODULE WORDS to its end. If it fails, raise UserError with the last line that it printed, or with
-    `otherwise` if it printed nothing."""
+    `otherwise` if it printed nothing. So many as `AT_ONCE` may run; one more is refused with a UserError."""
+    if len(_running) >= AT_ONCE:
+        raise UserError(f"{AT_ONCE} films or trials are being made already; wait until one is done")
+    _running.add(mine := object())
+    try:
+        await _run(module, words, otherwise)
+    finally:
+        _running.discard(mine)
+
+
+async def _run(module: str, words: Sequence[str], otherwise: str) -> None:
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", module, *words),
         stdin=asyncio.subprocess.DEVNULL,

@@ -52,3 +52,12 @@ def test_a_worker_that_has_died_is_replaced(tmp_path, started):
     first.alive = False
     standby.prepare(STACK, GPConfig())
     assert len(started[0].warmed) == 1
+
+
+def test_a_flood_of_other_tasks_leaves_one_process(tmp_path, started):
+    standby = Standby(TrainCommand(tmp_path))
+    for i in range(60):
+        standby.prepare(load_task(("stack", "restack")[i % 2]), GPConfig())
+        assert sum(worker.alive for worker in started) == 1
+    standby.discard()
+    assert not any(worker.alive for worker in started)
