@@ -20,6 +20,7 @@ from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.context import STEPS, Step
 from bt_jax.app.widgets.message_line import MessageLine
 from bt_jax.app.widgets.notice_strip import NoticeStrip
+from bt_jax.app.widgets.scene_text import SceneText
 from bt_jax.app.widgets.scene_view import SceneView
 
 __all__ = ["Page"]
@@ -68,6 +69,7 @@ class Page:
                 self.scene_area = ui.element("section").classes("page-scene").props("aria-label=Scene")
                 with self.scene_area:
                     self.scene = SceneView(studio, self)
+                    SceneText(studio, self, self.scene)
                 self._panels: dict[Step, ui.element] = {}
                 with ui.element("section").classes("page-side"):
                     for name in STEPS:

@@ -21,7 +21,7 @@ from bt_jax.mjx_env.skills import Released, settled_world
 from bt_jax.mjx_env.world import World, frames
 from bt_jax.tasks import Table, Target, Task, with_targets
 
-__all__ = ["fixed_layout", "free_layout", "goals", "kit_table", "move_kit", "put", "retarget", "untarget"]
+__all__ = ["carriers", "fixed_layout", "free_layout", "goals", "kit_table", "move_kit", "put", "retarget", "untarget"]
 
 Point = Float[np.ndarray, "3"]
 INSIDE = 0.05  # boxes that overlap by less than this part of their size only touch
@@ -105,7 +105,7 @@ def retarget(task: Task, physics: Physics, world: World, name: str, position: Po
     _check_over_table(task, name, position)
     _check_kit(task, world, name, position)
     if frame is None:
-        frame = next(iter(_carriers(task, world, name, position, others)), task.robot_frame)
+        frame = next(iter(carriers(task, world, name, position, others)), task.robot_frame)
     if frame == name or frame not in task.frames:
         raise UserError(f"{name} cannot be placed relative to {frame}; choose another frame")
     origin = standing.get(frame, np.asarray(frames(world, task)[0, task.frames.index(frame), :3], float))
@@ -199,8 +199,9 @@ def _dependent(task: Task, name: str) -> set[str]:
     return found - {name}
 
 
-def _carriers(task: Task, world: World, name: str, position: Point, others: Mapping[str, Point]) -> list[str]:
-    """Return what lies right under a box at a position: names of boxes, then the kit."""
+def carriers(task: Task, world: World, name: str, position: Point, others: Mapping[str, Point]) -> list[str]:
+    """Return what lies right under a box at a position, with the other boxes where `others` says: names of boxes, then the
+    kit."""
     size = task.size(name)
     found = []
     for box, point in others.items():

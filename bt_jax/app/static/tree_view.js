@@ -3,9 +3,13 @@ const SMALLEST = 0.75; // scale; larger trees are scrolled
 const STATUSES = ["success", "failure", "running", "idle"];
 
 export default {
-  template: `<div class="tree-drawing" @pointerdown="onDown" @pointerup="onUp" @click="onClick" @keydown="onKey"></div>`,
+  template: `<div class="tree-drawing" @pointerdown="onDown" @pointerup="onUp" @click="onClick" @keydown="onKey">
+    <div ref="drawing"></div>
+    <div class="visually-hidden" role="group" aria-label="The tree" data-tree-text v-html="text"></div>
+  </div>`,
 
-  props: { svg: String, classes: Object },
+  // svg is the drawing, text the same as a list, classes are the status classes of the nodes, words what those mean.
+  props: { svg: String, text: String, classes: Object, words: Object },
 
   mounted() {
     this.observer = new ResizeObserver(() => this.fit());
@@ -29,7 +33,8 @@ export default {
   methods: {
     draw() {
       const focused = this.$el.contains(document.activeElement) ? document.activeElement.id : "";
-      this.$el.innerHTML = this.svg;
+      this.$refs.drawing.innerHTML = this.svg;
+      for (const text of this.$el.querySelectorAll("svg text")) text.setAttribute("aria-hidden", "true"); // the list says it
       this.colour(this.classes);
       this.fit();
       if (focused) this.$el.querySelector(`[id="${focused}"]`)?.focus();
@@ -41,6 +46,7 @@ export default {
         if (!status || node.classList.contains(status)) continue;
         node.classList.remove(...STATUSES);
         node.classList.add(status);
+        if (node.tabIndex >= 0) node.setAttribute("aria-description", this.words[status]);
       }
       this.follow();
     },
@@ -55,7 +61,7 @@ export default {
     },
 
     fit() {
-      const svg = this.$el.firstElementChild;
+      const svg = this.$refs.drawing.firstElementChild;
       if (!svg || !this.$el.clientWidth) return;
       const { width, height } = svg.viewBox.baseVal;
       const room = Math.min(this.$el.clientWidth / width, this.$el.clientHeight / height);

@@ -50,7 +50,8 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
         super().__init__()
         self.studio, self.page = studio, page
         self._props["label"] = (
-            "The scene; drag or press the arrow keys to turn the view, plus and minus to zoom, double-click to reset it"
+            "The scene, which the list after it describes; drag or press the arrow keys to turn the view, plus and minus to "
+            "zoom, double-click to reset it"
         )
         self.props("data-testid=scene")
         self._arranging: Dragging = "targets"
@@ -89,7 +90,7 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
             self._call("setGhosts", group, ghosts)
 
     @property
-    def _world(self) -> World:
+    def world(self) -> World:
         """The state that this step of the window shows."""
         studio = self.studio
         if self.page.step in ("task", "evolve"):
@@ -98,6 +99,11 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
             player = studio.playing.player
             return studio.edited.start if player is None else player.world
         return studio.teaching.shown
+
+    @property
+    def shows_targets(self) -> bool:
+        """Whether this step of the window shows where boxes should be."""
+        return self.page.step in ("task", "evolve", "combine", "run")
 
     def _rebuild(self) -> None:
         model = _model(self.studio.edited.task)
@@ -124,7 +130,7 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
         return {"task": self._arranging, "run": "boxes"}.get(self.page.step, "")
 
     def _show(self, *, glide: bool = True) -> None:
-        world, playing = self._world, self.studio.playing
+        world, playing = self.world, self.studio.playing
         if self.page.step == "run" and playing.player is not None:
             shot, self._cue = playing.player.now.shots[-1], playing.cue
         else:
@@ -137,9 +143,9 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
         task = self.studio.edited.task
         poses: dict[str, Pose] = {}
         texts: dict[str, str] = {}
-        if self.page.step in ("task", "evolve", "combine", "run"):
+        if self.shows_targets:
             words = Words(task)
-            poses = {name: (*goal, 1, 0, 0, 0) for name, goal in goals(task, self._world).items()}
+            poses = {name: (*goal, 1, 0, 0, 0) for name, goal in goals(task, self.world).items()}
             texts = {
                 t.object: f"{t.object} should be {words.place(t.object, t.position, t.frame)}" for t in task.targets
             }

@@ -9,6 +9,7 @@ from nicegui import ui
 from nicegui.element import Element
 
 from bt_jax.app.plain_words import Words
+from bt_jax.app.widgets.tree_text import STATUS_WORDS, tree_list
 from bt_jax.behaviors import Behavior, Tree
 from bt_jax.encoding.drawing.svg import status_class, to_svg
 from bt_jax.encoding.status import Status
@@ -19,22 +20,28 @@ __all__ = ["TreeView"]
 
 LARGE = 12  # nodes; trees that show more begin folded
 DEPTH = 3  # below which large trees are folded
-LEGEND = (("success", "done"), ("running", "at work"), ("failure", "failed"), ("idle", "not asked"))
 
 
 class _Drawing(Element, component="../static/tree_view.js"):
     def __init__(self) -> None:
         super().__init__()
         self._props["svg"] = ""
+        self._props["text"] = ""
         self._props["classes"] = {}
+        self._props["words"] = STATUS_WORDS
 
-    def draw(self, svg: str) -> None:
-        self._props["svg"] = svg
+    @property
+    def classes_of_nodes(self) -> dict[str, str]:
+        """The status classes of the nodes by their ids."""
+        return self._props["classes"]
+
+    def draw(self, svg: str, text: str) -> None:
+        self._props["svg"], self._props["text"] = svg, text
         self.update()
 
-    def colour(self, classes: dict[str, str]) -> None:
+    def colour(self, classes: dict[str, str], text: str) -> None:
         if classes != self._props["classes"]:
-            self._props["classes"] = classes
+            self._props["classes"], self._props["text"] = classes, text
             self.update()
 
 
@@ -52,7 +59,7 @@ class TreeView:
         with ui.element("div").classes("tree-view").props(f"data-testid={testid}"):
             with ui.row().classes("tree-bar"):
                 if legend:
-                    for status, meaning in LEGEND:
+                    for status, meaning in STATUS_WORDS.items():
                         with ui.element("span").classes(f"tree-legend {status}"):
                             ui.label(meaning)
                 ui.space()
@@ -68,20 +75,28 @@ class TreeView:
             return
         if tree != self._tree:
             self._folded = set() if tree is None else _outline(tree)
-            self._drawing.colour({})
+            self._drawing.colour({}, "")
         self._tree, self._task = tree, task
         self._draw()
 
     def colour(self, statuses: Mapping[str, Status | None]) -> None:
         """Colour the nodes; ids as from `encoding.drawing.svg.node_ids`."""
-        self._drawing.colour({name: status_class(status) for name, status in statuses.items()})
+        classes = {name: status_class(status) for name, status in statuses.items()}
+        self._drawing.colour(classes, self._text(classes))
 
     def _draw(self) -> None:
         if self._tree is None or self._task is None:
-            self._drawing.draw("")
+            self._drawing.draw("", "")
             return
         words = Words(self._task) if self._words else None
-        self._drawing.draw(to_svg(self._tree, words=words, folded=self._folded))
+        svg = to_svg(self._tree, words=words, folded=self._folded)
+        self._drawing.draw(svg, self._text(self._drawing.classes_of_nodes))
+
+    def _text(self, classes: Mapping[str, str]) -> str:
+        """Return the tree as a list."""
+        if self._tree is None or self._task is None:
+            return ""
+        return tree_list(self._tree, Words(self._task), classes, self._folded)
 
     def _toggle(self, name: str) -> None:
         self._folded ^= {name}

@@ -58,3 +58,23 @@ def test_the_colours_follow_the_system_until_somebody_chooses(page, see):
 
 def test_the_page_says_its_language(page):
     assert page.evaluate("document.documentElement.lang") == "en-US"
+
+
+def test_the_scene_and_the_tree_are_told_to_those_who_do_not_see_them(page, see):
+    go(see, "task")
+    expect(see("scene-list")).to_contain_text("The gripper is empty.")
+    expect(see("scene-list")).to_contain_text("YellowBox should be in the middle of the kit: it is ")
+    expect(see("scene-list").locator("li")).to_have_count(6)
+    go(see, "demonstrate")
+    see("demonstrate-new").click()
+    expect(see("demonstrate-finish")).to_be_visible()
+    page.keyboard.press("1")
+    expect(see("scene-list")).to_contain_text("YellowBox is in the gripper.")
+    expect(see("scene-news")).to_have_text("YellowBox is in the gripper.")
+    see("demonstrate-over-KittingBox").click()
+    page.keyboard.press("r")
+    expect(see("scene-list")).to_contain_text("YellowBox is in the middle of the kit.")
+    expect(see("scene-news")).to_have_text("YellowBox is in the middle of the kit.")
+    see("demonstrate-discard").click()
+    see("demonstrate-discard-yes").click()
+    expect(see("demonstrate-new")).to_be_visible()
