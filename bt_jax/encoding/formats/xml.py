@@ -5,8 +5,8 @@ are compact tags with ports, `<Pick object="YellowBox"/>`; positions are written
 vectors. A gene is a `<SubTree ID="Move" .../>` with one `<BehaviorTree ID="Move">` whose leaves read the ports as
 `{object}`; a subtask is a `<SubTree ID="Subtask_NAME"/>`.
 
-In a memoryless tree several children of a node take their turns at RUNNING, which BehaviorTree.CPP counts as a mistake
-where a program has asked for that with `BT::ReactiveSequence::EnableException(true)`; see `docs/concepts/encoding.md`.
+In a memoryless tree the children of a node take turns at RUNNING, at which BehaviorTree.CPP throws if a program has called
+`BT::ReactiveSequence::EnableException(true)`; see `docs/concepts/encoding.md`.
 
 Format: https://www.behaviortree.dev/docs/learn-the-basics/xml_format
 """
