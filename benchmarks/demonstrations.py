@@ -1,4 +1,5 @@
-"""How often are frames, goals and orders recognized, by the number of demonstrations? And does the learnt tree work?
+"""How often are frames, goals and orders recognized, by the number of demonstrations? Does the learnt tree work? And are two
+situations told apart?
 
 Random sets of synthetic demonstrations: 2 to 6 boxes, random layouts, places in the kit, on boxes and at table edges, some
 boxes put aside first, every other set in varying orders, noise of 5 to 10 mm along each axis. Strictly right is the frame
@@ -20,8 +21,8 @@ from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Tree, Vocabulary
 from bt_jax.encoding.walk import leaves
 from bt_jax.lfd import learn
-from bt_jax.lfd.evaluation.assessment import Example, assess, random_example
-from bt_jax.lfd.evaluation.synthetic import with_boxes
+from bt_jax.lfd.evaluation.assessment import Example, assess, random_example, situations_example, tells_apart
+from bt_jax.lfd.evaluation.synthetic import on_one_table, with_boxes
 from bt_jax.mjx_env.episodes.playback import play
 from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.mjx_env.physics.kinematic import Kinematic
@@ -49,8 +50,9 @@ def main(arguments: Arguments) -> None:
     rows, errors = [], {}
     for count in arguments.counts:
         row, failed = measured(count, arguments)
+        row["both of two situations"], unclear = situations(count, arguments)
         rows.append(row)
-        errors[str(count)] = failed
+        errors[str(count)] = failed + unclear
     report("demonstrations", "Recognized (%)", rows, out=arguments.out, errors=errors)
 
 
@@ -92,6 +94,24 @@ def measured(count: int, arguments: Arguments) -> tuple[dict[str, Any], list[str
         "ms each": 1000 * seconds / arguments.sets,
     }
     return row, failed
+
+
+def situations(count: int, arguments: Arguments) -> tuple[float, list[str]]:
+    """The share of sets in which both places of one box are found, with `count` demonstrations of each [%]."""
+    failed = []
+    for seed in track(range(arguments.sets), description=f"{count} + {count} demonstrations"):
+        rng = np.random.default_rng([arguments.seed, seed])
+        task = with_boxes(load_task("stack"), int(rng.integers(3, 7)))
+        task = on_one_table(task) if seed % 2 else task
+        example = situations_example(task, seed=[arguments.seed, seed], count=count, noise=0.005)
+        try:
+            found = tells_apart(learn(example.demonstrations, task), example)
+        except UserError as error:
+            failed.append(f"situations {seed}: {error}")
+            continue
+        if not found:
+            failed.append(f"situations {seed}: {example.shown}")
+    return 100 * (1 - len(failed) / arguments.sets), failed
 
 
 def reaches_the_truth(tree: Tree, example: Example) -> bool:

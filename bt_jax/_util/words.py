@@ -1,11 +1,16 @@
-"""Words on a command line that name nothing."""
+"""Small pieces of the sentences that commands print."""
 
 from __future__ import annotations
 
 import difflib
 from collections.abc import Collection
 
-__all__ = ["unknown_command"]
+__all__ = ["counted", "unknown_command"]
+
+
+def counted(number: int, noun: str) -> str:
+    """Return "1 box", "2 boxes": a number and a noun whose plural is regular."""
+    return f"{number:,} {noun}" if number == 1 else f"{number:,} {noun}{'es' if noun.endswith('x') else 's'}"
 
 
 def unknown_command(word: str, commands: Collection[str]) -> str:

@@ -19,6 +19,7 @@ from rich.text import Text
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import unused, write_atomic
 from bt_jax._util.startup import configure_jax
+from bt_jax._util.words import counted
 from bt_jax._util.yaml_files import to_yaml
 from bt_jax.behaviors import Vocabulary
 from bt_jax.commands.arguments import LearnArguments
@@ -84,9 +85,9 @@ def _choices(words: Sequence[str]) -> dict[int, str | None]:
 def show(console: Console, lesson: Lesson) -> None:
     """Print what was inferred, from what, and the tree."""
     for problem in lesson.demonstrations.problems:
-        console.print(f"[yellow]left out[/] {escape(problem)}")
+        console.print(f"[yellow]{escape(problem)}[/]")
     names = ", ".join(one.name for one in lesson.demonstrations)
-    console.print(f"[bold]{len(lesson.demonstrations)} demonstrations[/]: {escape(names)}")
+    console.print(f"[bold]{counted(len(lesson.demonstrations), 'demonstration')}[/]: {escape(names)}")
     if sentence := missing_sentence(lesson):
         console.print(f"[yellow]{escape(sentence)}[/]")
     console.print("actions and their reference frames")
@@ -123,7 +124,7 @@ def _reached_targets(lesson: Lesson) -> tuple[Target, ...]:
 
 def write(out: Path, lesson: Lesson, tried: Evaluation) -> None:
     """Write the tree in three formats, the picture of the clusters, and everything inferred as JSON."""
-    title = f"learnt from {len(lesson.demonstrations)} demonstrations"
+    title = f"learnt from {counted(len(lesson.demonstrations), 'demonstration')}"
     write_atomic(out / "learnt_tree.txt", format_tree(lesson.tree))
     write_atomic(out / "learnt_tree.xml", to_xml(lesson.tree))
     write_atomic(out / "learnt_tree.svg", to_svg(lesson.tree, title=title))

@@ -1,6 +1,7 @@
-from bt_jax.lfd.clustering import Candidate, Inference
+from bt_jax.lfd.clustering import Candidate
 from bt_jax.lfd.demonstration import Action, Demonstration, Demonstrations, Frames, Instance, Pose, RecordedTask
 from bt_jax.lfd.demonstration_folder import DemonstrationFolder
+from bt_jax.lfd.inference import Inference
 from bt_jax.lfd.learning import Lesson, learn
 from bt_jax.lfd.planner import plan, plan_task
 

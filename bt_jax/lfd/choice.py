@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from bt_jax._util.errors import UserError
-from bt_jax.lfd.clustering import SAME_PLACE, Inference, rounded
 from bt_jax.lfd.demonstration import Demonstrations, Instance
+from bt_jax.lfd.inference import SAME_PLACE, Inference, rounded
 
 __all__ = ["with_chosen"]
 

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior
-from bt_jax.lfd.clustering import Inference
 from bt_jax.lfd.conflicts import conflict, implies, undoes
 from bt_jax.lfd.goals import Step
+from bt_jax.lfd.inference import Inference
 
 __all__ = ["Order", "check_acyclic", "orders", "preconditions"]
 

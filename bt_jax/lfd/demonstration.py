@@ -107,6 +107,10 @@ class Action:
         """Return where the centre of the handled object is, in a frame [m]: below the end effector."""
         return self.poses[frame].apply((0.0, 0.0, -END_EFFECTOR_HEIGHT))
 
+    def origin(self, frame: str, within: str) -> Float[np.ndarray, "3"]:
+        """Return where the origin of a frame is in another one [m]."""
+        return self.poses[within].apply(self.poses[frame].inverse().position)
+
     def nearest(self, frames: Sequence[str]) -> str:
         """Return which of the frames the handled object is nearest to."""
         return min(frames, key=lambda frame: float(np.linalg.norm(self.handled(frame))))

@@ -7,39 +7,59 @@ Quaternions are xyzw in the files and wxyz everywhere else.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
+import types
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from bt_jax._util.decoding import decode
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
 from bt_jax._util.yaml_files import read_yaml, to_yaml
-from bt_jax.lfd.demonstration import Action, Demonstration, Frames, Pose
+from bt_jax.lfd.demonstration import END_EFFECTOR_HEIGHT, Action, Demonstration, Frames, Kind, Pose
+from bt_jax.tasks.bounds import POSITION
 
-__all__ = ["HUGE", "Unusable", "problem_of", "read_demonstration", "read_mapping", "write_demonstration"]
+__all__ = ["problem_of", "read_demonstration", "recorded_frames", "write_demonstration"]
 
-HUGE = 1e6  # metres; a larger number is a mistake
+FAR = 0.5  # metres; a pick this far from every object picks none
+EXAMPLES: Mapping[str, str] = types.MappingProxyType(
+    {
+        "type": "pick",
+        "vec_pos": "{base_link: [0.3, 0.1, 0.2]}",
+        "vec_quat": "{base_link: [0, 0, 0, 1]}",
+    }
+)
 UNIT_SLACK = 0.01  # by which the length of a quaternion may differ from 1
 
 
-class Unusable(Exception):
-    """Why a demonstration cannot be used."""
+@dataclasses.dataclass(frozen=True)
+class _Record:
+    """What a file holds: positions [m] and quaternions xyzw of the end effector, for each frame."""
+
+    type: Kind
+    vec_pos: Mapping[str, tuple[float, float, float]]
+    vec_quat: Mapping[str, tuple[float, float, float, float]]
 
 
 def read_demonstration(folder: Path, frames: Frames) -> Demonstration:
-    """Read a folder of data_1.yaml, data_2.yaml, ... Raise Unusable, with a sentence, if it is incomplete or invalid."""
-    files = sorted(folder.glob("data_*.yaml"), key=lambda path: int("0" + "".join(re.findall(r"\d+", path.stem))))
-    if not files:
-        raise Unusable(f"{folder} is left out: it holds no data_1.yaml; record it again or delete it.")
-    for i, file in enumerate(files, start=1):
-        if file.name != f"data_{i}.yaml":
-            raise Unusable(f"{folder} is left out: data_{i}.yaml is missing; restore it or delete the folder.")
-    demonstration = Demonstration(folder.name, tuple(_action(file, frames) for file in files))
-    if (problem := problem_of(demonstration, frames, where=str(folder))) is not None:
-        raise Unusable(f"{folder} is left out: {problem}.")
+    """Read a folder of data_1.yaml, data_2.yaml, ... Raise UserError if it is incomplete or invalid."""
+    actions = [_action(read_yaml(file), file, frames) for file in _files(folder)]
+    demonstration = Demonstration(folder.name, tuple(actions))
+    problem = problem_of(demonstration, frames) or _implausible(demonstration, frames)
+    if problem is not None:
+        raise UserError(problem)
     return demonstration
+
+
+def recorded_frames(folder: Path) -> tuple[str, ...]:
+    """Return the frames of the first action in the folder of a demonstration. Raise UserError if it cannot be read."""
+    file = next(iter(_files(folder)))
+    return tuple(decode(read_yaml(file), _Record, file).vec_pos)
 
 
 def write_demonstration(folder: Path, demonstration: Demonstration) -> None:
@@ -53,15 +73,15 @@ def write_demonstration(folder: Path, demonstration: Demonstration) -> None:
         write_atomic(folder / f"data_{i}.yaml", to_yaml(data))
 
 
-def problem_of(demonstration: Demonstration, frames: Frames, *, where: str) -> str | None:
-    """Return why the actions make no whole demonstration, or None."""
+def problem_of(demonstration: Demonstration, frames: Frames) -> str | None:
+    """Return why the actions are not a whole demonstration, and what to do; None if they are."""
     held = False
     for i, action in enumerate(demonstration.actions, start=1):
         if set(action.poses) != set(frames.names):
-            return f"{where}, action {i}: there must be one pose for each of {', '.join(frames.names)}; record it again"
+            return f"action {i}: there must be one pose for each of {', '.join(frames.names)}; record it again"
         for frame, pose in action.poses.items():
             if not _is_unit(pose.quaternion) or not all(map(math.isfinite, pose.position)):
-                return f"{where}, action {i}: the pose in {frame} is not finite or no rotation; record it again"
+                return f"action {i}: the pose in {frame} is not finite or no rotation; record it again"
         if (action.kind == "place") != held:
             before = "a place follows no pick" if action.kind == "place" else "a pick follows a pick without a place"
             return f"action {i}: {before}; record it again"
@@ -71,18 +91,57 @@ def problem_of(demonstration: Demonstration, frames: Frames, *, where: str) -> s
     return None if demonstration.actions else "it has no actions; record it again"
 
 
-def _action(file: Path, frames: Frames) -> Action:
-    data = read_mapping(file)
-    kind = data.get("type")
-    if kind not in ("pick", "place"):
-        raise Unusable(f"{file}: type is {kind!r}; write pick or place, or delete the demonstration.")
-    positions = _vectors(data, "vec_pos", 3, file, frames)
-    quaternions = _vectors(data, "vec_quat", 4, file, frames)
-    for frame, quaternion in quaternions.items():
+def _implausible(demonstration: Demonstration, frames: Frames) -> str | None:
+    """Return which numbers are in another unit or belong to another scene, None if none do."""
+    nearest = _nearest_pick(demonstration, frames)
+    if nearest > FAR:
+        unit = " (metres? these look like millimetres)" if _nearest_pick(demonstration, frames, 0.001) < FAR else ""
+        return f"at every pick the gripper was {nearest:.3g} m or more from every object; correct the positions{unit}"
+    for i, action in enumerate(demonstration.actions, start=1):
+        for frame, pose in action.poses.items():
+            for value in pose.position:
+                if (complaint := POSITION.complaint(value)) is not None:
+                    return f"data_{i}.yaml, key vec_pos.{frame}: {complaint}"
+    return None
+
+
+def _nearest_pick(demonstration: Demonstration, frames: Frames, scale: float = 1.0) -> float:
+    """Return how near what the gripper held came to any object when it picked [m], with all positions scaled."""
+    poses = [
+        action.poses[frame] for action in demonstration.actions if action.kind == "pick" for frame in frames.objects
+    ]
+    below = (0.0, 0.0, -END_EFFECTOR_HEIGHT)
+    return min(float(np.linalg.norm(np.array(p.apply(below)) + (scale - 1) * np.array(p.position))) for p in poses)
+
+
+def _files(folder: Path) -> list[Path]:
+    """Return the files of a demonstration, one for each action. Raise UserError if one is missing or misnamed."""
+    numbered = {}
+    for file in sorted(folder.glob("data_*.yaml")):
+        found = re.fullmatch(r"data_([1-9]\d{0,5})", file.stem)
+        if found is None:
+            raise UserError(f"{file} is none of its actions, which are called data_1.yaml, data_2.yaml, ...; rename it")
+        numbered[int(found[1])] = file
+    for i in range(1, max(numbered, default=1) + 1):
+        if i not in numbered:
+            raise UserError(f"{folder / f'data_{i}.yaml'} is missing; restore it")
+    return [numbered[i] for i in sorted(numbered)]
+
+
+def _action(data: Any, file: Path, frames: Frames) -> Action:
+    record = decode(data, _Record, file, examples=EXAMPLES)
+    for key, vectors in (("vec_pos", record.vec_pos), ("vec_quat", record.vec_quat)):
+        for frame in vectors:
+            if frame not in frames.names:
+                raise UserError(f"{file}, key {key}.{frame}: info.yaml has no frame of this name; add it there")
+        for frame in frames.names:
+            if frame not in vectors:
+                raise UserError(f"{file}, key {key}.{frame}: missing; record the demonstration again")
+    for frame, quaternion in record.vec_quat.items():
         if not _is_unit(quaternion):
             length = math.hypot(*quaternion)
-            raise Unusable(f"{file}: the quaternion in {frame} has length {length:.3f}, not 1; record it again.")
-    return Action(kind, {frame: _pose(positions[frame], quaternions[frame]) for frame in frames.names})
+            raise UserError(f"{file}, key vec_quat.{frame}: has length {length:.3g}, not 1; record it again")
+    return Action(record.type, {frame: _pose(record.vec_pos[frame], record.vec_quat[frame]) for frame in frames.names})
 
 
 def _pose(position: Sequence[float], xyzw: Sequence[float]) -> Pose:
@@ -99,37 +158,6 @@ def _xyzw(quaternion: Sequence[float]) -> tuple[float, ...]:
 
 def _is_unit(quaternion: Sequence[float]) -> bool:
     return abs(math.hypot(*quaternion) - 1) <= UNIT_SLACK
-
-
-def _vectors(data: Mapping[str, Any], key: str, count: int, file: Path, frames: Frames) -> dict[str, tuple[float, ...]]:
-    """Return one vector for each frame."""
-    values = data.get(key)
-    if not isinstance(values, Mapping):
-        raise Unusable(f"{file}: {key} is missing; record the demonstration again or delete it.")
-    for frame in values:
-        if frame not in frames.names:
-            raise Unusable(f"{file}: {key} names the frame '{frame}', which info.yaml does not; add it there.")
-    for frame in frames.names:
-        if frame not in values:
-            raise Unusable(f"{file}: {key} lacks the frame {frame}; record the demonstration again or delete it.")
-    return {frame: _vector(values[frame], count, file, f"{key}.{frame}") for frame in frames.names}
-
-
-def _vector(value: Any, count: int, file: Path, where: str) -> tuple[float, ...]:
-    good = isinstance(value, list) and len(value) == count
-    if not good or not all(type(x) in (int, float) and abs(x) < HUGE for x in value):
-        raise Unusable(f"{file}: {where} is {value!r}, not {count} finite numbers; record it again or delete it.")
-    return tuple(map(float, value))
-
-
-def read_mapping(file: Path) -> Mapping[str, Any]:
-    try:
-        data = read_yaml(file)
-    except UserError as error:
-        raise Unusable(f"{error}, or delete it.") from error
-    if not isinstance(data, Mapping):
-        raise Unusable(f"{file} is empty or half written; restore or delete it.")
-    return data
 
 
 def _numbers(values: Sequence[float]) -> list[float]:

@@ -14,22 +14,16 @@ from __future__ import annotations
 import dataclasses
 import re
 import shutil
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import NAME_RULE, is_name, write_atomic
 from bt_jax._util.yaml_files import to_yaml
-from bt_jax.lfd.demonstration import Demonstration, Demonstrations, Frames, Instance, RecordedTask
-from bt_jax.lfd.demonstration_files import (
-    HUGE,
-    Unusable,
-    problem_of,
-    read_demonstration,
-    read_mapping,
-    write_demonstration,
-)
+from bt_jax.lfd.demonstration import Demonstration, Demonstrations, Frames, Instance
+from bt_jax.lfd.demonstration_files import problem_of, read_demonstration, write_demonstration
+from bt_jax.lfd.demonstration_info import REBUILT, info_frames, info_of, is_described, read_info
 from bt_jax.tasks import Task, load_task, task_names, task_of_folder
 
 __all__ = ["DemonstrationFolder"]
@@ -45,44 +39,28 @@ class DemonstrationFolder:
         """Write `info.yaml`, or check that the one there says the same; and the task, unless one is there or the
         demonstrations that are there were recorded in another."""
         recorded, same_task = frames.recorded, True
-        if (self.path / "info.yaml").exists():
+        if is_described(self.path):
             known = self.frames()
-            if known != frames:
+            if dataclasses.replace(known, names=frames.names) != frames or {*known.names} != {*frames.names}:
                 raise UserError(f"{self.path} holds demonstrations with other frames; choose another folder")
             same_task = recorded is not None and known.recorded is not None and known.recorded.name == recorded.name
             if recorded is not None and known.recorded is not None and known.recorded.boxes != recorded.boxes:
                 raise UserError(f"{self.path} holds demonstrations with boxes of other sizes; choose another folder")
         else:
-            info: dict[str, Any] = {
-                "default_frame": frames.default,
-                "frames": list(frames.names),
-                "robot": frames.robot,
-            }
-            if recorded is not None:
-                info |= {"task": recorded.name, "boxes": dict(recorded.boxes)}
-            write_atomic(self.path / "info.yaml", to_yaml(info))
+            write_atomic(self.path / "info.yaml", to_yaml(info_of(frames)))
         task = None if recorded is None else recorded.task
         if task is not None and same_task and not (self.path / "task.yaml").exists():
             write_atomic(self.path / "task.yaml", to_yaml(task.to_dict()))
 
     def frames(self) -> Frames:
         """Read `info.yaml`. Raise UserError if it is missing or incomplete."""
-        source, data = self.path / "info.yaml", self._info()
-        names, default, robot = data.get("frames"), data.get("default_frame"), data.get("robot")
-        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-            raise UserError(f"{source}: frames must be a list of names; fix it")
-        if len(set(names)) < len(names) or len(names) < 2:
-            raise UserError(f"{source}: frames must name at least two frames, each once; fix it")
-        for key, name in (("default_frame", default), ("robot", robot)):
-            if name not in names:
-                raise UserError(f"{source}: {key} '{name}' is not one of the frames; use one of {', '.join(names)}")
-        return Frames(tuple(names), str(default), str(robot), _recorded(data, source))
+        return info_frames(self._info(), self.path / "info.yaml")
 
     def task(self) -> Task | None:
         """Return the task in which they were recorded: the one that is kept here, or else the one of that name which comes
         with the package. Return None if there is neither; raise UserError if what is here cannot be read."""
         kept = task_of_folder(self.path)
-        if kept is not None or not (self.path / "info.yaml").is_file():
+        if kept is not None or not is_described(self.path):
             return kept
         recorded = self.frames().recorded
         return load_task(recorded.name) if recorded is not None and recorded.name in task_names() else None
@@ -90,26 +68,27 @@ class DemonstrationFolder:
     def names(self) -> list[str]:
         """Return the demonstrations: in the order that `info.yaml` may say, then in natural order, demo2 before demo10."""
         found = [path.name for path in self.path.iterdir() if path.is_dir() and not path.name.startswith(".")]
-        order = self._order() if (self.path / "info.yaml").is_file() else []
+        order = self._order() if is_described(self.path) else []
         return sorted(found, key=lambda name: (order.index(name) if name in order else len(order), _natural(name)))
 
     def read(self) -> Demonstrations:
         """Return all demonstrations that can be used, and for each of the others a sentence. Raise UserError if none can."""
         frames, chosen = self.frames(), self._chosen()
         good: list[Demonstration] = []
-        problems, frame_of = [], {}
+        frame_of: dict[Instance, str] = {}
+        problems = [] if is_described(self.path) else [f"{self.path / 'info.yaml'} is missing or empty: {REBUILT}."]
         for name in self.names():
             try:
                 one = read_demonstration(self.path / name, frames)
-            except Unusable as problem:
-                problems.append(str(problem))
+            except UserError as error:
+                problems.append(f"{name} is left out: {error}, or delete {self.path / name}.")
                 continue
             for number, frame in chosen.get(name, {}).items():
                 if number <= len(one.actions) and frame in frames.names:
                     frame_of[Instance(len(good), number - 1)] = frame
             good.append(one)
         if not good:
-            raise UserError(" ".join(problems) if problems else f"{self.path} holds no demonstration; record some")
+            raise UserError(_none_usable(self.path, [problem for problem in problems if REBUILT not in problem]))
         return Demonstrations(frames, tuple(good), tuple(problems), frame_of)
 
     def choose(self, demonstrations: Demonstrations, instances: Collection[Instance], frame: str | None) -> None:
@@ -141,7 +120,7 @@ class DemonstrationFolder:
         frames = self.frames()
         numbers = [int(name[4:]) for name in self.names() if re.fullmatch(r"demo\d+", name)]
         named = dataclasses.replace(demonstration, name=f"demo{max(numbers, default=0) + 1}")
-        if (problem := problem_of(named, frames, where=named.name)) is not None:
+        if (problem := problem_of(named, frames)) is not None:
             raise UserError(problem)
         part = self.path / f".{named.name}.part"
         shutil.rmtree(part, ignore_errors=True)
@@ -181,16 +160,7 @@ class DemonstrationFolder:
         self._change(order=[other for other in order if other != name], chosen=chosen)
 
     def _info(self) -> Mapping[str, Any]:
-        """Return what is in `info.yaml`. Raise UserError if that cannot be read."""
-        source = self.path / "info.yaml"
-        if not self.path.is_dir():
-            raise UserError(f"there is no folder {self.path}; give one with demonstrations, or record some into it")
-        if not source.is_file():
-            raise UserError(f"{source} is missing; restore it, or record the demonstrations into a new folder")
-        try:
-            return read_mapping(source)
-        except Unusable as problem:
-            raise UserError(str(problem).removesuffix(".")) from None
+        return read_info(self.path)
 
     def _order(self) -> list[str]:
         order = self._info().get("order")
@@ -231,19 +201,11 @@ class DemonstrationFolder:
         return self.path / name
 
 
-def _recorded(data: Mapping[str, Any], source: Path) -> RecordedTask | None:
-    """Return in which task the demonstrations were recorded, None if the file does not say."""
-    task, boxes = data.get("task"), data.get("boxes")
-    if task is None and boxes is None:
-        return None
-    sizes = boxes.items() if isinstance(boxes, Mapping) else ()
-    if (
-        not isinstance(task, str)
-        or not sizes
-        or not all(type(size) in (int, float) and 0 < size < HUGE for _, size in sizes)
-    ):
-        raise UserError(f"{source}: task must be a name and boxes the size of each; fix both, or remove them")
-    return RecordedTask(task, {str(name): float(size) for name, size in sizes})
+def _none_usable(folder: Path, problems: Sequence[str]) -> str:
+    """Say why a folder has no usable demonstration."""
+    if not problems:
+        return f"{folder} holds no demonstration; record some"
+    return problems[0] if len(problems) == 1 else f"none of {len(problems)} demonstrations can be used: {problems[0]}"
 
 
 def _natural(name: str) -> list[tuple[bool, int, str]]:

@@ -6,7 +6,8 @@ import math
 from collections.abc import Callable
 
 from bt_jax.behaviors import Behavior
-from bt_jax.lfd.clustering import NEEDED, Inference
+from bt_jax.lfd.clustering import NEEDED
+from bt_jax.lfd.inference import Inference
 from bt_jax.lfd.learning import LearntSubtask, Lesson
 
 __all__ = ["action_rows", "goal_sentence", "missing_sentence", "order_sentences", "precondition_sentences"]
@@ -43,8 +44,8 @@ def order_sentences(lesson: Lesson, one: LearntSubtask, *, say: Callable[[Behavi
     for order in one.constraints:
         if order.before in places and order.after in places:
             before, after = (say(lesson.inferences[step].behavior) for step in (order.before, order.after))
-            count = f"in all {order.seen} demonstrations" if order.seen > 1 else "in the one demonstration"
-            found.append(f"{before} before {after}: {count} that have both")
+            seen = f"all {order.seen} demonstrations that have" if order.seen > 1 else "the one demonstration that has"
+            found.append(f"{before} before {after}: in {seen} both")
     return found
 
 

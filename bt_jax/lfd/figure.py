@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from bt_jax.lfd.clustering import Candidate, Inference
+from bt_jax.lfd.clustering import Candidate
+from bt_jax.lfd.inference import Inference
 from bt_jax.lfd.learning import Lesson
 
 __all__ = ["LEAST", "cluster_figure", "cluster_points"]

@@ -6,9 +6,9 @@ import dataclasses
 from collections.abc import Sequence
 
 from bt_jax.behaviors import Behavior
-from bt_jax.lfd.clustering import Inference
 from bt_jax.lfd.conflicts import conflict, undoes
 from bt_jax.lfd.demonstration import Demonstrations, Instance
+from bt_jax.lfd.inference import Inference
 
 __all__ = ["Step", "Subtask", "goal_of", "sequences", "subtasks"]
 

@@ -9,10 +9,11 @@ from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, Control, Kind, Tree
 from bt_jax.encoding.walk import children, leaves
 from bt_jax.lfd.choice import with_chosen
-from bt_jax.lfd.clustering import NEEDED, Inference, infer
+from bt_jax.lfd.clustering import NEEDED
 from bt_jax.lfd.constraints import Order, check_acyclic, orders, preconditions
 from bt_jax.lfd.demonstration import Demonstration, Demonstrations, Instance
 from bt_jax.lfd.goals import Step, Subtask, sequences, subtasks
+from bt_jax.lfd.inference import Inference, infer
 from bt_jax.lfd.planner import plan
 from bt_jax.lfd.subgoals import derive_subgoal
 from bt_jax.tasks import Subgoal, Target, Task
@@ -109,7 +110,7 @@ def learn(demonstrations: Demonstrations, task: Task, *, frames: Mapping[int, st
     """
     _check_scene(demonstrations, task)
     demonstrations = _usable(demonstrations, task)
-    inferred = infer(demonstrations, movable=task.box_names)
+    inferred = infer(demonstrations, task)
     inferences = with_chosen(inferred, demonstrations, demonstrations.chosen)
     if frames:
         demonstrations = _with_frames(demonstrations, inferences, frames)

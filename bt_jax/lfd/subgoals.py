@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-from jaxtyping import Float
-
 from bt_jax.behaviors import NOTHING, OPEN, Behavior, subgoal_conditions
-from bt_jax.behaviors.geometry import is_at, is_reachable, rests_on
+from bt_jax.behaviors.geometry import is_at, is_reachable
+from bt_jax.lfd.contact import is_under
 from bt_jax.lfd.demonstration import Action, Demonstrations
 from bt_jax.tasks import Subgoal, Task
 
@@ -29,7 +27,7 @@ def derive_subgoal(name: str, demonstrations: Demonstrations, goal: Sequence[Beh
     freed = [
         Behavior("clear", (box,))
         for box in task.box_names
-        if all(_is_under(box, one.actions[0], task) and not _is_under(box, one.actions[-1], task)
+        if all(is_under(box, one.actions[0], task) and not is_under(box, one.actions[-1], task)
                for one in demonstrations)
     ]  # fmt: skip
     conditions = [
@@ -51,31 +49,14 @@ def _holds(condition: Behavior, action: Action, task: Task) -> bool:
             in_robot, in_frame = (action.poses[frame] for frame in (task.robot_frame, condition.frame or ""))
             in_hand = in_frame.inverse().apply(condition.position or (0.0, 0.0, 0.0))
             goal = in_robot.apply(in_hand.tolist())
-            return is_at(_position(name, action, task), goal, task.episode.tolerance)
+            return is_at(action.origin(name, task.robot_frame), goal, task.episode.tolerance)
         case "holding":
             return name == NOTHING
         case "gripper":
             return condition.args[0] == OPEN
         case "reachable":
             lowest = min(table.top for table in task.tables) - task.robot_position[2]
-            return is_reachable(float(_position(name, action, task)[2]), lowest, task.size(name))
+            return is_reachable(float(action.origin(name, task.robot_frame)[2]), lowest, task.size(name))
         case "clear":
-            return not _is_under(name, action, task)
+            return not is_under(name, action, task)
     raise ValueError(f"{condition} is no condition of the scene")
-
-
-def _is_under(box: str, action: Action, task: Task) -> bool:
-    """Return whether another box stands on this one at the moment of an action."""
-    sizes = {other.name: other.size for other in task.boxes}
-    here = _position(box, action, task)
-    return any(
-        rests_on(_position(other, action, task), here, sizes[other], sizes[box])
-        for other in task.box_names
-        if other != box
-    )
-
-
-def _position(frame: str, action: Action, task: Task) -> Float[np.ndarray, "3"]:
-    """Return the origin of a frame in the robot's [m], from the end effector's pose in both."""
-    in_robot, in_frame = action.poses[task.robot_frame], action.poses[frame]
-    return in_robot.apply(in_frame.inverse().position)

@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, parse_behavior
-from bt_jax.lfd.clustering import Inference
 from bt_jax.lfd.conflicts import conflict
 from bt_jax.lfd.constraints import check_acyclic, orders, preconditions
+from bt_jax.lfd.inference import Inference
 
 steps = st.integers(2, 5).flatmap(lambda n: st.lists(st.permutations(range(n)), min_size=1, max_size=4))
 

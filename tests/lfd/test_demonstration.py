@@ -37,7 +37,11 @@ def demonstration(of_actions):
     return Demonstration(
         "",
         tuple(
-            Action(kind, {frame: pose(*one) for frame, one in zip(FRAMES.names, given, strict=True)})
+            Action(
+                kind,
+                {frame: pose(*one) for frame, one in zip(FRAMES.names, given, strict=True)}
+                | ({"BlueBox": Pose((0.01, 0.0, 0.12))} if kind == "pick" else {}),
+            )
             for kind, given in zip(["pick", "place"] * 3, of_actions, strict=False)
         ),
     )
@@ -221,41 +225,71 @@ def write(text):
     return lambda folder: (folder.path / "demo2" / "data_2.yaml").write_text(text)
 
 
+def in_millimetres(demonstration, folder):
+    for file in (folder.path / demonstration).iterdir():
+        data = yaml.safe_load(file.read_text())
+        data["vec_pos"] = {frame: [1000 * x for x in vector] for frame, vector in data["vec_pos"].items()}
+        file.write_text(yaml.safe_dump(data))
+
+
 def emptied(folder):
     shutil.rmtree(folder.path / "demo2")
     (folder.path / "demo2").mkdir()
 
 
 BAD = {
-    "empty folder": (emptied, r"demo2 is left out: .*data_1.yaml; record it again or delete it\.$"),
+    "empty folder": (emptied, r"^demo2 is left out: .*data_1.yaml is missing; restore it, or delete .*demo2\.$"),
+    "millimetres": (
+        lambda f: in_millimetres("demo2", f),
+        r"at every pick the gripper was [\d.]+ m or more from every object; correct the positions "
+        r"\(metres\? these look like millimetres\), or delete",
+    ),
+    "one far position": (
+        edited(vec_pos={"base_link": [0, 120, 0]}),
+        r"data_2.yaml, key vec_pos.base_link: 120 is implausible; write -10 to 10 m \(metres\? 120 mm are 0.12 m\)",
+    ),
+    "another version": (
+        lambda f: (f.path / "demo2" / "data_2_new.yaml").write_text("type: pick"),
+        r"data_2_new.yaml is none of its actions, which are called data_1.yaml, data_2.yaml, ...; rename it, or delete",
+    ),
+    "deep": (write("type: " + "[" * 3000), r"data_2.yaml, line 1: brackets are nested more than 30 deep; check them"),
     "hole": (lambda f: (f.path / "demo2" / "data_3.yaml").unlink(), r"data_3.yaml is missing; restore it"),
     "end missing": (lambda f: (f.path / "demo2" / "data_6.yaml").unlink(), r"object in the gripper; place it"),
     "two picks": (edited(type="pick"), r"action 2: a pick follows a pick without a place; record it again"),
-    "type": (edited(type="push"), r"data_2.yaml: type is 'push'; write pick or place"),
-    "no type": (edited(type=None), r"data_2.yaml: type is None; write pick or place"),
+    "type": (edited(type="push"), r"data_2.yaml, key type: expected one of pick, place, found 'push'"),
+    "no type": (edited(type=None), r"data_2.yaml, key type: expected one of pick, place, found null"),
     "unknown frame": (
         edited(vec_pos={"PinkBox": [0, 0, 0]}),
-        r"data_2.yaml: vec_pos names the frame 'PinkBox'.*add it",
+        r"data_2.yaml, key vec_pos.PinkBox: info.yaml has no frame of this name; add it there",
     ),
-    "frame missing": (edited(vec_quat={"BlueBox": None}), r"data_2.yaml: vec_quat lacks the frame BlueBox; record"),
+    "frame missing": (edited(vec_quat={"BlueBox": None}), r"data_2.yaml, key vec_quat.BlueBox: missing; record"),
     "nan": (
         edited(vec_pos={"BlueBox": [math.nan, 0, 0]}),
-        r"vec_pos.BlueBox is .nan.*3 finite numbers; record it again",
+        r"key vec_pos.BlueBox\[0\]: expected a number, found nan",
     ),
-    "infinite": (edited(vec_pos={"BlueBox": [0, -math.inf, 0]}), r"vec_pos.BlueBox is .*3 finite numbers; record"),
-    "too large": (edited(vec_pos={"BlueBox": [0, 10**400, 0]}), r"vec_pos.BlueBox is .*3 finite numbers; record"),
-    "truth": (edited(vec_pos={"BlueBox": [0, True, 0]}), r"vec_pos.BlueBox is .*3 finite numbers; record it again"),
-    "two numbers": (edited(vec_pos={"BlueBox": [0, 0]}), r"vec_pos.BlueBox is .*3 finite numbers; record it again"),
-    "no numbers": (edited(vec_quat={"BlueBox": "up"}), r"vec_quat.BlueBox is 'up', not 4 finite numbers; record it"),
+    "infinite": (
+        edited(vec_pos={"BlueBox": [0, -math.inf, 0]}),
+        r"key vec_pos.BlueBox\[1\]: expected a number, found -inf",
+    ),
+    "too large": (
+        edited(vec_pos={"BlueBox": [0, 10**400, 0]}),
+        r"key vec_pos.BlueBox\[1\]: expected a number, found 1000",
+    ),
+    "truth": (edited(vec_pos={"BlueBox": [0, True, 0]}), r"key vec_pos.BlueBox\[1\]: expected a number, found true"),
+    "two numbers": (
+        edited(vec_pos={"BlueBox": [0, 0]}),
+        r"key vec_pos.BlueBox: expected three numbers, found \[0, 0\]",
+    ),
+    "no numbers": (edited(vec_quat={"BlueBox": "up"}), r"key vec_quat.BlueBox: expected four numbers, found 'up'"),
     "not unit": (
         edited(vec_quat={"BlueBox": [0, 0, 1, 1]}),
-        r"quaternion in BlueBox has length 1.414, not 1; record it",
+        r"key vec_quat.BlueBox: has length 1.41, not 1; record it again",
     ),
-    "half written": (write(""), r"data_2.yaml is empty or half written; restore or delete it\.$"),
-    "list": (write("- 1"), r"data_2.yaml is empty or half written; restore or delete it\.$"),
-    "no YAML": (write("type: [pick"), r"data_2.yaml, line 2 is not valid YAML .*, or delete it\.$"),
-    "no date": (write("type: 2020-99-99"), r"data_2.yaml: type is '2020-99-99'; write pick or place"),
-    "no positions": (write("type: place"), r"data_2.yaml: vec_pos is missing; record the demonstration again"),
+    "half written": (write(""), r"data_2.yaml: expected a mapping, found null; write keys such as type, vec_pos"),
+    "list": (write("- 1"), r"data_2.yaml: expected a mapping, found \[1\]"),
+    "no YAML": (write("type: [pick"), r"data_2.yaml, line 2 is not valid YAML .*, or delete .*demo2\.$"),
+    "no date": (write("type: 2020-99-99"), r"key vec_pos: missing; add it, for instance vec_pos: {base_link"),
+    "no positions": (write("type: place"), r"data_2.yaml, key vec_pos: missing; add it"),
 }
 
 
@@ -289,12 +323,16 @@ def test_where_nothing_is_usable_the_sentence_is_the_error(folder, kind):
 GOOD_INFO = {"frames": ["KittingBox", "base_link"], "default_frame": "base_link", "robot": "base_link"}
 BAD_INFO = {
     "frames: [": "line 2 is not valid YAML",
-    "": "empty or half written",
-    yaml.safe_dump({**GOOD_INFO, "frames": 3}): "frames must be a list of names",
-    yaml.safe_dump({**GOOD_INFO, "frames": ["base_link"]}): "at least two frames",
+    "": "info.yaml is missing or empty; restore it",
+    "- 1": r"expected a mapping, found \[1\]; delete the file: the frames are taken from the demonstrations then",
+    yaml.safe_dump({**GOOD_INFO, "frames": 3}): "key frames: expected a list of names, found 3",
+    yaml.safe_dump({**GOOD_INFO, "frames": ["base_link"]}): "key frames: there must be at least two",
     yaml.safe_dump({**GOOD_INFO, "frames": ["base_link"] * 2}): "each once",
-    yaml.safe_dump({**GOOD_INFO, "robot": "YuMi"}): "robot 'YuMi' is not one of the frames; use one of KittingBox",
-    yaml.safe_dump({**GOOD_INFO, "default_frame": None}): "default_frame 'None' is not one of the frames",
+    yaml.safe_dump({**GOOD_INFO, "robot": "YuMi"}): "key robot: 'YuMi' is not one of the frames; use one of KittingBox",
+    yaml.safe_dump(
+        {k: v for k, v in GOOD_INFO.items() if k != "robot"}
+    ): "key robot: missing; add it, for instance robot: b",
+    yaml.safe_dump({**GOOD_INFO, "default_frame": None}): "key default_frame: expected text, found null",
 }
 
 
@@ -307,12 +345,55 @@ def test_bad_information_is_named(tmp_path, text):
     assert (tmp_path / "info.yaml").read_text() == text
 
 
+@pytest.mark.parametrize("kept", [True, False], ids=["task.yaml", "no task.yaml"])
+@pytest.mark.parametrize("lost", [lambda path: path.write_text(""), Path.unlink], ids=["empty", "missing"])
+def test_lost_information_is_taken_from_the_demonstrations(folder, lost, kept):
+    before = folder.read()
+    if not kept:
+        (folder.path / "task.yaml").unlink()
+    lost(folder.path / "info.yaml")
+    (folder.path / "demo1" / "data_1.yaml").write_text("[" * 3000)
+    read = folder.read()
+    assert list(read) == list(before)[1:]
+    assert set(read.frames.names) == set(FRAMES.names)
+    assert (read.frames.default, read.frames.robot) == ("base_link", "base_link")
+    if kept:
+        assert read.frames == FRAMES
+    assert "info.yaml is missing or empty: the frames are taken from the demonstrations." in read.problems[0]
+    folder.append(one_demonstration(STACK3))
+    folder.rename("demo2", "better")
+    assert [one.name for one in folder.read()] == ["better", "demo3", "demo4"]
+
+
+def test_a_robot_of_another_name_must_be_named(tmp_path):
+    frames = Frames(("KittingBox", "BlueBox", "arm"), "arm", "arm")
+    folder = DemonstrationFolder(tmp_path / "set")
+    folder.create(frames)
+    poses = dict.fromkeys(frames.names, Pose((0.0, 0.0, 0.12)))
+    folder.append(Demonstration("", (Action("pick", poses), Action("place", poses))))
+    (folder.path / "info.yaml").unlink()
+    with pytest.raises(
+        UserError, match=r"missing or empty; write the lines 'frames: \[KittingBox, BlueBox, arm\]', 'defa"
+    ):
+        folder.read()
+
+
+def test_where_several_are_unusable_one_sentence_says_why(folder):
+    for name in ("demo1", "demo2", "demo3"):
+        in_millimetres(name, folder)
+    with pytest.raises(
+        UserError, match=r"^none of 3 demonstrations can be used: demo1 is left out: at every pick"
+    ) as error:
+        folder.read()
+    assert "demo2" not in str(error.value)
+
+
 def test_a_missing_or_empty_folder_is_named(tmp_path):
     folder = DemonstrationFolder(tmp_path / "none")
     with pytest.raises(UserError, match=r"there is no folder .*none; give one"):
         folder.read()
     folder.path.mkdir()
-    with pytest.raises(UserError, match=r"info\.yaml is missing; restore it"):
+    with pytest.raises(UserError, match=r"info\.yaml is missing or empty; restore it"):
         folder.read()
     folder.create(Frames(("KittingBox", "base_link"), "base_link", "base_link"))
     with pytest.raises(UserError, match="none holds no demonstration; record some"):
@@ -398,11 +479,20 @@ def test_it_is_known_in_which_task_was_recorded(folder, tmp_path):
     learn(published.read(), yumi)
 
 
-@pytest.mark.parametrize("bad", [{"task": 3}, {"boxes": [0.1]}, {"boxes": {"YellowBox": "large"}}, {"task": None}])
-def test_a_damaged_scene_is_named(folder, bad):
+@pytest.mark.parametrize(
+    ("bad", "message"),
+    [
+        ({"task": 3}, "key task: expected text, found 3; put it in quotes: '3', or remove the keys task and boxes"),
+        ({"boxes": [0.1]}, "key boxes: expected a mapping"),
+        ({"boxes": {"YellowBox": "large"}}, "key boxes.YellowBox: expected a number, found 'large'"),
+        ({"task": None}, "key task: expected text, found null"),
+        ({"boxes": {"YellowBox": 100}}, r"key boxes.YellowBox: 100 is implausible; .*metres\? 100 mm are 0.1 m"),
+    ],
+)
+def test_a_damaged_scene_is_named(folder, bad, message):
     source = folder.path / "info.yaml"
     source.write_text(yaml.safe_dump({**yaml.safe_load(source.read_text()), **bad}))
-    with pytest.raises(UserError, match=r"info\.yaml: task must be a name and boxes the size of each; fix both"):
+    with pytest.raises(UserError, match=rf"info\.yaml, {message}"):
         folder.read()
 
 

@@ -2,10 +2,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bt_jax.behaviors import Behavior, parse_behavior
-from bt_jax.lfd.clustering import infer
 from bt_jax.lfd.conflicts import conflict, undoes
 from bt_jax.lfd.demonstration import Demonstrations
 from bt_jax.lfd.goals import goal_of, sequences, subtasks
+from bt_jax.lfd.inference import infer
 from tests.helpers.demonstrations import STACK3, STACKING, at, demonstrations
 
 BOXES = ("YellowBox", "GreenBox", "BlueBox")
@@ -47,7 +47,7 @@ def test_other_goals_are_other_subtasks():
     there = demonstrations(STACK3, STACKING[:2], noise=0.0)
     on_blue = demonstrations(STACK3, [STACKING[2], STACKING[0]], seed=1, noise=0.0)
     mixed = Demonstrations(there.frames, (*there.demonstrations, *on_blue.demonstrations))
-    inferences = infer(mixed, movable=STACK3.box_names)
+    inferences = infer(mixed, STACK3)
     steps = sequences(mixed, inferences)
     found = subtasks(inferences, steps)
     assert [len(one) for one in steps] == [4] * 6
@@ -62,7 +62,7 @@ def test_the_order_in_which_a_goal_comes_true_does_not_matter():
     first = demonstrations(STACK3, [STACKING[0], STACKING[2]], noise=0.0)
     other = demonstrations(STACK3, [STACKING[2], STACKING[0]], seed=1, noise=0.0)
     mixed = Demonstrations(first.frames, (*first.demonstrations, *other.demonstrations))
-    inferences = infer(mixed, movable=STACK3.box_names)
+    inferences = infer(mixed, STACK3)
     (one,) = subtasks(inferences, sequences(mixed, inferences))
     assert one.demonstrations == tuple(range(6))
     expected = {at("YellowBox", (0, 0, 0.052), "KittingBox"), at("BlueBox", (0, 0, 0.1), "GreenBox"), NOTHING}

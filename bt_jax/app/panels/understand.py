@@ -19,8 +19,9 @@ from bt_jax.app.widgets.context import PageContext
 from bt_jax.app.widgets.tree_view import TreeView
 from bt_jax.behaviors import Behavior, Kind
 from bt_jax.lfd import Lesson
-from bt_jax.lfd.clustering import NEEDED, SPREAD_FLOOR, Candidate, Inference
+from bt_jax.lfd.clustering import NEEDED, SPREAD_FLOOR, Candidate
 from bt_jax.lfd.explanation import order_sentences, precondition_sentences
+from bt_jax.lfd.inference import Inference
 
 __all__ = ["build"]
 

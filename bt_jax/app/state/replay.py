@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.plain_words import Words
-from bt_jax.behaviors.geometry import rests_on
 from bt_jax.lfd import Action, Demonstration, Frames
+from bt_jax.lfd.contact import supports
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Task
@@ -21,7 +21,6 @@ from bt_jax.teaching.teleoperation import Teleoperation
 __all__ = ["ReplayStep", "described", "handled", "replay_steps", "world_of"]
 
 CARRY = 1.5  # how high a box is lifted before it is carried, in its sizes
-RELEASED = 1.5  # of the mean size: how high over a box another one is released that is put on it; it may fall a little
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,21 +82,13 @@ def world_of(action: Action, task: Task) -> World:
 
 
 def described(action: Action, name: str, task: Task) -> str:
-    """Say what an action on the object `name` does: by what is below the object, else by the table."""
+    """Say what an action on the object `name` does: by what it is put on."""
     words = Words(task)
     if action.kind == "pick":
         return f"Pick up {name}"
-    size, half = next(box.size for box in task.boxes if box.name == name), task.kit.size / 2
-    for box in task.boxes:
-        if box.name != name and box.name in action.poses:
-            x, y, z = action.handled(box.name)
-            if rests_on((x, y, z), (0.0, 0.0, 0.0), size, box.size, above_most=RELEASED):
-                return f"Put {name} {words.place(name, (x, y, z), box.name)}"
-    x, y, z = action.handled(task.kit.name)
-    if max(abs(x), abs(y)) < half and abs(z) < half:
-        return f"Put {name} {words.place(name, (x, y, z), task.kit.name)}"
-    x, y, z = action.handled(task.robot_frame)
-    return f"Put {name} {words.place(name, (x, y, z), task.robot_frame)}"
+    below = supports(action, name, task)[0]
+    x, y, z = action.handled(below)
+    return f"Put {name} {words.place(name, (x, y, z), below)}"
 
 
 def _pose(action: Action, frame: str, task: Task) -> Float[np.ndarray, "7"]:

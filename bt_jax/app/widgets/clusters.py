@@ -8,8 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from bt_jax.lfd import Lesson
-from bt_jax.lfd.clustering import Candidate, Inference
+from bt_jax.lfd.clustering import Candidate
 from bt_jax.lfd.figure import LEAST, cluster_points
+from bt_jax.lfd.inference import Inference
 from bt_jax.tasks import Task
 
 __all__ = ["cluster_svg", "scores"]

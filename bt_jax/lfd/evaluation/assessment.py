@@ -13,13 +13,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from bt_jax.behaviors import Behavior
-from bt_jax.lfd.clustering import Inference
 from bt_jax.lfd.demonstration import Demonstrations, Frames, Instance
-from bt_jax.lfd.evaluation.synthetic import demonstrate, random_truth, reordered
+from bt_jax.lfd.evaluation.synthetic import demonstrate, random_situations, random_truth, reordered
+from bt_jax.lfd.inference import Inference
 from bt_jax.lfd.learning import Lesson
 from bt_jax.tasks import Target, Task
 
-__all__ = ["Assessment", "Example", "assess", "random_example"]
+__all__ = ["Assessment", "Example", "assess", "random_example", "situations_example", "tells_apart"]
 
 TOGETHER = 1e-6  # metres; frames whose offset varies by less move together
 
@@ -35,7 +35,7 @@ class Example:
 
     def instances(self, placement: Target) -> list[Instance]:
         """Return the place actions that demonstrate a placement."""
-        return [Instance(d, 2 * shown.index(placement) + 1) for d, shown in enumerate(self.shown)]
+        return [Instance(d, 2 * shown.index(placement) + 1) for d, shown in enumerate(self.shown) if placement in shown]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,7 +56,21 @@ def random_example(task: Task, *, seed: Sequence[int], count: int, noise: float,
     rng = np.random.default_rng([*seed, count])
     truth = random_truth(task, rng=rng)
     shown = tuple(reordered(truth, rng=rng) if reorder else truth for _ in range(count))
+    return _recorded(task, shown, seed=seed, count=count, noise=noise)
 
+
+def situations_example(task: Task, *, seed: Sequence[int], count: int, noise: float) -> Example:
+    """`count` demonstrations of each of two random situations, which place one object in different frames, all in a random
+    order. The same for the same seed."""
+    rng = np.random.default_rng([*seed, count])
+    situations = random_situations(task, rng=rng) * count
+    shown = tuple(reordered(situations[i], rng=rng) for i in rng.permutation(2 * count))
+    return _recorded(task, shown, seed=seed, count=count, noise=noise)
+
+
+def _recorded(
+    task: Task, shown: tuple[tuple[Target, ...], ...], *, seed: Sequence[int], count: int, noise: float
+) -> Example:
     def recorded(noise: float) -> Demonstrations:
         made = [
             demonstrate(task, one, rng=np.random.default_rng([*seed, count, d]), noise=noise, name=f"demo{d + 1}")
@@ -65,6 +79,15 @@ def random_example(task: Task, *, seed: Sequence[int], count: int, noise: float,
         return Demonstrations(Frames.of(task), tuple(made))
 
     return Example(task, shown, recorded(noise), recorded(0.0))
+
+
+def tells_apart(lesson: Lesson, example: Example) -> bool:
+    """Return whether each placement of an example is one inference, of all that demonstrate it and no others, in a frame
+    that moved with the true one."""
+    found = {frozenset(one.instances): one for one in lesson.inferences}
+    placements = dict.fromkeys(placement for shown in example.shown for placement in shown)
+    inferences = {placement: found.get(frozenset(example.instances(placement))) for placement in placements}
+    return all(one is not None and _is_right(one, placement, example) for placement, one in inferences.items())
 
 
 def assess(lesson: Lesson, example: Example) -> Assessment:

@@ -17,10 +17,19 @@ from bt_jax._util.errors import UserError
 from bt_jax.lfd.demonstration import END_EFFECTOR_HEIGHT, Action, Demonstration, Demonstrations, Frames, Kind, Pose
 from bt_jax.tasks import Box, Target, Task
 
-__all__ = ["demonstrate", "demonstration_set", "random_truth", "reordered", "with_boxes"]
+__all__ = [
+    "demonstrate",
+    "demonstration_set",
+    "on_one_table",
+    "random_situations",
+    "random_truth",
+    "reordered",
+    "with_boxes",
+]
 
 TRIES = 1000
 MORE_BOXES = (("RedBox", (0.8, 0.2, 0.15)), ("WhiteBox", (0.9, 0.9, 0.9)), ("BlackBox", (0.1, 0.1, 0.1)))
+ON_TOP = 0.5  # probability that a place in the frame of a box is on it, and not beside it
 ASIDE = 0.3  # probability that a box is put aside before it gets its place
 EDGE = 0.015  # how far the centre of a box that is put aside is from the edge of the table, metres
 
@@ -72,6 +81,13 @@ def with_boxes(task: Task, count: int) -> Task:
     return dataclasses.replace(task, name=f"{task.name}_{count}", boxes=boxes, targets=targets)
 
 
+def on_one_table(task: Task) -> Task:
+    """Return the task with all boxes close together on the first table, and the kit on the second."""
+    return dataclasses.replace(
+        task, tables=task.tables[:2], layout=dataclasses.replace(task.layout, kit=task.tables[1].name)
+    )
+
+
 def random_truth(task: Task, *, rng: np.random.Generator) -> tuple[Target, ...]:
     """Return what a demonstrator may show: at least one box goes to a random free place in the kit, on a box that stays,
     on one placed before, or at the edge of a table, which is a place in the robot's frame. Some boxes are put aside first.
@@ -96,6 +112,31 @@ def random_truth(task: Task, *, rng: np.random.Generator) -> tuple[Target, ...]:
             placed.append(_target(name, spots.pop(), task.robot_frame))
         tops.append(name)
     return (*aside, *placed)
+
+
+def random_situations(task: Task, *, rng: np.random.Generator) -> tuple[tuple[Target, ...], tuple[Target, ...]]:
+    """Return what a demonstrator may show in two situations: a box goes to a place in one frame, in the first situation
+    perhaps after it was put aside, or else to a place in another frame; some of the remaining boxes go to the kit. The task
+    must have at least three boxes, all of one size."""
+    thing, *others = (str(name) for name in rng.permutation(task.box_names))
+    frames = [str(name) for name in rng.permutation([*others, task.kit.name, task.robot_frame])[:2]]
+    cells = [tuple(cell) for cell in rng.permutation(_kit_cells(task))]
+    spots = np.concatenate([_edge_spots(task, table) for table in range(len(task.tables))])
+    edges = [tuple(spot) for spot in rng.permutation(spots)]
+    size = task.boxes[0].size
+
+    def place(frame: str) -> Target:
+        if frame == task.robot_frame:
+            return _target(thing, edges[0], frame)
+        if frame == task.kit.name:
+            return _target(thing, cells.pop(), frame)
+        x, y = rng.permutation([size + task.genes.gap, 0.0]) * rng.choice([-1, 1])
+        return _target(thing, (0.0, 0.0, size) if rng.random() < ON_TOP else (x, y, 0.0), frame)
+
+    first, second = map(place, frames)
+    aside = (_target(thing, edges[1], task.robot_frame),) if rng.random() < ASIDE else ()
+    rest = [_target(name, cells.pop(), task.kit.name) for name in others if name not in frames and rng.random() < 0.5]
+    return (*aside, first, *rest), (second, *rest)
 
 
 def reordered(placements: Sequence[Target], *, rng: np.random.Generator) -> tuple[Target, ...]:

@@ -7,8 +7,8 @@ import pytest
 
 from bt_jax.behaviors import Behavior
 from bt_jax.lfd import learn
-from bt_jax.lfd.evaluation.assessment import assess, random_example
-from bt_jax.lfd.evaluation.synthetic import with_boxes
+from bt_jax.lfd.evaluation.assessment import assess, random_example, situations_example, tells_apart
+from bt_jax.lfd.evaluation.synthetic import on_one_table, with_boxes
 from tests.helpers.demonstrations import STACK3
 
 
@@ -35,6 +35,30 @@ def test_a_few_random_sets_are_recognized():
     assert strict >= 0.8
     assert lenient >= 0.99
     assert sets >= 0.95  # 19 of 20
+
+
+def situations_of(seed, count):
+    rng = np.random.default_rng(seed)
+    task = with_boxes(STACK3, int(rng.integers(3, 7)))
+    return situations_example(on_one_table(task) if seed % 2 else task, seed=[seed], count=count, noise=0.005)
+
+
+@pytest.mark.parametrize("count", [3, 5])
+def test_two_situations_are_told_apart(count):
+    """The same box goes to a place in one frame, or to one in another."""
+    for seed in range(6):
+        example = situations_of(seed, count)
+        assert tells_apart(learn(example.demonstrations, example.task), example)
+
+
+def test_situations_that_are_mixed_up_are_noticed():
+    example = situations_of(0, 3)
+    lesson = learn(example.demonstrations, example.task)
+    places = [i for i, one in enumerate(lesson.inferences) if one.kind == "place"]
+    for i in places:
+        parts = list(lesson.inferences)
+        parts[i] = dataclasses.replace(parts[i], instances=parts[i].instances[1:])
+        assert not tells_apart(dataclasses.replace(lesson, inferences=tuple(parts)), example)
 
 
 @pytest.mark.slow

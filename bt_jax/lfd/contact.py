@@ -1,0 +1,41 @@
+"""What stood on what when an action was demonstrated, from the poses that were recorded."""
+
+from __future__ import annotations
+
+from bt_jax.behaviors.geometry import rests_on
+from bt_jax.lfd.demonstration import Action
+from bt_jax.tasks import Task
+
+__all__ = ["is_under", "supports"]
+
+RELEASED = 1.5  # of the mean size: how high over what it is put on a box may be released
+
+
+def supports(action: Action, thing: str, task: Task) -> tuple[str, ...]:
+    """Return the frames of what a box is put on, when it is released: the boxes under it, or else the kit, or else the
+    robot's, in which the tables are fixed."""
+    here, size = action.handled(task.robot_frame), task.size(thing)
+    boxes = tuple(
+        name
+        for name in task.box_names
+        if name != thing
+        and name in action.poses
+        and rests_on(here, action.origin(name, task.robot_frame), size, task.size(name), above_most=RELEASED)
+    )
+    if boxes:
+        return boxes
+    if task.kit.name in action.poses:
+        x, y, z = action.handled(task.kit.name)
+        if max(abs(x), abs(y)) < task.kit.size / 2 and abs(z) < RELEASED * size:
+            return (task.kit.name,)
+    return (task.robot_frame,)
+
+
+def is_under(box: str, action: Action, task: Task) -> bool:
+    """Return whether another box stands on this one at the moment of an action."""
+    here, size = action.origin(box, task.robot_frame), task.size(box)
+    return any(
+        rests_on(action.origin(other, task.robot_frame), here, task.size(other), size)
+        for other in task.box_names
+        if other != box
+    )

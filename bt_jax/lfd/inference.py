@@ -1,0 +1,197 @@
+"""Inference of reference frames: an action is relative to the frame in which the demonstrations agree best.
+
+The clusters in all frames overlap; those are taken that do not and whose evidence has the greatest sum, so that few places
+explain many demonstrations. Frames that did not move relative to each other cannot be told apart: of those, an object is
+relative to what it was put on, or else to the first. Everything that was weighed is kept, to be shown.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Hashable, Iterable, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from bt_jax.behaviors import Behavior
+from bt_jax.lfd.clustering import NEEDED, REACH, SPREAD_FLOOR, Candidate, Group, Observed, Rows, Vec3, occurrences
+from bt_jax.lfd.contact import supports
+from bt_jax.lfd.dbscan import dbscan
+from bt_jax.lfd.demonstration import Demonstrations, Instance, Kind
+from bt_jax.lfd.packing import best_packing
+from bt_jax.tasks import Task
+
+__all__ = ["SAME_PLACE", "Inference", "infer", "rounded"]
+
+SAME_PLACE = 0.03  # metres; with too few demonstrations, what lies closer together counts as one place
+PICK = "a pick is relative to its object"
+
+
+@dataclasses.dataclass(frozen=True)
+class Inference:
+    """What several observed actions are instances of, and why.
+
+    `position` is the target of the object's centre in `frame` [m, rounded to mm], the mean over the `instances`;
+    `tolerance` the largest distance from it. `candidates` are the frames as seen by the first instance, the chosen first and
+    then the best; `tied` are other frames that the demonstrations cannot tell from it; `reason` is a sentence; `chosen`: a
+    person has said that it is this frame.
+    """
+
+    kind: Kind
+    object: str
+    frame: str
+    position: Vec3
+    tolerance: float
+    instances: tuple[Instance, ...]
+    candidates: tuple[Candidate, ...]
+    reason: str
+    tied: tuple[str, ...] = ()
+    chosen: bool = False
+
+    @property
+    def behavior(self) -> Behavior:
+        if self.kind == "pick":
+            return Behavior("pick", (self.object,))
+        return Behavior("place", (self.object, self.position, self.frame))
+
+
+def infer(demonstrations: Demonstrations, task: Task) -> tuple[Inference, ...]:
+    """Return the distinct actions of a set of demonstrations, in the order in which they are first seen."""
+    groups: dict[tuple[str, str], list[Observed]] = {}
+    for one in _observed(demonstrations):
+        groups.setdefault((one.action.kind, one.object), []).append(one)
+    picked = {one.instance: one.object for own in groups.values() for one in own if one.action.kind == "pick"}
+    frames = demonstrations.frames
+    names = sorted(frames.names, key=lambda name: name == frames.robot)
+    found: list[Inference] = []
+    for (kind, thing), own in groups.items():
+        group = Group(tuple(own), tuple(name for name in names if kind == "pick" or name != thing), picked)
+        if len(demonstrations) < NEEDED:
+            found += _as_shown(group, frames.default, len(demonstrations))
+        elif kind == "pick":
+            found += _agreed(group, group.everything, thing, ())
+        else:
+            found += _places(group, frames.default, task)
+    return tuple(sorted(found, key=lambda inference: min((m.index, m.demonstration) for m in inference.instances)))
+
+
+def _observed(demonstrations: Demonstrations) -> list[Observed]:
+    found = []
+    for d, demonstration in enumerate(demonstrations):
+        held = ""
+        for i, action in enumerate(demonstration.actions):
+            held = action.nearest(demonstrations.frames.objects) if action.kind == "pick" else held
+            found.append(Observed(Instance(d, i), action, held))
+    return found
+
+
+def _as_shown(group: Group, default: str, count: int) -> list[Inference]:
+    """Return the actions of too few demonstrations: what is done at one place is one."""
+    frame, why = group.object, PICK
+    if group.kind == "place":
+        frame, why = default, f"{count} of {NEEDED} demonstrations needed to infer a frame, so it is {default}"
+    labels = dbscan(group.positions[frame], SAME_PLACE, 1).tolist()
+    return [_inference(group, frame, rows, why) for rows in _in_turn(group, group.everything, labels)]
+
+
+def _places(group: Group, default: str, task: Task) -> list[Inference]:
+    """Return the places of an object, each in its frame; the default is that of places on which no others agree."""
+    values: dict[Rows, float] = {}
+    for clusters in group.clusters.values():
+        for rows, candidate in clusters.items():
+            if candidate.evidence > 0 and len(group.demonstrations(rows)) >= NEEDED:
+                values[rows] = max(values.get(rows, 0.0), candidate.evidence)
+    together = best_packing(values)
+    found = [one for rows in together for one in _agreed(group, rows, *_frame(group, rows, task))]
+    why = f"no frame has {NEEDED} demonstrations that agree within {REACH} m, so it is {default}"
+    for row in sorted(group.everything.difference(*together)):
+        found.append(_inference(group, default, [row], why, group.compared(row, frozenset([row]), default)))
+    return found
+
+
+def _frame(group: Group, rows: Rows, task: Task) -> tuple[str, tuple[str, ...]]:
+    """Return the frame of rows that belong together, and the others that cannot be told from it.
+
+    Of those, it is what the object is put on, if that is one thing, or else the first.
+    """
+    own = {frame: clusters[rows] for frame, clusters in group.clusters.items() if rows in clusters}
+    best = max(own.values(), key=lambda one: one.merit)
+    tied = [frame for frame in own if own[frame].leaves == best.leaves and group.still(frame, best.frame, rows)]
+    under = {supports(group.observed[row].action, group.object, task) for row in rows}
+    frame = next((frame for frame in tied if under == {(frame,)}), tied[0])
+    return frame, tuple(other for other in tied if other != frame)
+
+
+def _agreed(group: Group, rows: Rows, frame: str, tied: tuple[str, ...]) -> list[Inference]:
+    """Return the actions of a cluster in its frame; what one demonstration does several times is several."""
+    found = []
+    for part in _parts(group, rows, frame):
+        own = group.compared(part[0], rows, frame)
+        why = PICK if group.kind == "pick" else _reason(own, tied)
+        found.append(_inference(group, frame, part, why, own, tied))
+    return found
+
+
+def _parts(group: Group, rows: Rows, frame: str) -> list[list[int]]:
+    """Return the rows of a cluster, separated if a demonstration has several: by the cluster in the second-best frame, if
+    those are good and separate all of them, and otherwise by their order."""
+    instances = [group.observed[row].instance for row in sorted(rows)]
+    one = [0] * len(rows)
+    keys: Sequence[Hashable] = one
+    if any(occurrences(instances, one)):
+        second = [group.compared(row, rows, frame)[1:2] for row in sorted(rows)]
+        keys = [own[0].members if own and own[0].good else () for own in second]
+        keys = one if any(occurrences(instances, keys)) else keys
+    return _in_turn(group, rows, keys)
+
+
+def _in_turn(group: Group, rows: Iterable[int], keys: Sequence[Hashable]) -> list[list[int]]:
+    """Return rows with the same key together, those of one demonstration separated by their order."""
+    found: dict[Hashable, list[int]] = {}
+    instances = [group.observed[row].instance for row in sorted(rows)]
+    for row, key, nth in zip(sorted(rows), keys, occurrences(instances, keys), strict=True):
+        found.setdefault((key, nth), []).append(row)
+    return list(found.values())
+
+
+def _inference(
+    group: Group,
+    frame: str,
+    rows: Sequence[int],
+    reason: str,
+    candidates: tuple[Candidate, ...] = (),
+    tied: tuple[str, ...] = (),
+) -> Inference:
+    points = group.positions[frame][rows]
+    mean = points.mean(axis=0)
+    return Inference(
+        kind=group.kind,
+        object=group.object,
+        frame=frame,
+        position=rounded(mean),
+        tolerance=float(np.linalg.norm(points - mean, axis=1).max()),
+        instances=tuple(group.observed[row].instance for row in rows),
+        candidates=candidates,
+        reason=reason,
+        tied=tied,
+    )
+
+
+def rounded(position: Float[np.ndarray, "3"]) -> Vec3:
+    """Return a position [m], rounded to mm."""
+    x, y, z = (round(float(x), 3) + 0.0 for x in position)
+    return x, y, z
+
+
+def _reason(own: Sequence[Candidate], tied: Sequence[str]) -> str:
+    best, second = own[0], own[1] if len(own) > 1 else None
+    agree = f"{best.size} agree within {1000 * max(best.spread, SPREAD_FLOOR):.0f} mm in {best.frame}"
+    if second is None:
+        return f"{agree}, the only frame"
+    if tied:
+        return f"{agree}; {' and '.join(tied)} {'fits' if len(tied) == 1 else 'fit'} as well"
+    if second.score == -math.inf:
+        return f"{agree}, and in no other frame"
+    moved = ", which is moved later" if second.leaves else ""
+    return f"{agree}, {second.size} in {second.frame} within {1000 * max(second.spread, SPREAD_FLOOR):.0f} mm{moved}"
