@@ -13,6 +13,7 @@ from nicegui import background_tasks, ui
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.panels import PANELS
+from bt_jax.app.panels.goal_banner import GoalBanner
 from bt_jax.app.phrases import phrase
 from bt_jax.app.state.bus import Kind, Message, Topic
 from bt_jax.app.state.holds import Shared, Window
@@ -64,6 +65,7 @@ class Page:
                 ui.html(APPEARANCES, tag="select", sanitize=False).classes("page-appearance").props(
                     'data-appearance data-testid=appearance aria-label="Colours" title="Colours"'
                 )
+            GoalBanner(studio, self)
             NoticeStrip(studio.notices, self)
             with ui.element("div").classes("page-main"):
                 self.scene_area = ui.element("section").classes("page-scene").props("aria-label=Scene")

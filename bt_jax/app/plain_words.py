@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from bt_jax.behaviors import NOTHING, Behavior, Control, ExtendedNode, Kind, Tree
 from bt_jax.tasks import Task
 
-__all__ = ["Words"]
+__all__ = ["Words", "differences"]
 
 NEAR = 0.2  # offsets below this part of a box's size are not mentioned
 LEVEL = 0.3  # heights that differ by less than this part of a box's size are the same level
@@ -168,6 +168,22 @@ def _extended(node: ExtendedNode[Behavior]) -> str:
         "Timeout": f"Do this within {number / 1000:g} seconds" if number else "Do this",
         "KeepRunningUntilFailure": "Do this again and again, until it fails",
     }[node.name]
+
+
+def differences(one: Task, other: Task) -> list[str]:
+    """Say in what the goal of a task differs from that of another with the same boxes: "GreenBox on top of YellowBox"."""
+    words, theirs = Words(one), {target.object: target for target in other.targets}
+    ours = {target.object: target for target in one.targets}
+    said = []
+    for name in one.box_names:
+        target = ours.get(name)
+        if target == theirs.get(name):
+            continue
+        place = "may be anywhere" if target is None else words.place(name, target.position, target.frame)
+        said.append(f"{name} {place}")
+    if one.layout != other.layout:
+        said.append("boxes start in fixed places" if one.layout.fixed else "boxes start at random")
+    return said
 
 
 def _length(metres: float) -> str:

@@ -98,12 +98,15 @@ async def ask(question: str, *, yes: str, testid: str) -> bool:
 
 
 async def may_leave(studio: Studio) -> bool:
-    """Return whether another task may be opened: the changes of this one are saved, or a person discards them."""
+    """Return whether another task may be opened: the changes of this one are saved, or a person discards them. Raise
+    UserError if it is changed while they are asked."""
+    task, start = studio.edited.task, studio.edited.start
     if not studio.unsaved:
         return True
-    return await ask(
-        f"The changes of {studio.edited.task.name} are not saved.", yes="Discard them", testid="task-leave"
-    )
+    leaves = await ask(f"The changes of {task.name} are not saved.", yes="Discard them", testid="task-leave")
+    if leaves and (studio.edited.task is not task or studio.edited.start is not start):
+        raise UserError("the task was changed in another window meanwhile; look at it before you discard it")
+    return leaves
 
 
 async def ask_for(question: str, *, value: str, yes: str, testid: str) -> str | None:

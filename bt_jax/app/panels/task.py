@@ -13,7 +13,7 @@ from nicegui import ui
 from bt_jax._util.errors import UserError
 from bt_jax.app.panels.context import PanelContext
 from bt_jax.app.panels.parts import ask, button, css_color, may_leave
-from bt_jax.app.plain_words import Words
+from bt_jax.app.plain_words import Words, differences
 from bt_jax.app.state.arrangement import fixed_layout, free_layout, kit_table, move_kit, put, retarget, untarget
 from bt_jax.app.state.spots import Spot, origins, spot_at, spot_of_target
 from bt_jax.app.state.studio import Studio
@@ -60,9 +60,9 @@ class _Task:
                     .props("dense outlined options-dense data-testid=task-choice")
                     .classes("task-choice")
                 )
-                self.undo = button("", "task-undo", "undo", guard(studio.undo_edit), more="flat round data-undo")
+                self.undo = button("", "task-undo", "undo", guard(self._undo), more="flat round data-undo")
                 self.undo.props('aria-label="Undo" title="Undo (Ctrl+Z)"')
-                self.redo = button("", "task-redo", "redo", guard(studio.redo_edit), more="flat round data-redo")
+                self.redo = button("", "task-redo", "redo", guard(self._redo), more="flat round data-redo")
                 self.redo.props('aria-label="Redo" title="Redo (Ctrl+Shift+Z)"')
                 self.description = ui.label().classes("hint").props("data-testid=task-description")
             with ui.tabs().props("dense no-caps align=left").classes("task-tabs") as self.tabs:
@@ -298,11 +298,32 @@ class _Task:
 
     async def _save(self) -> None:
         name, workspace = self.name.value.strip(), self.studio.workspace
-        other = name in workspace.task_names() and name not in task_names() and name != self.studio.edited.task.name
-        if other and not await ask(f"There is a task {name} already.", yes="Replace it", testid="task-replace"):
+        if name == self.studio.edited.task.name and name not in task_names():
+            question = f"The file of {name} was changed meanwhile." if self.studio.edited.changed_on_disk else ""
+        else:
+            question = f"There is a task {name} already." if workspace.filed(name) is not None else ""
+        if question and not await ask(question, yes="Replace it", testid="task-replace"):
             return
-        workspace.save_task(name, self.studio.edited.task)
-        self.studio.edit_task(workspace.task(name), self.studio.edited.start)
+        self.studio.save_task(name)
+        self.page.say(f"The task is saved as {name}.", "success")
+
+    def _undo(self) -> None:
+        after = self.studio.edited.task
+        self.studio.undo_edit()
+        self._say_changed("Taken back", after)
+
+    def _redo(self) -> None:
+        before = self.studio.edited.task
+        self.studio.redo_edit()
+        self._say_changed("Done again", before)
+
+    def _say_changed(self, what: str, before: Task) -> None:
+        """Say what was undone or redone: it may be an edit of another window."""
+        now = self.studio.edited.task
+        said = differences(now, before) or [
+            f"the name is {now.name}" if now.name != before.name else "the start is another"
+        ]
+        self.page.say(f"{what}: now {'; '.join(said)}.", "success")
 
 
 def _name(box: Box) -> None:

@@ -33,6 +33,7 @@ class EditedTask:
         self.turn = asyncio.Lock()
         self._workspace = workspace
         self._history = History(_Version(task, sample_layouts(task, 0, 1)))
+        self._filed = workspace.filed(task.name)  # what the file said when the task was opened or saved last
 
     @property
     def task(self) -> Task:
@@ -52,6 +53,12 @@ class EditedTask:
         return bool(self._history.future)
 
     @property
+    def changed_on_disk(self) -> bool:
+        """Whether the file of the task's name says something else than when the task was opened or saved last."""
+        now = self._workspace.filed(self.task.name)
+        return now is not None and now != self._filed
+
+    @property
     def saved(self) -> bool:
         """Whether the task equals its file."""
         return self._workspace.holds(self.task)
@@ -59,6 +66,13 @@ class EditedTask:
     def open(self, task: Task, start: World | None = None) -> None:
         """Take another task, with a new history; it starts in the first layout that is drawn unless `start` is given."""
         self._history = History(_version(task, sample_layouts(task, 0, 1) if start is None else start))
+        self._filed = self._workspace.filed(task.name)
+
+    def save(self, name: str) -> None:
+        """Write the task to the file of a name, which is its name from now on. Raise UserError as `Workspace.save_task`."""
+        self._workspace.save_task(name, self.task)
+        self.edit(self._workspace.task(name))
+        self._filed = self._workspace.filed(name)
 
     def edit(self, task: Task, start: World | None = None) -> None:
         """Change the targets or the start of the task, which keeps its boxes and frames."""
@@ -80,7 +94,7 @@ def same_things(one: Task, other: Task) -> bool:
 
 def same_goal(one: Task, other: Task) -> bool:
     """Whether two tasks have the same things, the same targets and the same starts, whatever their names are."""
-    return same_things(one, other) and (one.targets, one.layout) == (other.targets, other.layout)
+    return same_things(one, other) and one.layout == other.layout and set(one.targets) == set(other.targets)
 
 
 def _version(task: Task, start: World) -> _Version:

@@ -33,7 +33,7 @@ from bt_jax.behaviors import Tree
 from bt_jax.gp.config import GPConfig
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.world import World
-from bt_jax.tasks import Task
+from bt_jax.tasks import Task, with_goal_of
 from bt_jax.training.phases import Changes
 
 __all__ = ["Studio"]
@@ -59,6 +59,7 @@ class Studio:
         self.teaching = Teaching(self.bus, self.worker, self.edited, self.library, self.playing, self.drafts)
         self.notices = Notices(self.bus)
         self._restored: Notice | None = None  # stands as long as the draft that was restored differs from every file
+        self._kept_both: tuple[Task | None, Task] | None = None  # the two tasks that may differ
         self._following: Task | None = None  # the edited task that takes over what the evolution is taught
 
     def open_task(self, task: Task, start: World | None = None) -> None:
@@ -175,6 +176,32 @@ class Studio:
         self.playing.follow(self.playing.tree, self.evolution.run)
         self.bus.changed("evolution", "runs")
         self._keep_draft()
+
+    def save_task(self, name: str) -> None:
+        """Write the edited task to a file, whose name it has from now on. Raise UserError if that is impossible."""
+        self.edited.save(name)
+        self._after_edit()
+
+    def take_goal(self, task: Task) -> None:
+        """Give the edited task the targets and the starts of another; this can be undone. Raise UserError unless both have
+        the same boxes and frames."""
+        edited = self.edited.task
+        changed = dataclasses.replace(with_goal_of(edited, task), subgoals=task.subgoals)
+        self.edit_task(changed, None if task.layout == edited.layout else sample_layouts(changed, 0, 1))
+
+    @property
+    def asks_for_goal(self) -> bool:
+        """Whether the edited task and that of the evolution differ, and nobody has said that both should stay. While a
+        training starts, its task is not known yet."""
+        task = self.evolution.task
+        if task is None or self.in_step or self.evolution.stage == "starting":
+            return False
+        return self._kept_both != (task, self.edited.task)
+
+    def keep_both(self) -> None:
+        """Let the edited task and that of the evolution differ until one of them changes."""
+        self._kept_both = (self.evolution.task, self.edited.task)
+        self.bus.changed("notices")
 
     @property
     def in_step(self) -> bool:

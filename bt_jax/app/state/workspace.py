@@ -114,6 +114,12 @@ class Workspace:
         write_atomic(path, to_yaml(dataclasses.replace(task, name=name).to_dict()))
         return path
 
+    def filed(self, name: str) -> bytes | None:
+        """Return the file of a task that was saved here, None if there is none."""
+        with contextlib.suppress(UserError, OSError):
+            return self.inside(self.tasks, f"{name}.yaml").read_bytes()
+        return None
+
     def holds(self, task: Task) -> bool:
         """Whether the file of the task's name says exactly this. It is read only if a task file has changed."""
         own = [] if task.name in task_names() else sorted(self.tasks.glob("*.yaml"))  # one may extend another

@@ -196,6 +196,42 @@ def test_going_on_asks_for_which_task_when_step_1_says_something_else(page, see,
     expect(see("task-words-GreenBox")).to_have_text("on top of YellowBox")
 
 
+def test_a_banner_on_every_step_asks_which_task_counts(page, see, server):
+    start(see, generations=3)
+    expect(see("evolve-stage")).to_have_text("finished")
+    expect(see("banner")).not_to_be_visible()
+    go(see, "task")
+    see("task-remove-GreenBox").click()
+    expect(see("banner-text")).to_contain_text(
+        "works for: GreenBox on top of YellowBox. Step 1 says: GreenBox may be anywhere."
+    )
+    for step in ("evolve", "demonstrate", "understand", "combine", "run", "keep", "task"):
+        go(see, step)
+        expect(see("banner-old"), step).to_be_visible()
+    see("banner-both").click()
+    expect(see("banner")).not_to_be_visible()
+    see("task-undo").click()
+    expect(see("message")).to_contain_text("Taken back: now GreenBox on top of YellowBox.")
+    see("task-redo").click()  # what was asked about is asked about no more
+    expect(see("banner")).not_to_be_visible()
+    see("task-add-GreenBox").click()
+    expect(see("banner-text")).to_contain_text("Step 1 says: GreenBox on Table")
+    see("banner-old").click()
+    expect(see("task-words-GreenBox")).to_have_text("on top of YellowBox")
+    expect(see("banner")).not_to_be_visible()
+    see("task-remove-YellowBox").click()
+    see("banner-new").click()
+    expect(see("panel-evolve")).to_be_visible()
+    expect(see("evolve-generation")).to_have_text("53 of 53")
+    expect(see("evolve-stage")).to_have_text("finished")
+    assert [target.object for target in newest(server).config().task.targets] == ["GreenBox"]
+    expect(see("banner")).not_to_be_visible()
+    go(see, "task")
+    see("task-revert").click()
+    expect(see("task-words-YellowBox")).to_have_text("in the middle of the kit")
+    see("banner-both").click()
+
+
 def test_the_run_folder_vanishes(page, see, server):
     start(see, generations=3)
     expect(see("evolve-stage")).to_have_text("finished")

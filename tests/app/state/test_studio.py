@@ -289,3 +289,33 @@ def test_a_demonstration_in_the_making_stays_where_it_is(studio):
         assert studio.teaching.session is not None
 
     asyncio.run(check())
+
+
+def test_two_tasks_that_differ_are_asked_about_until_one_changes(evolved):
+    assert not evolved.asks_for_goal
+    reordered = dataclasses.replace(STACK3, targets=STACK3.targets[::-1])
+    evolved.edit_task(reordered)
+    assert not evolved.asks_for_goal
+    fewer = untarget(STACK3, "BlueBox")
+    evolved.edit_task(fewer)
+    assert evolved.asks_for_goal
+    evolved.keep_both()
+    assert not evolved.asks_for_goal
+    evolved.edit_task(untarget(fewer, "GreenBox"))
+    assert evolved.asks_for_goal
+    evolved.take_goal(evolved.evolution.task)
+    assert (evolved.edited.task, evolved.asks_for_goal) == (STACK3, False)
+    evolved.undo_edit()
+    assert evolved.edited.task == untarget(fewer, "GreenBox")
+
+
+def test_a_task_file_that_somebody_else_has_changed_is_known(studio):
+    studio.save_task("mine")
+    assert (studio.edited.task.name, studio.edited.changed_on_disk) == ("mine", False)
+    studio.edit_task(untarget(studio.edited.task, "BlueBox"))
+    assert not studio.edited.changed_on_disk
+    path = studio.workspace.tasks / "mine.yaml"
+    path.write_text(path.read_text() + "# theirs\n")
+    assert studio.edited.changed_on_disk
+    studio.save_task("mine")
+    assert not studio.edited.changed_on_disk
