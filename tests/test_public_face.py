@@ -47,7 +47,7 @@ FACES = {
     ],
     "bt_jax.lfd": [
         "Action", "Candidate", "Demonstration", "DemonstrationFolder", "Demonstrations", "Frames", "Inference",
-        "Instance", "Lesson", "Pose", "RecordedTask", "learn", "plan", "plan_task",
+        "Instance", "Lesson", "Pose", "Question", "RecordedTask", "learn", "plan", "plan_task",
     ],
     "bt_jax.teaching": [
         "Input", "Landing", "Teleoperation", "parse_script", "perform", "reached_by", "record",

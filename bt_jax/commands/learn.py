@@ -30,7 +30,7 @@ from bt_jax.encoding.formats.text import format_tree
 from bt_jax.encoding.formats.xml import to_xml
 from bt_jax.encoding.limits import MAX_NODES
 from bt_jax.encoding.walk import leaves
-from bt_jax.lfd import DemonstrationFolder, Lesson
+from bt_jax.lfd import DemonstrationFolder, Lesson, Question
 from bt_jax.lfd.explanation import (
     action_rows,
     goal_sentence,
@@ -93,6 +93,9 @@ def show(console: Console, lesson: Lesson) -> None:
     console.print("actions and their reference frames")
     for number, row in enumerate(action_rows(lesson), start=1):
         console.print(f"  {number} [bold]{escape(row['what'])}[/]   {row['seen']}\n    {escape(row['why'])}")
+        for question in lesson.questions:
+            if question.action == number - 1:
+                console.print(f"    [yellow]{escape(question.text)}[/] {escape(_answers(question))}")
     for i, one in enumerate(lesson.subtasks, start=1):
         which = "" if len(lesson.subtasks) == 1 else f" {i}, of {_names(lesson, one.subtask.demonstrations)}"
         console.print(f"goal{which}: {escape(goal_sentence(one.subtask.goal))}")
@@ -101,6 +104,13 @@ def show(console: Console, lesson: Lesson) -> None:
     if len(lesson.subtasks) > 1:
         console.print("[yellow]the demonstrations end differently: each goal is tried in turn until one is reached[/]")
     console.print(Panel(Text(draw_text(lesson.tree).rstrip()), title="learnt tree", title_align="left"))
+
+
+def _answers(question: Question) -> str:
+    """Say what is assumed, and how the question is answered."""
+    meanwhile, other = question.alternatives[:2]
+    choice = f"--frames {question.action + 1}={other}"
+    return f"{meanwhile} is taken; say another frame, as with {choice}, or {question.settled_by}"
 
 
 def _names(lesson: Lesson, demonstrations: tuple[int, ...]) -> str:
@@ -158,6 +168,7 @@ def as_data(lesson: Lesson, tried: Evaluation) -> dict[str, Any]:
             }
             for inference in lesson.inferences
         ],
+        "questions": [dataclasses.asdict(question) for question in lesson.questions],
         "goals": [list(map(str, one.subtask.goal)) for one in lesson.subtasks],
         "orders": [sentence for one in lesson.subtasks for sentence in order_sentences(lesson, one)],
         "tree": str(lesson.tree),

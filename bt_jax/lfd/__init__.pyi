@@ -4,6 +4,7 @@ from bt_jax.lfd.demonstration_folder import DemonstrationFolder
 from bt_jax.lfd.inference import Inference
 from bt_jax.lfd.learning import Lesson, learn
 from bt_jax.lfd.planner import plan, plan_task
+from bt_jax.lfd.questions import Question
 
 __all__ = [
     "Action",
@@ -16,6 +17,7 @@ __all__ = [
     "Instance",
     "Lesson",
     "Pose",
+    "Question",
     "RecordedTask",
     "learn",
     "plan",

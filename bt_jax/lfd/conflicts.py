@@ -9,7 +9,8 @@ __all__ = ["conflict", "implies", "undoes"]
 
 def conflict(a: Behavior, b: Behavior) -> bool:
     """Return whether two conditions exclude each other: different things held, two states of the gripper, one object at two
-    places, or something held by an open gripper."""
+    places, something held by an open gripper, or something held that is at a place: `at` is false while the object hangs
+    in the gripper."""
     if a.name == b.name:
         match a.name:
             case "holding" | "gripper":
@@ -18,7 +19,8 @@ def conflict(a: Behavior, b: Behavior) -> bool:
                 return a.object == b.object and a != b
     held = next((c.object for c in (a, b) if c.name == "holding"), NOTHING)
     opened = any(c.name == "gripper" and c.args == (OPEN,) for c in (a, b))
-    return held != NOTHING and opened
+    placed = any(c.name == "at" and c.object == held for c in (a, b))
+    return held != NOTHING and (opened or placed)
 
 
 def implies(a: Behavior, b: Behavior) -> bool:

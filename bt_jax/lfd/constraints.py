@@ -66,9 +66,9 @@ def preconditions(
     constraints: Sequence[Order], inferences: Sequence[Inference], steps: Sequence[Sequence[Step]]
 ) -> Mapping[Behavior, tuple[Behavior, ...]]:
     """Return for each action of the demonstrations the conditions beyond its own preconditions that earlier actions
-    establish and that still hold when it begins: their postconditions, the nearest action's where they conflict, and
-    none that conflicts with what the action itself needs. Of an action that is done several times, those that hold each
-    time."""
+    establish and that still hold when it begins: their postconditions, the nearest action's where they conflict, none that
+    conflicts with what the action itself needs, and none that it undoes: that would contradict its own postconditions. Of an
+    action that is done several times, those that hold each time."""
     moments = [dict(zip(sequence, _held(sequence, inferences), strict=True)) for sequence in steps]
     extra: dict[Behavior, tuple[Behavior, ...]] = {}
     for step in sorted(set().union(*moments)):
@@ -78,7 +78,7 @@ def preconditions(
             both = [held[step] for held in moments if order.before in held and step in held]
             for condition in inferences[order.before].behavior.postconditions:
                 known = any(implies(other, condition) or conflict(condition, other) for other in kept)
-                if not known and all(condition in held for held in both):
+                if not known and not undoes(action, condition) and all(condition in held for held in both):
                     kept.append(condition)
         new = tuple(reversed(kept[len(action.preconditions) :]))
         extra[action] = tuple(condition for condition in extra.get(action, new) if condition in new)

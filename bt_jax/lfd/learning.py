@@ -15,6 +15,7 @@ from bt_jax.lfd.demonstration import Demonstration, Demonstrations, Instance
 from bt_jax.lfd.goals import Step, Subtask, sequences, subtasks
 from bt_jax.lfd.inference import Inference, infer
 from bt_jax.lfd.planner import plan
+from bt_jax.lfd.questions import Question, question_of
 from bt_jax.lfd.subgoals import derive_subgoal
 from bt_jax.tasks import Subgoal, Target, Task
 
@@ -49,6 +50,12 @@ class Lesson:
     def missing(self) -> int:
         """How many more demonstrations are needed to infer the frames of the actions."""
         return max(0, NEEDED - len(self.demonstrations))
+
+    @property
+    def questions(self) -> tuple[Question, ...]:
+        """What the demonstrations leave open, at most one question for each inference."""
+        found = (question_of(i, one, self.task) for i, one in enumerate(self.inferences))
+        return tuple(question for question in found if question is not None)
 
     @property
     def placements(self) -> tuple[Behavior, ...]:

@@ -1,14 +1,20 @@
+import functools
 import itertools
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bt_jax._util.errors import UserError
-from bt_jax.behaviors import Behavior, parse_behavior
-from bt_jax.lfd.conflicts import conflict
+from bt_jax.behaviors import Behavior, Kind, expand, parse_behavior
+from bt_jax.encoding.walk import leaves
+from bt_jax.lfd import learn
+from bt_jax.lfd.conflicts import conflict, undoes
 from bt_jax.lfd.constraints import check_acyclic, orders, preconditions
+from bt_jax.lfd.evaluation.assessment import random_example, situations_example
+from bt_jax.lfd.evaluation.synthetic import with_boxes
 from bt_jax.lfd.inference import Inference
+from tests.helpers.demonstrations import STACK3
 
 steps = st.integers(2, 5).flatmap(lambda n: st.lists(st.permutations(range(n)), min_size=1, max_size=4))
 
@@ -116,3 +122,40 @@ def test_preconditions_can_hold_together(shown, places):
     for action, conditions in preconditions(orders(shown), found, shown).items():
         together = [*action.preconditions, *conditions]
         assert not any(conflict(a, b) for a in together for b in together)
+        assert not any(undoes(action, condition) for condition in conditions)
+
+
+def test_what_an_action_undoes_itself_is_none():
+    """Blue is put beside Green, and Green goes away: while Green hangs in the gripper, nothing is beside it."""
+    found = inferences(
+        "pick(Blue)", "place(Blue, (0.12, 0, 0), Green)", "pick(Green)", "place(Green, (0, 0, 0.05), Kit)"
+    )
+    shown = [list(range(4))] * 3
+    assert set(preconditions(orders(shown), found, shown).values()) == {()}
+
+
+def contradictions(tree):
+    """Conditions beyond an action's own that stand before it in a Sequence, and that it undoes."""
+    if isinstance(tree, Behavior):
+        return []
+    found = [one for child in tree.children for one in contradictions(child)]
+    if tree.kind == Kind.SEQUENCE:
+        for i, action in enumerate(tree.children):
+            if isinstance(action, Behavior) and action.kind == Kind.ACTION:
+                before = [leaves(child)[0] for child in tree.children[:i]]
+                extra = [one for one in before if one.kind == Kind.CONDITION and one not in action.preconditions]
+                found += [(action, one) for one in extra if undoes(action, one)]
+    return found
+
+
+@settings(max_examples=8)
+@given(seed=st.integers(0, 10**6), count=st.integers(1, 3), situations=st.booleans())
+def test_no_learnt_tree_has_a_precondition_that_its_action_contradicts(seed, count, situations):
+    task = with_boxes(STACK3, 3 + seed % 2)
+    make = situations_example if situations else functools.partial(random_example, reorder=bool(seed % 2))
+    lesson = learn(make(task, seed=[seed], count=count, noise=0.005).demonstrations, task)
+    assert contradictions(expand(lesson.tree)) == []
+    for one in lesson.subtasks:
+        for action, conditions in one.preconditions.items():
+            assert not any(undoes(action, condition) for condition in conditions)
+            assert not any(conflict(a, b) for a in action.preconditions for b in conditions)

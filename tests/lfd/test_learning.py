@@ -42,6 +42,8 @@ def test_the_published_stack():
     assert place.tolerance == pytest.approx(0.0125, abs=0.001)
     assert place.candidates[0].frame == "GreenBox"
     assert place.candidates[-1].frame == "base_link"
+    (asked,) = lesson.questions
+    assert asked.text == "Should BlueBox follow GreenBox, or YellowBox, or its place in the kit?"
     published = learn(DemonstrationFolder(PUBLISHED / "stack").read(), load_task("stack"), frames={1: "YellowBox"})
     assert published.targets == (Target("BlueBox", (0.0, -0.001, 0.218), "YellowBox"),)
 
@@ -52,6 +54,8 @@ def test_the_published_pyramid():
     lesson = learn(DemonstrationFolder(PUBLISHED / "pyramid").read(), load_task("pyramid"))
     assert lesson.targets == (Target("GreenBox", (-0.062, 0.002, 0.157), "KittingBox"),)
     assert lesson.inferences[1].tied == ("YellowBox", "BlueBox")
+    (asked,) = lesson.questions
+    assert asked.alternatives == ("KittingBox", "YellowBox", "BlueBox")
 
 
 @pytest.mark.parametrize("seed", range(8))

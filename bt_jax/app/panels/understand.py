@@ -9,6 +9,7 @@ import re
 from nicegui import ui
 
 from bt_jax._util.errors import UserError
+from bt_jax._util.words import counted
 from bt_jax.app.panels.keep import FORMATS
 from bt_jax.app.panels.parts import button, heading, known
 from bt_jax.app.plain_words import Words
@@ -96,7 +97,8 @@ class _Understand:
             with ui.element("div").classes("lesson-title"):
                 title = ui.label(f"{index + 1}. {words(inference.behavior)}").classes("text-bold")
                 title.props(f'title="{inference.behavior}"')
-                ui.label(f"in {count} of {len(lesson.demonstrations)} demonstrations").classes("teach-hint")
+                of = counted(len(lesson.demonstrations), "demonstration")
+                ui.label(f"in {count} of {of}").classes("teach-hint")
             if inference.kind == "pick":
                 return
             with ui.element("div").classes("lesson-frames").props('role=group aria-label="Relative to"'):
@@ -105,6 +107,10 @@ class _Understand:
             ui.label(_reason(inference, lesson)).classes("teach-hint").props(
                 f"data-testid=understand-reason-{index + 1}"
             )
+            for question in lesson.questions:
+                if question.action == index:
+                    said = f"{question.text} Choose above, or {question.settled_by}."
+                    ui.label(said).props(f"data-testid=understand-question-{index + 1}")
             if inference.chosen:
                 back = self.page.guard(functools.partial(self.studio.library.choose_frame, index, None))
                 button("As the demonstrations say", f"understand-auto-{index + 1}", "undo", back, more="flat")
