@@ -12,6 +12,7 @@ COMMANDS = (
     "learn",
     "run",
     "demonstrate",
+    "check",
     "app",
     "experiments",
     "deploy",

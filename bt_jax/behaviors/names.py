@@ -11,20 +11,29 @@ from bt_jax.tasks import Task
 __all__ = ["check_names", "subgoal_conditions"]
 
 
-def subgoal_conditions(task: Task) -> dict[str, tuple[Behavior, ...]]:
-    """Return what each subgoal of a task means, by name. Raise UserError if it is not made of conditions of the scene."""
+def subgoal_conditions(task: Task, *, source: str | None = None) -> dict[str, tuple[Behavior, ...]]:
+    """Return what each subgoal of a task means, by name. Raise UserError, naming `source` (default: the task) and the key,
+    if it is not made of conditions of the scene."""
     meanings = {}
-    for subgoal in task.subgoals:
-        texts = (text.replace("{box}", name) for text in subgoal.conditions for name in task.box_names)
-        meanings[subgoal.name] = tuple(map(parse_behavior, dict.fromkeys(texts)))
-        for condition in meanings[subgoal.name]:
-            if condition.kind != Kind.CONDITION or condition.name == "reached":
-                raise UserError(
-                    f"{condition} in the subgoal {subgoal.name} is not a condition of the scene; use at, holding, gripper, "
-                    "reachable or clear"
-                )
-            check_names(condition, task)
+    for i, subgoal in enumerate(task.subgoals):
+        found: dict[Behavior, None] = {}
+        for j, text in enumerate(subgoal.conditions):
+            try:
+                found |= dict.fromkeys(_condition(text.replace("{box}", name), task) for name in task.box_names)
+            except UserError as error:
+                where = f"{source or f'task {task.name}'}, key subgoals[{i}].conditions[{j}]"
+                raise UserError(f"{where}: {error}") from error
+        meanings[subgoal.name] = tuple(found)
     return meanings
+
+
+def _condition(text: str, task: Task) -> Behavior:
+    """Return a condition of the scene. Raise UserError if the text is none."""
+    condition = parse_behavior(text)
+    if condition.kind != Kind.CONDITION or condition.name == "reached":
+        raise UserError(f"{condition} is not a condition of the scene; use at, holding, gripper, reachable or clear")
+    check_names(condition, task)
+    return condition
 
 
 def check_names(leaf: Behavior, task: Task) -> None:

@@ -19,6 +19,7 @@ from bt_jax.training.published import published_config
 from bt_jax.training.settings import Backend, Level, Settings
 
 __all__ = [
+    "CheckArguments",
     "DemonstrateArguments",
     "LearnArguments",
     "RunArguments",
@@ -185,6 +186,23 @@ class RunArguments:
         wrong = [name for name in NOT_ROBOT if getattr(self, name) != getattr(defaults, name)]
         if self.level == "robot" and wrong:
             raise UserError(f"--level robot does not take --{' and --'.join(wrong)}; leave out what it does not take")
+
+
+@dataclasses.dataclass(frozen=True)
+class CheckArguments:
+    """Read files and folders without running anything, and say what they are and what is wrong with them.
+
+    Every one is read, whatever is wrong with others. The exit code is 0 if all are fine, and 2 if not.
+    """
+
+    files: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
+    """tasks, trees (.txt, .xml), folders of demonstrations, of train or of learn, calibration files, logs of the robot; of
+    another folder, everything in it"""
+
+    def check(self) -> None:
+        """Raise UserError if there is nothing to check."""
+        if not self.files:
+            raise UserError("there is nothing to check; give one file or more")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,9 +12,10 @@ from pathlib import Path
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import unused
 from bt_jax._util.startup import configure_jax
+from bt_jax.behaviors import subgoal_conditions
 from bt_jax.commands.arguments import TrainArguments
 from bt_jax.encoding.formats.files import read_tree
-from bt_jax.tasks import load_task
+from bt_jax.tasks import Task, load_task
 from bt_jax.training.console import TrainingDisplay
 from bt_jax.training.phases import KEPT, Changes, resumed
 from bt_jax.training.progress import Reporter
@@ -72,11 +73,18 @@ def _configuration(arguments: TrainArguments) -> tuple[RunConfig, RunFolder]:
         if arguments.name:
             raise UserError(KEPT)
         if arguments.task is not None:
-            changes = dataclasses.replace(changes, task=load_task(arguments.task))
+            changes = dataclasses.replace(changes, task=_task(arguments.task))
         folder = RunFolder(arguments.resume)
         return resumed(folder, arguments.gp, arguments.settings, changes), folder
     arguments.gp.check()
     arguments.settings.check()
-    task = load_task(arguments.task or arguments.name or "stack")
+    task = _task(arguments.task or arguments.name or "stack")
     out = arguments.out or unused(Path("runs") / f"{task.name}-{datetime.now():%Y%m%d-%H%M%S}")
     return changes.applied(RunConfig(task, arguments.gp, arguments.settings)), RunFolder(out)
+
+
+def _task(name_or_path: str | Path) -> Task:
+    """Return a task. Raise UserError, naming file and key, if it is invalid, its subgoals included."""
+    task = load_task(name_or_path)
+    subgoal_conditions(task, source=str(name_or_path))
+    return task

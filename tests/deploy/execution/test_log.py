@@ -7,6 +7,7 @@ from rich.console import Console
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior
+from bt_jax.commands.check import described
 from bt_jax.deploy.commands.arguments import ReplayArguments
 from bt_jax.deploy.commands.replay import replay, replay_command
 from bt_jax.deploy.execution.log import Log
@@ -244,3 +245,13 @@ def test_a_log_with_unknown_measurements_is_told(written, tmp_path, measured, to
     text = console.export_text()
     assert ("motion  " in text) == bool(told)
     assert told in text
+
+
+def test_check_says_what_a_log_is_and_what_is_wrong_with_it(written, tmp_path):
+    ticks = sum(entry["kind"] == "tick" for entry in read_log(written))
+    assert described(written).startswith(f"log of the robot, task {TASK.name}, {ticks} ticks")
+    broken = tmp_path / "broken.jsonl"
+    lines = written.read_bytes().splitlines()
+    broken.write_bytes(b"\n".join([*lines[:3], b"{}", *lines[3:]]))
+    with pytest.raises(UserError, match=r"broken.jsonl, line 4 is not part of a log"):
+        described(broken)
