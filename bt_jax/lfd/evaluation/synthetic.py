@@ -28,6 +28,7 @@ __all__ = [
 ]
 
 TRIES = 1000
+ROOMY = 0.125  # margin of a table on which six boxes have room, metres
 MORE_BOXES = (("RedBox", (0.8, 0.2, 0.15)), ("WhiteBox", (0.9, 0.9, 0.9)), ("BlackBox", (0.1, 0.1, 0.1)))
 ON_TOP = 0.5  # probability that a place in the frame of a box is on it, and not beside it
 ASIDE = 0.3  # probability that a box is put aside before it gets its place
@@ -83,9 +84,8 @@ def with_boxes(task: Task, count: int) -> Task:
 
 def on_one_table(task: Task) -> Task:
     """Return the task with all boxes close together on the first table, and the kit on the second."""
-    return dataclasses.replace(
-        task, tables=task.tables[:2], layout=dataclasses.replace(task.layout, kit=task.tables[1].name)
-    )
+    layout = dataclasses.replace(task.layout, kit=task.tables[1].name, margin=ROOMY)
+    return dataclasses.replace(task, tables=task.tables[:2], layout=layout)
 
 
 def random_truth(task: Task, *, rng: np.random.Generator) -> tuple[Target, ...]:
