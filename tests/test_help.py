@@ -53,6 +53,11 @@ def test_help_says_once_what_happens_without_an_option():
     assert "None" not in shown
 
 
+@pytest.mark.parametrize("command", ["train", "run", "learn", "experiments"])
+def test_help_shows_no_value_that_nobody_can_type(command):
+    assert "None" not in run(f"bt_jax.{command}", "--help")[0]
+
+
 def test_training_without_demonstrations_imports_neither_scikit_learn_nor_scipy():
     code = "import sys, bt_jax.commands.train; print(*sys.modules)"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)

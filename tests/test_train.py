@@ -12,6 +12,7 @@ import jax
 import numpy as np
 import pytest
 
+from bt_jax.commands.arguments import parse_train
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.formats.xml_reader import from_xml
 from bt_jax.gp.config import GPConfig
@@ -102,8 +103,24 @@ def test_where_nothing_can_be_written(monkeypatch, capsys, tmp_path):
     path = tmp_path / "file"
     path.write_text("mine")
     assert "choose another" in refused(monkeypatch, capsys, "stack", "--out", path / "run")
-    assert "choose another" in refused(monkeypatch, capsys, "stack", "--out", path)
-    assert "--resume" in refused(monkeypatch, capsys, "stack", "--out", tmp_path)
+    assert "is a file; choose another --out" in refused(monkeypatch, capsys, "stack", "--out", path)
+    assert "--resume" not in refused(monkeypatch, capsys, "stack", "--out", tmp_path)
+    RunFolder.create(tmp_path / "run", RunConfig(load_task("stack"), GPConfig(), Settings()))
+    assert "--resume" in refused(monkeypatch, capsys, "stack", "--out", tmp_path / "run")
+
+
+@pytest.mark.parametrize("option", ["--out", "--resume", "--baseline", "--add-target-from", "--add-subgoal-from"])
+def test_a_path_that_no_file_can_have(monkeypatch, capsys, tmp_path, option):
+    monkeypatch.chdir(tmp_path)
+    assert "x" * 300 in refused(monkeypatch, capsys, option, "x" * 300)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_numbers_that_are_chosen_by_the_population_are_called_auto(monkeypatch, capsys, tmp_path):
+    RunFolder.create(tmp_path / "run", RunConfig(load_task("stack"), GPConfig(elites=3), Settings()))
+    assert parse_train(["--elites", "auto"]).gp == GPConfig()
+    assert parse_train(["--resume", str(tmp_path / "run")]).gp.elites == 3
+    assert "give only" in refused(monkeypatch, capsys, "--resume", tmp_path / "run", "--elites", "auto")
 
 
 def test_a_run_of_another_version(monkeypatch, capsys, tmp_path):

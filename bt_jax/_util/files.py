@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import itertools
 import os
 import re
@@ -14,6 +15,8 @@ from bt_jax._util.errors import UserError
 __all__ = ["NAME_RULE", "is_name", "unused", "write_atomic"]
 
 NAME_RULE = "letters, digits, spaces, . + - and _, beginning with a letter, a digit or _; at most 100"
+
+FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC), errno.EFBIG)  # there is no EDQUOT on Windows
 
 
 def is_name(text: str) -> bool:
@@ -43,6 +46,5 @@ def write_atomic(path: Path, content: str | bytes) -> None:
             temporary.unlink()
         if not isinstance(error, OSError):
             raise
-        raise UserError(
-            f"{path} cannot be written ({error.strerror}); free some space or choose another folder"
-        ) from error
+        remedy = "free some space or choose another folder" if error.errno in FULL else "choose another folder"
+        raise UserError(f"{path} cannot be written ({error.strerror}); {remedy}") from error

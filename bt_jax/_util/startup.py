@@ -72,13 +72,18 @@ def _cache_folder() -> Path | None:
 
 
 def exit_code(command: Callable[[], int | None]) -> int:
-    """Run a command and return its exit code, 0 if it returns none; a UserError becomes one sentence on stderr and code 2,
-    Ctrl-C code 130, and output that could not be written makes it 1 at least."""
+    """Run a command and return its exit code, 0 if it returns none; a UserError, or a file that the system refuses, becomes
+    one sentence on stderr and code 2, Ctrl-C code 130, and output that could not be written makes it 1 at least."""
     prepare_streams()
     try:
         code = command() or 0
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
+        code = 2
+    except OSError as error:
+        if error.filename is None:  # not about a file that the user has named
+            raise
+        print(f"error: {error.filename} cannot be used ({error.strerror}); check this path", file=sys.stderr)
         code = 2
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,11 +25,30 @@ __all__ = [
     "LearnArguments",
     "RunArguments",
     "TrainArguments",
+    "check_out",
     "parse_train",
+    "unset",
 ]
 
 NOT_ROBOT = ("backend", "expand", "verbose", "simplify", "export", "delay", "device")  # options of the other levels
 TRAIN = "python -m bt_jax.train"
+
+
+REGISTRY = tyro.constructors.ConstructorRegistry()
+
+
+@REGISTRY.primitive_rule
+def _number_or_auto(info: tyro.constructors.PrimitiveTypeInfo) -> tyro.constructors.PrimitiveConstructorSpec | None:
+    """Call a number auto that is None, as what the evolution chooses by itself."""
+    if info.type != (int | None):
+        return None
+    return tyro.constructors.PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="INT|auto",
+        instance_from_str=lambda words: None if words[0] == "auto" else int(words[0]),
+        is_instance=lambda value: value is None or isinstance(value, int),
+        str_from_instance=lambda value: ["auto" if value is None else str(value)],
+    )
 
 
 def unset(metavar: str) -> Any:
@@ -36,6 +56,12 @@ def unset(metavar: str) -> Any:
     return tyro.conf.arg(
         metavar=metavar, help_behavior_hint=lambda value: "" if value == "None" else f"(default: {value})"
     )
+
+
+def check_out(folder: Path | None) -> None:
+    """Raise UserError unless a folder for results is new or empty."""
+    if folder is not None and folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UserError(f"{folder} is {'not empty' if folder.is_dir() else 'a file'}; choose another --out")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,19 +120,20 @@ class TrainArguments:
 
 def parse_train(words: Sequence[str]) -> TrainArguments:
     """Return the arguments of a command line; the settings of a resumed or published run are the defaults."""
-    arguments = tyro.cli(TrainArguments, prog=TRAIN, args=words)
+    parse = functools.partial(tyro.cli, TrainArguments, prog=TRAIN, args=words, registry=REGISTRY)
+    arguments = parse()
     if arguments.published and arguments.resume is not None:
         raise UserError("--resume keeps the settings of its run; leave out --published")
     if arguments.published:
         name = load_task(arguments.task or arguments.name or "stack").name
-        return tyro.cli(TrainArguments, prog=TRAIN, args=words, default=TrainArguments(gp=published_config(name)))
+        return parse(default=TrainArguments(gp=published_config(name)))
     if arguments.resume is None:
         return arguments
     from bt_jax.training.run_folder import RunFolder  # imports JAX, which --help does without
 
     saved = RunFolder(arguments.resume).config()
     gp = dataclasses.replace(saved.gp, baseline_index=None)  # that of the run's baseline, not of a new one
-    return tyro.cli(TrainArguments, prog=TRAIN, args=words, default=TrainArguments(gp=gp, settings=saved.settings))
+    return parse(default=TrainArguments(gp=gp, settings=saved.settings))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,8 +158,7 @@ class LearnArguments:
         """Raise UserError for arguments that cannot work."""
         if self.layouts < 1:
             raise UserError(f"--layouts is {self.layouts}; choose 1 or more")
-        if self.out is not None and self.out.exists() and (not self.out.is_dir() or any(self.out.iterdir())):
-            raise UserError(f"{self.out} is not empty; choose another --out")
+        check_out(self.out)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -32,8 +32,12 @@ def run(arguments: TrainArguments) -> None:
     configure_jax(arguments.device)
     config, folder = _configuration(arguments)
     if arguments.resume is None and not folder.is_free:
-        quoted = shlex.quote(str(folder.path))
-        raise UserError(f"{folder.path} is not empty; choose another --out, or continue it with --resume {quoted}")
+        if not folder.path.is_dir():
+            raise UserError(f"{folder.path} is a file; choose another --out")
+        remedy = "choose another --out"
+        if (folder.path / "config.json").is_file():
+            remedy += f", or continue it with --resume {shlex.quote(str(folder.path))}"
+        raise UserError(f"{folder.path} is not empty; {remedy}")
     run = TrainingRun(folder, config, resumed=arguments.resume is not None)
     display = TrainingDisplay(run.training, folder.path)
     reporters = [Reporter(folder.path, config.gp.generations)] if arguments.progress else []

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import tyro
 
 from bt_jax._util.errors import UserError
+from bt_jax.commands.arguments import check_out, unset
 
 __all__ = ["ExperimentsArguments"]
 
@@ -25,7 +26,7 @@ class ExperimentsArguments:
     """seed of the first run"""
     test_layouts: int = 100
     """unseen layouts in which each learnt tree is tested"""
-    out: Path | None = None
+    out: Annotated[Path | None, unset("PATH")] = None
     """folder for figures and report (default: runs/experiments-DATE-TIME)"""
 
     def check(self) -> None:
@@ -33,5 +34,4 @@ class ExperimentsArguments:
         for name in ("runs", "test_layouts"):
             if getattr(self, name) < 1:
                 raise UserError(f"{name} is {getattr(self, name)}; choose 1 or more")
-        if self.out is not None and self.out.exists() and (not self.out.is_dir() or any(self.out.iterdir())):
-            raise UserError(f"{self.out} is not empty; choose another --out")
+        check_out(self.out)

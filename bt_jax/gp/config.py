@@ -50,7 +50,7 @@ class GPConfig:
     seed: int = 0
     """seed of everything random"""
     mutation_parents: int | None = None
-    """parents selected for mutation (default: 3/4 of the population, 12 of 16)"""
+    """parents selected for mutation; auto: 3/4 of the population, 12 of 16"""
     mutation_offspring: int = 2
     """offspring of each of them"""
     max_mutations: int = 3
@@ -64,7 +64,7 @@ class GPConfig:
     p_change: float = 0.4
     """probability that it changes a node"""
     crossover_parents: int | None = None
-    """parents selected for crossover, an even number (default: 1/4 of the population, 4 of 16)"""
+    """parents selected for crossover, an even number; auto: 1/4 of the population, 4 of 16"""
     crossover_offspring: int = 2
     """offspring of each of them"""
     crossover_swap: bool = False
@@ -74,7 +74,7 @@ class GPConfig:
     survivor_selection: Selection = Selection.TOURNAMENT
     """how survivors are selected"""
     elites: int | None = None
-    """best individuals that always survive (default: 1/10 of the population, 2 of 16)"""
+    """best individuals that always survive; auto: 1/10 of the population, 2 of 16"""
     old_share: float = 1.0
     """share of the old population, the best, that competes with the offspring for survival (published runs: 0.1)"""
     niches: bool = False
@@ -91,7 +91,7 @@ class GPConfig:
     baseline_boost: bool = True
     """count the baseline as the best when parents of crossover are selected"""
     baseline_index: int | None = None
-    """insert from the baseline only as this child of the other parent's root, counted from 0"""
+    """insert from the baseline only as this child of the other parent's root, counted from 0; auto: anywhere"""
 
     @property
     def mutation(self) -> MutationConfig:
