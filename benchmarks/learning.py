@@ -95,9 +95,7 @@ def main(arguments: Arguments) -> None:
         "GP alone, settings of table I",
         rows,
         out=arguments.out,
-        curves={
-            name: np.round(best.astype(float), 1).tolist() for name, (best, _) in curves.items() if "200" not in name
-        },
+        curves={name: np.round(best.astype(float), 1).tolist() for name, (best, _) in curves.items() if name in DRAWN},
     )
 
 

@@ -109,3 +109,4 @@ def test_the_published_trees_are_worth_what_was_published():
     expected = np.array([[tree["fitness"]] for tree in published])
     assert len(expected) == 10
     np.testing.assert_allclose(found.values, np.broadcast_to(expected, found.values.shape), atol=6)
+    np.testing.assert_array_equal(found.solved, np.broadcast_to(expected > -100, found.solved.shape))
