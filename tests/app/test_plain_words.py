@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 
 from bt_jax.app.plain_words import Words
-from bt_jax.behaviors import expand, gene_pool, parse_behavior
+from bt_jax.behaviors import EXTENDED, Behavior, ExtendedNode, expand, gene_pool, parse_behavior
 from bt_jax.encoding.drawing.svg import node_ids, to_svg
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.walk import prefix
@@ -114,6 +114,23 @@ def test_a_fold_inside_a_gene():
     gene = _drawn(to_svg(tree, words=STACK, folded={"node-1"}))
     assert list(gene) == ["node-0", "node-1", "node-2"]
     assert "foldable" not in gene["node-2"].get("class")
+
+
+@pytest.mark.parametrize("name", EXTENDED)
+def test_nodes_of_other_programs_have_words_too(name):
+    number = 2 if EXTENDED[name].port else None
+    node = ExtendedNode(name, (Behavior("open_gripper"),), number)
+    assert " " in STACK(node)
+    drawn = _drawn(to_svg(node, words=STACK, folded=set()))
+    assert "foldable" in drawn["node-0"].get("class")
+    assert name in drawn["node-0"].find(f"{SVG}title").text
+
+
+def test_numbers_in_words():
+    action = (Behavior("open_gripper"),)
+    assert STACK(ExtendedNode("Repeat", action, -1)) == "Do this again and again"
+    assert STACK(ExtendedNode("RetryUntilSuccessful", action, 3)) == "Try this up to 3 times, until it works"
+    assert STACK(ExtendedNode("Timeout", action, 2500)) == "Do this within 2.5 seconds"
 
 
 def _drawn(svg):

@@ -19,6 +19,7 @@ import dataclasses
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import CONTROLS, EXTENDED, Control, ExtendedNode, Parser, Token, Tree
 from bt_jax.behaviors.notation import inner_node
+from bt_jax.encoding.formats.depth import TOO_DEEP, check_depth
 from bt_jax.encoding.walk import children
 
 __all__ = ["format_tree", "one_line", "parse_tree"]
@@ -63,9 +64,9 @@ def parse_tree(text: str) -> Tree:
     if parser.at_end:
         raise UserError("the text holds no tree; write at least one node, for instance pick(YellowBox)")
     try:
-        return parser.tree()
+        return check_depth(parser.tree())
     except RecursionError:
-        raise UserError("the tree is nested too deeply; make it flatter") from None
+        raise UserError(TOO_DEEP) from None
 
 
 @dataclasses.dataclass

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import dataclasses
+import functools
 import math
 import re
 from collections.abc import Mapping
@@ -18,6 +19,7 @@ import numpy as np
 from bt_jax._util.errors import UserError
 from bt_jax._util.text_files import decode_text, read_bytes
 from bt_jax.behaviors import EXTENDED, SIGNATURES, Behavior, Control, ExtendedNode, Kind, Tree, not_memoryless
+from bt_jax.encoding.formats.depth import TOO_DEEP, check_depth
 from bt_jax.encoding.formats.xml import CONTROLS, EXPLICIT, EXTENDED_NAMES, LEAVES, SUBTASK
 from bt_jax.encoding.limits import MAX_NODES
 
@@ -59,9 +61,13 @@ def from_xml(source: str | Path) -> Tree:
     else:
         text, where = _decoded(read_bytes(Path(source)), str(source)), str(source)
     try:
-        return _Reader(text, where).main_tree()
+        tree = _Reader(text, where).main_tree()
     except RecursionError:
-        raise UserError(f"{where}: the tree is nested too deeply; make it flatter") from None
+        raise UserError(f"{where}: {TOO_DEEP}") from None
+    try:
+        return check_depth(tree)
+    except UserError as error:
+        raise UserError(f"{where}: {error}") from error
 
 
 def _decoded(data: bytes, where: str) -> str:
@@ -187,15 +193,16 @@ class _Reader:
         for attribute in element.attrib:
             if attribute.startswith("_") and attribute not in NOT_PORTS:
                 self.fail(element, f"the script in {attribute} is not supported; write it as a condition in the tree")
+        read = functools.partial(self.node, scope=scope)  # of few calls a level, so that trees may be deep
         if tag in CONTROLS:
             if len(element) == 0:
                 self.fail(element, f"<{tag}> has no children; add some or delete it")
-            return Control(CONTROLS[tag], self.below(element, scope))
+            return Control(CONTROLS[tag], tuple(map(read, element)))
         if tag in EXTENDED_NAMES:
-            return self.extended(element, EXTENDED_NAMES[tag], scope)
+            return self.extended(element, EXTENDED_NAMES[tag], tuple(map(read, element)), scope)
         if element.tag != "SubTree" and tag not in self.trees and tag not in LEAVES:
             self.unknown.setdefault(tag, element)
-            self.below(element, scope)
+            tuple(map(read, element))
             return UNKNOWN
         if len(element):
             self.fail(element, f"<{tag}> takes no nodes inside it; put both into a <ReactiveSequence>")
@@ -203,10 +210,7 @@ class _Reader:
             return self.subtree(element, tag, scope)
         return self.leaf(element, tag, self.values(element, scope.ports))
 
-    def below(self, element: Element, scope: _Scope) -> tuple[Tree, ...]:
-        return tuple(self.node(child, scope) for child in element)
-
-    def extended(self, element: Element, name: str, scope: _Scope) -> Tree:
+    def extended(self, element: Element, name: str, below: tuple[Tree, ...], scope: _Scope) -> Tree:
         port, values = EXTENDED[name].port, self.values(element, scope.ports)
         tag, number = EXTENDED[name].tag, None
         for other in values.keys() - {port}:
@@ -219,7 +223,7 @@ class _Reader:
             except ValueError:
                 self.fail(element, f"<{tag}>: '{values[port]}' is not a whole number; correct {port}")
         try:
-            return ExtendedNode(name, self.below(element, scope), number)
+            return ExtendedNode(name, below, number)
         except UserError as error:
             self.fail(element, str(error))
 

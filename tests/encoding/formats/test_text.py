@@ -134,6 +134,8 @@ def test_any_text_is_read_or_refused_for_the_user(text):
         ("pick[A]", "line 1, column 5: unexpected '['; delete it"),
         ("Sequence(" * 3000, "the tree is nested too deeply; make it flatter"),
         ("\n".join(" " * i + "Sequence" for i in range(3000)), "the tree is nested too deeply"),
+        ("Sequence(" * 150 + "pick(A)" + ")" * 150, "make it flatter, of at most 150 levels"),
+        ("\n".join([*(" " * i + "Inverter" for i in range(150)), " " * 150 + "pick(A)"]), "nested too deeply; make"),
     ],
 )
 def test_errors_say_where_why_and_what_to_do(text, message):

@@ -252,6 +252,10 @@ BOMB = (
             document("<ReactiveSequence>" * 3000 + "</ReactiveSequence>" * 3000),
             "the tree is nested too deeply; make it flatter",
         ),
+        (
+            document("<Inverter>" * 150 + "<OpenGripper/>" + "</Inverter>" * 150),
+            "XML: the tree is nested too deeply; make",
+        ),
     ],
 )
 def test_errors_say_where_why_and_what_to_do(text, message):
