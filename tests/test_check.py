@@ -122,9 +122,12 @@ def deep_demonstration(path):
 
 
 WRONG = {
+    "x" * 300: (lambda path: None, "File name too long"),
+    "long.yaml": (text(f"extends: {'x' * 3000}\n"), "is not another task"),
+    "lines.yaml": (text('extends: stack\nname: "a\\nb"\n'), "key name: 'a b' is not a name"),
     "gone.yaml": (lambda path: None, "there is no file or folder"),
-    "photo.png": (text("x"), "photo.png is of no kind that can be checked; give a task (.yaml)"),
-    "empty": (Path.mkdir, "empty holds nothing that can be checked; give a task (.yaml)"),
+    "photo.png": (text("x"), "photo.png is nothing that can be checked; give a task (.yaml)"),
+    "empty": (Path.mkdir, "empty is nothing that can be checked; give a task (.yaml)"),
     "task.yaml": (text("extends: stack\nname: mine\nboxes: 3\n"), "task.yaml, key boxes: expected a list, found 3"),
     "goal.yaml": (
         text("extends: stack\nname: x\nsubgoals: [{name: a, conditions: ['clear(YellowBox)', 'clear(PinkBox)']}]\n"),
@@ -147,6 +150,7 @@ def test_what_is_wrong_is_one_sentence(tmp_path, capsys, name):
     assert (code, fine, len(wrong)) == (2, [], 1)
     assert wrong[0].startswith("error: ")
     assert words in wrong[0]
+    assert len(wrong[0]) < 800
 
 
 def test_one_bad_file_hides_no_other(tmp_path, capsys):

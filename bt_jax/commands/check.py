@@ -56,22 +56,22 @@ def run(arguments: CheckArguments, console: Console | None = None) -> int:
 
 def described(path: Path) -> str:
     """Return what a file or folder is, and a summary. Raise UserError if it is of no kind that is known, or invalid."""
-    if path.is_dir():
-        kind = _kind_of_folder(path)
+    try:
+        if not path.exists():
+            raise UserError(f"there is no file or folder {path}; check the path")
+        kind = _kind_of_folder(path) if path.is_dir() else _reader(path)
         if kind is None:
-            raise UserError(f"{path} holds nothing that can be checked; give {KNOWN}")
+            raise UserError(f"{path} is nothing that can be checked; give {KNOWN}")
         return kind(path)
-    if not path.exists():
-        raise UserError(f"there is no file or folder {path}; check the path")
-    reader = _reader(path)
-    if reader is None:
-        raise UserError(f"{path} is of no kind that can be checked; give {KNOWN}")
-    return reader(path)
+    except OSError as error:
+        raise UserError(f"{path} cannot be read ({error.strerror}); check its name and permissions") from error
 
 
 def _parts(path: Path) -> Iterator[Path]:
     """Yield the path itself; of a folder that is nothing in itself, what it holds."""
-    inner = sorted(path.iterdir()) if path.is_dir() and _kind_of_folder(path) is None else []
+    inner = []
+    with contextlib.suppress(OSError):  # then reading it says why
+        inner = sorted(path.iterdir()) if path.is_dir() and _kind_of_folder(path) is None else []
     held = [one for one in inner if not one.name.startswith(".") and (one.is_dir() or _reader(one) is not None)]
     if not held:
         yield path

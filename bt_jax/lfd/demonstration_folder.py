@@ -11,6 +11,7 @@ demonstrations where that is not the one of their names, `chosen`, the frames th
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import re
 import shutil
@@ -68,7 +69,9 @@ class DemonstrationFolder:
     def names(self) -> list[str]:
         """Return the demonstrations: in the order that `info.yaml` may say, then in natural order, demo2 before demo10."""
         found = [path.name for path in self.path.iterdir() if path.is_dir() and not path.name.startswith(".")]
-        order = self._order() if is_described(self.path) else []
+        order: list[str] = []
+        with contextlib.suppress(UserError):  # the demonstrations are there, whatever `info.yaml` has come to
+            order = self._order() if is_described(self.path) else []
         return sorted(found, key=lambda name: (order.index(name) if name in order else len(order), _natural(name)))
 
     def read(self) -> Demonstrations:

@@ -5,6 +5,7 @@ Everything is inherited but the description, which is empty unless the task has 
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -110,10 +111,17 @@ def _find(name_or_path: str | Path) -> Path:
         return FOLDER / f"{text}.yaml"
     path = Path(text)
     if path.suffix in (".yaml", ".yml"):
-        if path.is_file():
+        if _is_file(path):
             return path
         raise UserError(f"there is no task file {path}; check the path, or name one of: {', '.join(task_names())}")
     raise UserError(f"unknown task '{text}'; choose one of {', '.join(task_names())}, or give a .yaml file with --task")
+
+
+def _is_file(path: Path) -> bool:
+    """Return whether there is such a file; a name that cannot be one is none."""
+    with contextlib.suppress(OSError, ValueError):
+        return path.is_file()
+    return False
 
 
 def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
@@ -125,7 +133,7 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     path = path.resolve()
     base = _find(data["extends"]) if str(data["extends"]) in task_names() else path.parent / str(data["extends"])
     base = base.resolve()
-    if not base.is_file() or base in (*seen, path):
+    if not _is_file(base) or base in (*seen, path):
         raise UserError(
             f"{path}, key extends: '{data['extends']}' is not another task; name one of {', '.join(task_names())}"
         )

@@ -365,6 +365,11 @@ def test_lost_information_is_taken_from_the_demonstrations(folder, lost, kept):
     assert [one.name for one in folder.read()] == ["better", "demo3", "demo4"]
 
 
+def test_demonstrations_are_listed_whatever_the_information_has_come_to(folder):
+    (folder.path / "info.yaml").write_text("frames: [")
+    assert folder.names() == ["demo1", "demo2", "demo3"]
+
+
 def test_a_robot_of_another_name_must_be_named(tmp_path):
     frames = Frames(("KittingBox", "BlueBox", "arm"), "arm", "arm")
     folder = DemonstrationFolder(tmp_path / "set")
