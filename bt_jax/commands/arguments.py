@@ -16,6 +16,7 @@ from bt_jax._util.startup import Device
 from bt_jax.gp.config import GPConfig
 from bt_jax.lfd.clustering import NEEDED
 from bt_jax.tasks import load_task
+from bt_jax.tasks.bounds import NOISE
 from bt_jax.training.published import published_config
 from bt_jax.training.settings import Backend, Level, Settings
 
@@ -263,8 +264,8 @@ class DemonstrateArguments:
         """Raise UserError for arguments that cannot work."""
         if self.count < 1:
             raise UserError(f"--count is {self.count}; choose 1 or more")
-        if not 0 <= self.noise <= 0.1:
-            raise UserError(f"--noise is {self.noise}; choose metres from 0 to 0.1")
+        if (complaint := NOISE.complaint(self.noise)) is not None:
+            raise UserError(f"--noise {complaint}")
         if self.seed is not None and self.seed < 0:
             raise UserError(f"--seed is {self.seed}; choose 0 or more")
         if self.script is not None and (self.rename or self.delete):

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import Any
 
-__all__ = ["BOUNDS", "POSITION", "Bound", "numbers", "out_of_bounds"]
+__all__ = ["BOUNDS", "NOISE", "POSITION", "Bound", "numbers", "out_of_bounds"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,6 +35,7 @@ def _metres(low: float, high: float) -> Bound:
     return Bound(low, high, "m", ("mm", 0.001))
 
 
+NOISE = _metres(0.0, 0.1)  # of a person who demonstrates
 POSITION, LENGTH, GAP = _metres(-10.0, 10.0), _metres(0.0005, 2.0), _metres(0.0, 2.0)
 TICKS, COST = Bound(1.0, 10_000.0, "ticks"), Bound(0.0, 1e6)
 BOUNDS: Mapping[str, Bound] = MappingProxyType(

@@ -1,4 +1,6 @@
 import dataclasses
+import re
+from pathlib import Path
 
 import pytest
 
@@ -13,6 +15,14 @@ def test_every_number_of_a_task_has_a_bound():
     fixed = (Target("YellowBox", (0.0, 0.0, 0.0), "base_link"),)
     task = dataclasses.replace(task, layout=dataclasses.replace(task.layout, fixed=fixed))
     assert {name for _, name, _ in numbers(task, "", "")} == set(BOUNDS)
+
+
+def test_the_tutorial_has_the_table_of_bounds():
+    text = (Path(__file__).parents[2] / "docs" / "tutorials" / "own_task.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (`.*`) \| ([-\d.,]+) to ([\d.,]+)(.*) \|$", text, re.MULTILINE)
+    bounds = [(low, high, unit.strip(), key) for keys, low, high, unit in rows for key in re.findall("`(.*?)`", keys)]
+    found = {key: (float(low.replace(",", "")), float(high.replace(",", "")), unit) for low, high, unit, key in bounds}
+    assert found == {key: (bound.low, bound.high, bound.unit) for key, bound in BOUNDS.items()}
 
 
 @pytest.mark.parametrize("name", task_names())
