@@ -28,7 +28,7 @@ __all__ = ["Page"]
 
 STATIC = Path(__file__).parent / "static"
 STYLES = ("appearance.css", "page.css")
-SCRIPTS = ("connection.js", "appearance.js", "keys.js", "undo_keys.js", "focus.js")
+SCRIPTS = ("connection.js", "appearance.js", "keys.js", "undo_keys.js", "focus.js", "menus.js")
 APPEARANCES = (
     '<option value="system">As the system</option><option value="light">Light</option>'
     '<option value="dark">Dark</option><option value="contrast">High contrast</option>'

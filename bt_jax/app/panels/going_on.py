@@ -25,7 +25,7 @@ async def ask_goal(studio: Studio, changes: Changes = NO_CHANGES) -> Changes | N
     run, evolved, edited = studio.evolution.run, studio.evolution.task, studio.edited.task
     if evolved is None or studio.in_step:
         return changes
-    with dialog() as asked:
+    with dialog("Which task to go on with") as asked:
         ui.label("The task in step 1 is not the one that this evolution works for.").classes("text-bold")
         with ui.row().classes("gap-6 no-wrap").props("data-testid=goal-differences"):
             _column("The evolution works for", _sentences(evolved))

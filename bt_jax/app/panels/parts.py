@@ -79,17 +79,18 @@ def whole(field: ui.number, low: int, high: int) -> int:
 
 
 @contextlib.contextmanager
-def dialog() -> Iterator[ui.dialog]:
-    """A dialog that belongs to the window, not to the button that opens it, which may be removed meanwhile. It is deleted
-    once it has closed: only then the focus is back where it was."""
+def dialog(name: str) -> Iterator[ui.dialog]:
+    """A dialog with a name for screen readers. It belongs to the window, not to the button that opens it, which may be
+    removed meanwhile. It is deleted once it has closed: only then the focus is back where it was."""
     with ui.context.client, ui.dialog() as opened, ui.card():
+        opened.props["aria-label"] = name
         opened.on("hide", opened.delete)
         yield opened
 
 
 async def ask(question: str, *, yes: str, testid: str) -> bool:
     """Ask a question and return whether the answer is yes."""
-    with dialog() as asked:
+    with dialog(question) as asked:
         ui.label(question)
         with ui.row().classes("self-end gap-2"):
             ui.button("Cancel", on_click=lambda: asked.submit(False)).props("no-caps flat autofocus")
@@ -111,7 +112,7 @@ async def may_leave(studio: Studio) -> bool:
 
 async def ask_for(question: str, *, value: str, yes: str, testid: str) -> str | None:
     """Ask for a name and return it, None if the person cancels."""
-    with dialog() as asked:
+    with dialog(question) as asked:
         field = ui.input(question, value=value).props(
             f"autofocus outlined dense data-testid={testid}-name maxlength=64"
         )

@@ -7,6 +7,7 @@ import { discard, ghostOf, meshOf, nameTag, poseOf, setPose, softwareOnly } from
 import { view } from "bt_jax-scene/view.js";
 
 const GLIDE = 180; // milliseconds
+const STILL = matchMedia("(prefers-reduced-motion: reduce)");
 const AXIS = new THREE.Vector3(0, 0, 1);
 
 export default {
@@ -124,7 +125,7 @@ export default {
       const now = this.state();
       this.frozen = this.dropped = null;
       this.last = state;
-      if (!glide || document.hidden) {
+      if (!glide || document.hidden || STILL.matches) {
         this.motion = null;
         this.place(state.boxes, state.gripper);
       } else {
@@ -137,6 +138,7 @@ export default {
     play(states, milliseconds) {
       this.frozen = null;
       this.last = states.at(-1);
+      if (STILL.matches) return this.show({ ...this.last, kit: poseOf(this.bodies[this.model.kit]) }, false);
       this.motion = { states, began: performance.now(), milliseconds };
       this.draw();
     },

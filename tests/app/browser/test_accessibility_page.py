@@ -4,6 +4,7 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.helpers.browser.axe import axe_script, grave_faults
+from tests.helpers.browser.keys import press_on
 from tests.helpers.browser.steps import go
 
 pytestmark = pytest.mark.slow
@@ -25,6 +26,63 @@ def test_no_step_keeps_anybody_out(page, see, colours):
     for step in STEPS:
         go(see, step)
         assert grave_faults(page, AXE) == [], step
+
+
+@needs_axe
+def test_neither_does_a_dialog_nor_a_menu_nor_a_message(page, see):
+    page.emulate_media(reduced_motion="reduce")
+    go(see, "task")
+    see("task-name").fill("../outside")
+    see("task-save").click()
+    expect(see("message")).to_contain_text("cannot name a task")
+    assert grave_faults(page, AXE) == []
+    go(see, "demonstrate")
+    press_on(see("demonstrate-new-set"), "Enter")
+    expect(page.get_by_role("dialog", name="Name of the new set")).to_be_visible()
+    assert grave_faults(page, AXE) == []
+    page.keyboard.press("Escape")
+    expect(page.get_by_role("dialog")).to_have_count(0)
+    expect(see("demonstrate-new-set")).to_be_focused()
+    see("demonstrate-set").click()
+    options = page.get_by_role("listbox").get_by_role("option")
+    expect(options.first).to_be_visible()
+    assert grave_faults(page, AXE) == []
+    page.keyboard.press("Escape")
+    expect(options).to_have_count(0)
+
+
+FOCUS = """() => {
+  const focused = document.activeElement;
+  const drawn = (element) => getComputedStyle(element).outlineStyle !== "none";
+  return {
+    name: focused.dataset.testid ?? focused.outerHTML.slice(0, 120),
+    body: focused === document.body,
+    seen: drawn(focused) || focused.closest(".q-field--focused") !== null || focused.matches(".foldable"),
+  };
+}"""
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_the_tab_key_reaches_everything_and_one_sees_where_it_is(page, see, step):
+    go(see, step)
+    see(f"tab-{step}").focus()
+    found = []
+    for _ in range(60):
+        page.keyboard.press("Tab")
+        found.append(page.evaluate(FOCUS))
+        if found[-1]["body"]:
+            break
+    assert found[-1]["body"], "the focus is caught"
+    assert [one["name"] for one in found[:-1] if not one["seen"]] == []
+    reached = [one["name"] for one in found]
+    shown = (
+        page.locator(f"[data-testid=panel-{step}] [data-testid]")
+        .locator("visible=true")
+        .evaluate_all(
+            "all => all.filter((one) => one.matches('button:not([disabled]), input')).map((one) => one.dataset.testid)"
+        )
+    )
+    assert [name for name in shown if name not in reached] == []
 
 
 def test_the_colours_follow_the_system_until_somebody_chooses(page, see):
