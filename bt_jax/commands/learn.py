@@ -23,12 +23,10 @@ from bt_jax._util.words import counted
 from bt_jax._util.yaml_files import to_yaml
 from bt_jax.behaviors import Vocabulary
 from bt_jax.commands.arguments import LearnArguments
-from bt_jax.encoding.arrays import encode_all
 from bt_jax.encoding.drawing.svg import to_svg
 from bt_jax.encoding.drawing.terminal import draw_text
 from bt_jax.encoding.formats.text import format_tree
 from bt_jax.encoding.formats.xml import to_xml
-from bt_jax.encoding.limits import MAX_NODES
 from bt_jax.encoding.walk import leaves
 from bt_jax.lfd import DemonstrationFolder, Lesson, Question
 from bt_jax.lfd.explanation import (
@@ -39,7 +37,8 @@ from bt_jax.lfd.explanation import (
     precondition_sentences,
 )
 from bt_jax.lfd.figure import cluster_figure
-from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
+from bt_jax.mjx_env.episodes.evaluator import Evaluation
+from bt_jax.mjx_env.episodes.survey import survey
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.tasks import Target, Task, load_task, task_names
@@ -122,8 +121,7 @@ def try_out(lesson: Lesson, settings: Settings) -> Evaluation:
     task = dataclasses.replace(lesson.task, targets=_reached_targets(lesson))
     semantics = LeafSemantics(task, Vocabulary.of(leaves(lesson.tree)))
     layouts = sample_layouts(task, [UNSEEN, 0], settings.test_layouts)
-    trees = encode_all([lesson.tree], semantics.vocabulary, MAX_NODES)
-    return TableEvaluator(semantics, make_level(task, settings), batch=1)(trees, layouts)
+    return survey(semantics, make_level(task, settings), lesson.tree, layouts)
 
 
 def _reached_targets(lesson: Lesson) -> tuple[Target, ...]:

@@ -74,8 +74,10 @@ def encode(tree: Node[L], vocabulary: Vocabulary[L], num_nodes: int) -> Trees:
 
     visit(tree)
     if len(tokens) > num_nodes:
+        fits = len(tokens) <= MAX_NODES
+        remedy = f"raise --max-nodes (at most {MAX_NODES})" if fits else f"give a tree of {MAX_NODES} nodes at most"
         raise UserError(
-            f"the tree has {len(tokens)} nodes and {num_nodes} fit; raise --max-nodes (at most {MAX_NODES})",
+            f"the tree has {len(tokens)} nodes and {num_nodes} fit; {remedy}",
             code="too many nodes",
             nodes=len(tokens),
             room=num_nodes,

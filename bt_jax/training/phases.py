@@ -21,7 +21,7 @@ __all__ = ["KEPT", "Changes", "choose_frames", "lesson_from", "resumed", "subgoa
 
 KEPT = (
     "a run that goes on keeps its settings; give only --generations, --target-fitness or --time-limit, or a new "
-    "--task, --baseline, --add-target-from or --add-subgoal-from"
+    "--task, --baseline, --plan, --add-target-from or --add-subgoal-from"
 )
 
 

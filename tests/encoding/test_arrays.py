@@ -46,6 +46,8 @@ def test_the_biggest_tree_fits_and_one_node_more_does_not():
     assert decode(encode(biggest, VOCABULARY, MAX_NODES), VOCABULARY) == biggest
     with pytest.raises(UserError, match=f"{MAX_NODES} nodes and {MAX_NODES - 1} fit; raise --max-nodes"):
         encode(biggest, VOCABULARY, MAX_NODES - 1)
+    with pytest.raises(UserError, match=f"{MAX_NODES + 1} nodes and 64 fit; give a tree of {MAX_NODES} nodes at most"):
+        encode(Control.sequence(*([A, B] * MAX_NODES)[:MAX_NODES]), VOCABULARY, 64)
 
 
 def test_a_leaf_outside_the_vocabulary_is_named():
