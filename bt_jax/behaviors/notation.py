@@ -15,6 +15,7 @@ from collections.abc import Callable
 from typing import NoReturn, TypeVar
 
 from bt_jax._util.errors import UserError
+from bt_jax._util.words import clipped, listed
 from bt_jax.behaviors.nodes import EXTENDED, Control, ExtendedNode, Kind
 from bt_jax.behaviors.symbols import SIGNATURES, Argument, Behavior, Tree
 
@@ -54,7 +55,7 @@ class Token:
     indent: int | None
 
     def fail(self, problem: str) -> NoReturn:
-        raise UserError(f"line {self.line}, column {self.column}: {problem}")
+        raise UserError(clipped(f"line {self.line}, column {self.column}: {problem}"))
 
 
 _TOKEN = re.compile(
@@ -138,7 +139,7 @@ class Parser:
             if first.text in INSTEAD:
                 remedy = f"use {INSTEAD[first.text]}"
             first.fail(f"unknown node '{first.text}'; {remedy}")
-        others = ", ".join(f"'{name.text}' (line {name.line})" for name in rest)
+        others = listed([f"'{name.text}' (line {name.line})" for name in rest])
         first.fail(f"unknown nodes '{first.text}', {others}; use {', '.join(known)}")
 
     def skip_unknown(self) -> Tree:

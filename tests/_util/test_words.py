@@ -1,17 +1,14 @@
-import pytest
-
-from bt_jax._util.words import counted
+from bt_jax._util.words import clipped, listed
 
 
-@pytest.mark.parametrize(
-    ("number", "noun", "said"),
-    [
-        (0, "box", "0 boxes"),
-        (1, "box", "1 box"),
-        (2, "box", "2 boxes"),
-        (1, "demonstration", "1 demonstration"),
-        (1200, "demonstration", "1,200 demonstrations"),
-    ],
-)
-def test_a_noun_follows_its_number(number, noun, said):
-    assert counted(number, noun) == said
+def test_long_words_and_quotations_are_cut_off():
+    assert clipped(f"unknown node '{'a b ' * 50}'; use one of at, holding") == (
+        f"unknown node '{('a b ' * 50)[:55]}...'; use one of at, holding"
+    )
+    assert clipped(f"<{'x' * 500}> has no children") == f"<{'x' * 55}...> has no children"
+    assert clipped("a sentence of short words is not, however long it is: " + "word " * 50).endswith("word ")
+
+
+def test_long_lists_say_how_many_more_there_are():
+    assert listed(["a", "b"]) == "a, b"
+    assert listed(list("abcdefghij")) == "a, b, c, d, e, f, g, h, and 2 more"

@@ -18,6 +18,7 @@ import numpy as np
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.text_files import decode_text, read_bytes
+from bt_jax._util.words import clipped, listed
 from bt_jax.behaviors import EXTENDED, SIGNATURES, Behavior, Control, ExtendedNode, Kind, Tree, not_memoryless
 from bt_jax.encoding.formats.depth import TOO_DEEP, check_depth
 from bt_jax.encoding.formats.xml import CONTROLS, EXPLICIT, EXTENDED_NAMES, LEAVES, SUBTASK
@@ -107,7 +108,7 @@ class _Reader:
         self._check()
 
     def fail(self, element: Element, problem: str) -> NoReturn:
-        raise UserError(f"{self.where}, line {self.lines[element]}: {problem}")
+        raise UserError(f"{self.where}, line {self.lines[element]}: {clipped(problem)}")
 
     def _parse(self, text: str) -> Element:
         builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
@@ -166,15 +167,13 @@ class _Reader:
         if not self.unknown:
             return
         known = ", ".join([*CONTROLS, *EXTENDED_NAMES, *LEAVES])
-        first = next(iter(self.unknown.values()))
         instead = [f"{INSTEAD[tag]} in place of <{tag}>" for tag in self.unknown if tag in INSTEAD]
         if len(instead) < len(self.unknown):
             instead.append(f"one of {known}")
-        others = [f", <{tag}> (line {self.lines[element]})" for tag, element in list(self.unknown.items())[1:]]
-        plural = "s" if others else ""
-        self.fail(
-            first, f"unknown node{plural} <{next(iter(self.unknown))}>{''.join(others)}; use {', '.join(instead)}"
-        )
+        tags, elements = list(self.unknown), list(self.unknown.values())
+        others = [f"<{tag}> (line {self.lines[element]})" for tag, element in zip(tags[1:], elements[1:], strict=True)]
+        names = listed([f"<{tags[0]}>", *others])
+        self.fail(elements[0], f"unknown node{'s' if others else ''} {names}; use {', '.join(instead)}")
 
     def definition(self, name: str, scope: _Scope) -> Tree:
         """Return the tree that <BehaviorTree ID=name> defines."""
