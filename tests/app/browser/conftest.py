@@ -78,8 +78,13 @@ def options():
 
 
 @pytest.fixture(scope="module")
-def server(tmp_path_factory, options):
-    folder = tmp_path_factory.mktemp("page")
+def folder(tmp_path_factory):
+    """The folder that the page works in; a module may have one with something in it."""
+    return tmp_path_factory.mktemp("page")
+
+
+@pytest.fixture(scope="module")
+def server(folder, options):
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
