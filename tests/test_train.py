@@ -296,3 +296,14 @@ def test_an_interruption_before_the_first_generation(tmp_path):
     _, err = process.communicate(timeout=120)
     assert "Traceback" not in err
     assert process.returncode in (0, 2, 130)
+
+
+def test_an_implausible_task_leaves_no_folder(monkeypatch, capsys, tmp_path):
+    source = tmp_path / "pills.yaml"
+    source.write_text("extends: stack\nname: pills\nboxes: [{name: YellowBox, size: 0.0003, color: [1, 0, 0]}]\n")
+    said = refused(monkeypatch, capsys, "--task", source, "--out", tmp_path / "run")
+    assert "key boxes[0].size: 0.0003 is implausible; write 0.005 to 2 m" in said
+    source.write_text("extends: stack\nname: sub\nsubgoals: [{name: tidy, conditions: [clear(PinkBox)]}]\n")
+    said = refused(monkeypatch, capsys, "--task", source, "--out", tmp_path / "run")
+    assert f"{source}, key subgoals[0].conditions[0]: clear(PinkBox): task sub has no object 'PinkBox'" in said
+    assert not (tmp_path / "run").exists()

@@ -5,6 +5,7 @@ Files that nest very deeply, or whose aliases stand for more values than memory 
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import io
 import re
@@ -38,13 +39,23 @@ def read_yaml(path: Path) -> Any:
 
 def parse_yaml(text: str, where: object) -> Any:
     """Return what a YAML text holds. Raise UserError, naming `where` it stands and the line, if it is not valid."""
+    with contextlib.suppress(MarkedYAMLError):  # the parser in C refuses some of YAML 1.2, such as {a: 1:30}
+        return _parsed(text, where, pure=False)
     try:
-        _check(text, where)
-        yaml = YAML(typ="safe")
-        yaml.Constructor = _Constructor
-        return yaml.load(text)
+        return _parsed(text, where, pure=True)
     except MarkedYAMLError as error:
         raise UserError(_sentence(error, text, where)) from None
+
+
+def _parsed(text: str, where: object, *, pure: bool) -> Any:
+    """Return what a text holds, by the parser in C or the one that is purely in Python."""
+    try:
+        _check(text, where, pure=pure)
+        yaml = YAML(typ="safe", pure=pure)
+        yaml.Constructor = _Constructor
+        return yaml.load(text)
+    except MarkedYAMLError:
+        raise
     except YAMLError as error:  # a control character
         raise UserError(f"{where} is not valid YAML ({str(error).splitlines()[0]}); correct it") from None
     except ValueError:
@@ -72,10 +83,10 @@ class _Open:
     children: int = 0
 
 
-def _check(text: str, where: object) -> None:
+def _check(text: str, where: object, *, pure: bool) -> None:
     """Raise UserError for what is valid YAML and yet refused: duplicate keys, great depth or size, tags."""
     opened, sizes, total = [_Open(0, None, None)], dict[str, int](), 0
-    for event in YAML(typ="safe").parse(text):
+    for event in YAML(typ="safe", pure=pure).parse(text):
         if isinstance(event, CollectionEndEvent):
             closed = opened.pop()
             if closed.anchor is not None:

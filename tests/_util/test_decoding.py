@@ -65,7 +65,7 @@ def test_values_have_the_types_of_their_fields():
         ({"shelves": [{"name": "oak"}]}, "key shelves[0].height: missing; add it, for instance height: 1.8"),
         ({"shelves": [SHELF | {"heightt": 1}]}, "key shelves[0].heightt: not known here; did you mean height?"),
         ({"shelves": [SHELF | {"x": 1}]}, "key shelves[0].x: not known here; use one of name, height, boards"),
-        ({"shelves": [{"name": "oak", "heigt": 2}]}, "key shelves[0].heigt: not known here; did you mean height?"),
+        ({"shelves": [{"name": "oak", "heighd": 2}]}, "key shelves[0].heighd: not known here; did you mean height?"),
         ({"shelves": [SHELF | {"name": 7}]}, "key shelves[0].name: expected text, found 7; put it in quotes: '7'"),
         ({"shelves": [SHELF | {"height": "2 m"}]}, "expected a number, found '2 m'; write one such as 0.05"),
         ({"shelves": [SHELF | {"height": float("nan")}]}, "expected a number, found nan"),

@@ -23,6 +23,7 @@ from bt_jax._util.yaml_files import parse_yaml, read_yaml, to_yaml
         ("=", "="),
         ("", None),
         ("[1, two]", [1, "two"]),
+        ("{a: 1:30, b: x:y}", {"a": "1:30", "b": "x:y"}),
         ("{a: &x [1], b: *x}", {"a": [1], "b": [1]}),
     ],
 )
@@ -36,9 +37,9 @@ def test_values_are_those_of_yaml_1_2(text, value):
     [
         ("a: 1\nb: 2\na: 3", "mine.yaml: the key 'a' stands in line 1 and in line 3; remove one of them"),
         ("x:\n- {a: 1, b: 2,\n  'a': 3}", "the key 'a' stands in line 2 and in line 3"),
-        ("a: [1\nb: 2", "mine.yaml, line 2 is not valid YAML (did not find expected ',' or ']'"),
+        ("a: [1\nb: 2", "mine.yaml, line 2 is not valid YAML (expected ',' or ']'"),
         ("a:\n\tb: 1", "mine.yaml, line 2 is not valid YAML (a tab cannot indent; use spaces)"),
-        ("a: *x", "line 1 is not valid YAML (found undefined alias)"),
+        ("a: *x", "line 1 is not valid YAML (found undefined alias 'x')"),
         ("a: &x\n  b: *x", "mine.yaml, line 2: the alias x stands inside itself"),
         ("a: !!python/object:os.system x", "mine.yaml, line 1: the tag tag:yaml.org,2002:python/object:os.system"),
         ("a: !mine x", "mine.yaml, line 1: the tag !mine is not supported; remove it"),

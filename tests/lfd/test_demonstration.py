@@ -287,7 +287,7 @@ BAD = {
     ),
     "half written": (write(""), r"data_2.yaml: expected a mapping, found null; write keys such as type, vec_pos"),
     "list": (write("- 1"), r"data_2.yaml: expected a mapping, found \[1\]"),
-    "no YAML": (write("type: [pick"), r"data_2.yaml, line 2 is not valid YAML .*, or delete .*demo2\.$"),
+    "no YAML": (write("type: [pick"), r"data_2.yaml, line 1 is not valid YAML .*, or delete .*demo2\.$"),
     "no date": (write("type: 2020-99-99"), r"key vec_pos: missing; add it, for instance vec_pos: {base_link"),
     "no positions": (write("type: place"), r"data_2.yaml, key vec_pos: missing; add it"),
 }
@@ -322,7 +322,7 @@ def test_where_nothing_is_usable_the_sentence_is_the_error(folder, kind):
 
 GOOD_INFO = {"frames": ["KittingBox", "base_link"], "default_frame": "base_link", "robot": "base_link"}
 BAD_INFO = {
-    "frames: [": "line 2 is not valid YAML",
+    "frames: [": "line 1 is not valid YAML",
     "": "info.yaml is missing or empty; restore it",
     "- 1": r"expected a mapping, found \[1\]; delete the file: the frames are taken from the demonstrations then",
     yaml.safe_dump({**GOOD_INFO, "frames": 3}): "key frames: expected a list of names, found 3",

@@ -168,6 +168,50 @@ def test_files_that_are_no_task(tmp_path, content, words):
     assert "mine.yaml" in str(error.value)
 
 
+LETTERS = """extends: stack
+name: letters
+boxes:
+  - {name: No, size: 1e-1, color: [0.9, 0.7, 0.1]}
+  - {name: Y, size: 0.1, color: [0.1, 0.6, 0.3]}
+targets: [{object: No, position: [0, 0, 5.2e-2], frame: KittingBox}]
+episode: {max_ticks: 010, tolerance: 5e-3}
+"""
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-32"])
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+def test_numbers_and_names_are_those_of_yaml_1_2_in_any_encoding_with_a_mark(tmp_path, encoding, newline):
+    path = tmp_path / "mine.yaml"
+    path.write_bytes(LETTERS.replace("\n", newline).encode(encoding))
+    task = load_task(path)
+    assert task.box_names == ("No", "Y")
+    assert task.boxes[0].size == 0.1
+    assert (task.episode.max_ticks, task.episode.tolerance, task.targets[0].position[2]) == (10, 0.005, 0.052)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("name: other", "the key 'name' stands in line 2 and in line 3; remove one of them"),
+        ("boxes: [{name: A, size: 0.1, size: 0.2, color: [1, 0, 0]}]", "the key 'size' stands in line 3 and in line 3"),
+        ("description: " + "[" * 3000, "line 3: brackets are nested more than 30 deep; check them"),
+        (
+            "description: 1:30:00.5 # a text\ngenes: {grid: 1:30}",
+            "key genes.grid: expected a whole number, found '1:30'",
+        ),
+        ("description: 7", "key description: expected text, found 7; put it in quotes: '7'"),
+        ("boxes: [{name: A, size: 0.1}]", "key boxes[0].color: missing; add it, for instance color: [0.9, 0.7, 0.1]"),
+    ],
+)
+def test_what_yaml_allows_and_tasks_do_not(tmp_path, line, message):
+    path = tmp_path / "mine.yaml"
+    path.write_text(f"extends: stack\nname: mine\n{line}\n")
+    with pytest.raises(UserError) as error:
+        load_task(path)
+    assert message in str(error.value)
+    assert str(error.value).startswith(str(path))
+
+
 @pytest.mark.parametrize("name", ["shelf", "stack.yaml", "mine.txt", ".", "", "a/b.yaml"])
 def test_tasks_that_are_not_there(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
