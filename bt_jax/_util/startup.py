@@ -85,6 +85,11 @@ def exit_code(command: Callable[[], int | None]) -> int:
             raise
         print(f"error: {error.filename} cannot be used ({error.strerror}); check this path", file=sys.stderr)
         code = 2
+    except RuntimeError as error:
+        if "MUJOCO_GL" not in str(error):  # which MuJoCo reads while it is imported
+            raise
+        print(f"error: {error}; unset it", file=sys.stderr)
+        code = 2
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
         code = 130

@@ -20,6 +20,17 @@ sys.exit(exit_code(command))
 """
 
 
+IMPORTS = """
+import sys
+from bt_jax._util.startup import exit_code
+
+def command():
+    import mujoco
+
+sys.exit(exit_code(command))
+"""
+
+
 def configured(**environment):
     known = {name: value for name, value in os.environ.items() if not name.startswith("JAX_")}
     return subprocess.run([sys.executable, "-c", CONFIGURES], capture_output=True, text=True, env=known | environment)
@@ -31,6 +42,14 @@ def test_a_platform_that_is_not_there_is_said_in_one_sentence(platform):
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith(f"error: JAX_PLATFORMS is {platform} and JAX finds no such device; unset it, use")
     assert done.stderr.count("\n") == 1
+
+
+def test_a_renderer_that_mujoco_does_not_know_is_said_in_one_sentence():
+    done = subprocess.run(
+        [sys.executable, "-c", IMPORTS], capture_output=True, text=True, env=os.environ | {"MUJOCO_GL": "nonsense"}
+    )
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert "MUJOCO_GL: nonsense; unset it" in done.stderr
 
 
 def test_options_of_jax_that_change_numbers_are_pinned_by_the_commands():

@@ -10,8 +10,9 @@ from nicegui import ui
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.panels.parts import ask, button, may_leave
+from bt_jax.app.phrases import phrase
 from bt_jax.app.processes.filming import film_run
-from bt_jax.app.state.run_record import RunRecord, read_record, tested
+from bt_jax.app.state.run_record import RunRecord, read_record, read_records, tested
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.context import PageContext
 from bt_jax.app.widgets.learning_curve import LearningCurve, curve_options
@@ -44,10 +45,12 @@ class _Keep:
     def __init__(self, studio: Studio, page: PageContext) -> None:
         self.studio, self.page = studio, page
         self.records: dict[str, RunRecord] = {}
+        self.problems: dict[str, UserError] = {}  # of runs that cannot be read
         self.chosen: list[str] = []
         self._asked = 0  # counts readings, so that only the newest is shown
         with ui.element("div").classes("keep"):
             self.hint = ui.label().props("data-testid=keep-hint")
+            self.left_out = ui.label().classes("whitespace-pre-line break-words").props("data-testid=keep-left-out")
             self.table = (
                 ui.table(columns=COLUMNS, rows=[], row_key="run", selection="multiple", on_select=self._select)
                 .props("dense flat bordered hide-selected-banner wrap-cells data-testid=keep-runs")
@@ -79,10 +82,10 @@ class _Keep:
         if self.page.step != "keep":
             return
         self._asked += 1
-        asked, records = self._asked, await asyncio.to_thread(_records, self.studio)
+        asked, read = self._asked, await asyncio.to_thread(read_records, self.studio.workspace)
         if asked != self._asked:
             return
-        self.records = records
+        self.records, self.problems = read
         self.chosen = [name for name in self.chosen if name in self.records]
         self.table.rows = [_row(record) for record in self.records.values()]
         self.table.selected = [row for row in self.table.rows if row["run"] in self.chosen]
@@ -103,6 +106,10 @@ class _Keep:
             self.hint.set_text("There is no run yet; start an evolution in step 2.")
         else:
             self.hint.set_text("Tick one run to open it or to download its tree, two to compare them.")
+        root = self.studio.workspace.root
+        left_out = [f"{name} is left out: {phrase(problem, root)}." for name, problem in self.problems.items()]
+        self.left_out.set_text("\n".join(left_out))
+        self.left_out.set_visibility(bool(left_out))
         for one in self.buttons:
             one.set_enabled(len(shown) == 1)
         curves = [
@@ -169,17 +176,6 @@ class _Side:
             record.name if best is None else f"{record.name}: {best:.1f}".replace(": -", ": \N{MINUS SIGN}")
         )
         self.tree.show(record.tree, record.config.task)
-
-
-def _records(studio: Studio) -> dict[str, RunRecord]:
-    """Return all runs that can be read, the newest first."""
-    found = {}
-    for name in studio.workspace.run_names():
-        try:
-            found[name] = read_record(studio.workspace.run(name))
-        except UserError:
-            continue
-    return found
 
 
 def _row(record: RunRecord) -> dict[str, object]:

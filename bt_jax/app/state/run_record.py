@@ -9,13 +9,14 @@ from typing import Any, TypeVar
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.json_files import read_json
+from bt_jax.app.state.workspace import Workspace
 from bt_jax.behaviors import Tree
 from bt_jax.encoding.formats.text import one_line, parse_tree
 from bt_jax.training.progress import Progress, read_progress
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.run_folder import RunFolder
 
-__all__ = ["RunRecord", "read_record", "read_result", "tested"]
+__all__ = ["RunRecord", "read_record", "read_records", "read_result", "tested"]
 
 T = TypeVar("T")
 
@@ -46,6 +47,18 @@ def read_record(folder: RunFolder) -> RunRecord:
     tree = None if progress is None else _or_none(functools.partial(parse_tree, progress.tree))
     tree = tree or _or_none(folder.tree)
     return RunRecord(folder.path.name, config, progress, tree, read_result(folder), tuple(folder.phases()))
+
+
+def read_records(workspace: Workspace) -> tuple[dict[str, RunRecord], dict[str, UserError]]:
+    """Return the runs of a workspace that can be read, the newest first, and for each of the others why it cannot."""
+    records: dict[str, RunRecord] = {}
+    problems: dict[str, UserError] = {}
+    for name in workspace.run_names():
+        try:
+            records[name] = read_record(workspace.run(name))
+        except UserError as error:
+            problems[name] = error
+    return records, problems
 
 
 def read_result(folder: RunFolder) -> dict[str, Any] | None:

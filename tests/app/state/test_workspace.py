@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bt_jax._util.errors import UserError
+from bt_jax.app.state.run_record import read_records
 from bt_jax.app.state.workspace import Workspace
 from bt_jax.gp.config import GPConfig
 from bt_jax.lfd import Frames
@@ -85,6 +86,28 @@ def test_runs_and_demonstrations_are_listed_and_found(tmp_path):
     workspace.delete_run("stack-1")
     with pytest.raises(UserError, match="no longer there"):
         workspace.run("stack-1")
+
+
+@pytest.mark.parametrize("content", [b"", b"[" * 6000, b"\xff", b"{}", b'{"format": 2, "task": 3}'])
+def test_a_run_that_cannot_be_read_hides_no_other(tmp_path, content):
+    workspace = Workspace(tmp_path)
+    for name in ("one", "two", "three"):
+        run_in(workspace, name)
+    (workspace.runs / "two" / "config.json").write_bytes(content)
+    records, problems = read_records(workspace)
+    assert set(records) == {"one", "three"}
+    assert set(problems) == {"two"}
+    assert "config.json" in str(problems["two"])
+
+
+@pytest.mark.parametrize("name", ["result.json", "progress.json", "history.csv", "best_tree.txt", "config-1.json"])
+@pytest.mark.parametrize("content", [b"", b"[" * 6000, b"\xff", b"{}", b'{"test_layouts": "x", "success_rate": 1.0}'])
+def test_a_run_is_listed_whatever_its_other_files_hold(tmp_path, name, content):
+    workspace = Workspace(tmp_path)
+    (run_in(workspace).path / name).write_bytes(content)
+    records, problems = read_records(workspace)
+    assert (set(records), problems) == ({"one"}, {})
+    assert (records["one"].result, records["one"].tree) == (None, None)
 
 
 def test_a_saved_task_is_read_back(tmp_path):
