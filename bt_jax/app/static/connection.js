@@ -10,5 +10,13 @@ document.addEventListener("DOMContentLoaded", () => {
     document.body.classList.toggle("offline", lost);
     for (const part of document.body.children) if (!part.matches(".nicegui-error-popup")) part.inert = lost;
     if (!lost) focused?.focus({ preventScroll: true });
+    if (lost) askForLogin();
   }).observe(popup, { attributeFilter: ["aria-hidden"] });
+
+  // A login ends after some hours, or with the server: then the form takes the place of the page.
+  async function askForLogin() {
+    const answer = await fetch("/favicon.ico", { cache: "no-store" }).catch(() => null);
+    if (answer?.status === 401) location.reload();
+    else if (document.body.classList.contains("offline")) setTimeout(askForLogin, 2000);
+  }
 });

@@ -5,6 +5,8 @@ import re
 import pytest
 from playwright.sync_api import expect
 
+from tests.helpers.browser.steps import go
+
 pytestmark = pytest.mark.slow
 
 
@@ -52,3 +54,11 @@ def test_the_address_that_is_printed_lets_in(visit, token):
     assert page.evaluate("document.cookie") == ""
     page.reload()
     expect(page.get_by_test_id("panel-task")).to_be_visible()
+
+
+def test_the_form_takes_the_place_of_a_page_whose_login_has_ended(visit, token):
+    page = visit(f"/login?token={token}")
+    go(page.get_by_test_id, "evolve")  # it is connected
+    page.context.clear_cookies()
+    page.evaluate("window.socket.disconnect()")
+    expect(page.get_by_label("Token")).to_be_focused()
