@@ -1,4 +1,4 @@
-"""Writing files so that a reader never meets half of one."""
+"""Writing files so that a reader never meets half of one, names of files, and locks."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ import os
 import re
 import secrets
 from pathlib import Path
+from typing import IO
 
 from bt_jax._util.errors import UserError
 
-__all__ = ["NAME_RULE", "is_name", "unused", "write_atomic"]
+__all__ = ["NAME_RULE", "is_name", "try_lock", "unused", "write_atomic"]
 
 NAME_RULE = "letters, digits, spaces, . + - and _, beginning with a letter, a digit or _; at most 100"
 
@@ -48,3 +49,17 @@ def write_atomic(path: Path, content: str | bytes) -> None:
             raise
         remedy = "free some space or choose another folder" if error.errno in FULL else "choose another folder"
         raise UserError(f"{path} cannot be written ({error.strerror}); {remedy}") from error
+
+
+def try_lock(file: IO[bytes], *, shared: bool = False) -> bool:
+    """Return whether this process got the lock of an open file, which it holds until the file is closed; always on a system
+    without such locks."""
+    try:
+        import fcntl  # not on Windows
+    except ImportError:
+        return True
+    try:
+        fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True

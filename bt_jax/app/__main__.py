@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import socket
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import tyro
 
 from bt_jax._util.errors import UserError
+from bt_jax._util.files import try_lock
 from bt_jax._util.startup import configure_jax, exit_code
 from bt_jax.app.access.address import is_loopback, is_name, own_address
 from bt_jax.app.access.logins import LOGIN_HOURS, new_token
@@ -67,7 +70,11 @@ def main() -> None:
 def run(arguments: Arguments) -> None:
     """Serve the page until it is interrupted."""
     arguments.check()
-    _create(arguments.folder)
+    with _claimed(arguments.folder):
+        _serve(arguments)
+
+
+def _serve(arguments: Arguments) -> None:
     warm_worker = WarmWorker()  # gets ready while the server does; its stdin ends with this process
     try:  # NiceGUI is optional
         from bt_jax.app.server import serve
@@ -101,12 +108,19 @@ def _announcement(arguments: Arguments, token: str) -> str:
     )
 
 
-def _create(folder: Path) -> None:
-    """Create the workspace. Raise UserError if that is impossible."""
+@contextlib.contextmanager
+def _claimed(folder: Path) -> Iterator[None]:
+    """Create the workspace, and keep other pages out of it: they would replace each other's drafts. Raise UserError if that
+    is impossible."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        lock = open(folder / ".page.lock", "wb")  # noqa: SIM115
     except OSError as error:
         raise UserError(f"{folder} cannot be created ({error.strerror}); give another --folder") from None
+    with lock:
+        if not try_lock(lock):
+            raise UserError(f"another page works in {folder}; open that one, or give another --folder")
+        yield
 
 
 if __name__ in {"__main__", "__mp_main__"}:

@@ -12,11 +12,11 @@ import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import IO, Literal
+from typing import Literal
 
 from bt_jax._util.decoding import decode
 from bt_jax._util.errors import UserError
-from bt_jax._util.files import write_atomic
+from bt_jax._util.files import try_lock, write_atomic
 from bt_jax._util.json_files import read_json
 from bt_jax.behaviors import Tree
 from bt_jax.encoding.formats.text import one_line, parse_tree
@@ -126,7 +126,7 @@ def is_alive(folder: Path) -> bool:
     """Return whether a process is training in a run folder."""
     try:
         with open(folder / LOCK, "rb") as file:
-            return not _lock(file, shared=True)
+            return not try_lock(file, shared=True)
     except OSError:
         return False
 
@@ -144,22 +144,8 @@ def locked(folder: Path) -> Iterator[None]:
         ) from error
     began = time.monotonic()
     with lock as file:
-        while not _lock(file, shared=False):
+        while not try_lock(file, shared=False):
             if time.monotonic() - began > LOCK_SECONDS:
                 raise UserError(f"another process is training in {folder}; wait until it has ended, or stop it")
             time.sleep(0.02)
         yield
-
-
-def _lock(file: IO[bytes], *, shared: bool) -> bool:
-    """Return whether this process got the lock of an open file, which it holds until the file is closed; always on a system
-    without such locks."""
-    try:
-        import fcntl  # not on Windows
-    except ImportError:
-        return True
-    try:
-        fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True

@@ -37,6 +37,18 @@ def test_a_folder_that_cannot_be_created(monkeypatch, capsys, tmp_path):
     assert "give another --folder" in said
 
 
+def test_a_folder_that_another_page_works_in(monkeypatch, capsys, tmp_path):
+    def serve(folder, **_):
+        said.append(refused(monkeypatch, capsys, "--folder", folder, "--port", 0, "--no-show"))
+
+    said = []
+    monkeypatch.setattr("bt_jax.app.server.serve", serve)
+    monkeypatch.setattr("bt_jax.app.__main__.WarmWorker", lambda: None)
+    for _ in range(2):  # and not any more, once that one has ended
+        run(Arguments(folder=tmp_path, port=0, show=False))
+    assert [f"another page works in {tmp_path}; open that one" in each for each in said] == [True, True]
+
+
 def test_a_port_that_cannot_be_used(monkeypatch, capsys, tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
