@@ -5,6 +5,8 @@ import re
 __all__ = ["UserError"]
 
 _ENDLESS = re.compile(r"(\S{100})\S{300,}(\S{20})")  # as damaged files hold for names
+LONGEST = 1000  # characters of a sentence; of what is longer, the middle is left out
+END = 300  # of them at its end, where the remedy stands
 
 
 class UserError(Exception):
@@ -16,5 +18,13 @@ class UserError(Exception):
     """
 
     def __init__(self, sentence: str, *, code: str = "", **parameters: object) -> None:
-        super().__init__(_ENDLESS.sub(r"\1...\2", " ".join(sentence.splitlines())))
+        super().__init__(_shown(sentence))
         self.code, self.parameters = code, parameters
+
+
+def _shown(text: str) -> str:
+    """Return a text as one line of bounded length without control characters, whatever it quotes."""
+    text = _ENDLESS.sub(r"\1...\2", " ".join(text.splitlines()))
+    if not text.isprintable():
+        text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - END - 5]} ... {text[-END:]}"
