@@ -208,7 +208,8 @@ def _none_usable(folder: Path, problems: Sequence[str]) -> str:
     """Say why a folder has no usable demonstration."""
     if not problems:
         return f"{folder} holds no demonstration; record some"
-    return problems[0] if len(problems) == 1 else f"none of {len(problems)} demonstrations can be used: {problems[0]}"
+    first = problems[0].removesuffix(".")
+    return first if len(problems) == 1 else f"none of {len(problems)} demonstrations can be used: {first}"
 
 
 def _natural(name: str) -> list[tuple[bool, int, str]]:

@@ -20,7 +20,7 @@ SOLVED = {  # evolutions of documents that must find a tree that works
     "docs/quickstart.md": "runs/stack",
     "docs/tutorials/own_task.md": "runs/two_towers",
 }
-LANGUAGES = {"python", "sh", "text", "xml", "yaml"}
+LANGUAGES = {"cpp", "python", "sh", "text", "xml", "yaml"}
 
 
 def has_blocks_to_run(path) -> bool:
