@@ -12,6 +12,7 @@ import jax
 import numpy as np
 import pytest
 
+from bt_jax import demonstrate, run
 from bt_jax.commands.arguments import parse_train
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.formats.xml_reader import from_xml
@@ -96,7 +97,21 @@ def test_a_baseline_of_another_task(monkeypatch, capsys, tmp_path):
     path = tmp_path / "tree.txt"
     path.write_text("pick(RedBox)\n")
     said = refused(monkeypatch, capsys, "stack", "--level", "kinematic", "--baseline", path, "--out", tmp_path / "run")
-    assert "RedBox" in said
+    assert said.startswith(f"error: {path}: pick(RedBox): task stack has no object 'RedBox'; use one of YellowBox")
+
+
+@pytest.mark.parametrize(
+    "words", [(run, []), (demonstrate, ["pick BlueBox; to (0, 0, 0.12) GreenBox; release", "--after"])]
+)
+def test_a_tree_of_another_task_is_named_by_every_command(capsys, tmp_path, words):
+    path = tmp_path / "tree.txt"
+    path.write_text("pick(RedBox)\n")
+    command, arguments = words
+    with pytest.raises(SystemExit) as end:
+        command.main([*([str(tmp_path / "demos")] if arguments else []), *arguments, str(path)])
+    assert end.value.code == 2
+    assert capsys.readouterr().err.startswith(f"error: {path}: pick(RedBox): task stack")
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_where_nothing_can_be_written(monkeypatch, capsys, tmp_path):

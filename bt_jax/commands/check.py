@@ -17,14 +17,15 @@ from bt_jax._util.errors import UserError
 from bt_jax._util.text_files import read_text
 from bt_jax._util.words import counted
 from bt_jax._util.yaml_files import read_yaml
-from bt_jax.behaviors import Tree, check_names, subgoal_conditions
+from bt_jax.behaviors import Tree, subgoal_conditions
 from bt_jax.commands.arguments import CheckArguments
+from bt_jax.commands.trees import check_tree
 from bt_jax.encoding.formats.files import LEARNT, read_tree
-from bt_jax.encoding.walk import leaves, prefix
+from bt_jax.encoding.walk import prefix
 from bt_jax.lfd import DemonstrationFolder
 from bt_jax.lfd.demonstration_files import read_demonstration
 from bt_jax.lfd.demonstration_info import REBUILT, is_described
-from bt_jax.tasks import Task, load_task, task_of_folder
+from bt_jax.tasks import load_task, task_of_folder
 from bt_jax.teaching.script import parse_script
 from bt_jax.training.checkpoint import Checkpoint
 from bt_jax.training.run_config import RunConfig
@@ -101,7 +102,7 @@ def _run_folder(path: Path) -> str:
     tree = "no tree yet"
     if (path / LEARNT[0]).exists():
         learnt = folder.tree()
-        _check_names(learnt, config.task, path / LEARNT[0])
+        check_tree(learnt, config.task, path / LEARNT[0])
         tree = _tree_summary(learnt)
     return f"run folder, task {config.task.name}, {generation}, {tree}"
 
@@ -110,7 +111,7 @@ def _learnt(path: Path) -> str:
     tree, task = read_tree(path), task_of_folder(path)
     if task is None:
         return f"folder of a learnt tree, {_tree_summary(tree)}"
-    _check_names(tree, task, path)
+    check_tree(tree, task, path)
     return f"folder of a learnt tree, task {task.name}, {_tree_summary(tree)}"
 
 
@@ -205,14 +206,6 @@ def _needs_robot() -> Iterator[None]:
 
 def _tree_summary(tree: Tree) -> str:
     return counted(len(prefix(tree)), "node")
-
-
-def _check_names(tree: Tree, task: Task, source: Path) -> None:
-    try:
-        for leaf in leaves(tree):
-            check_names(leaf, task)
-    except UserError as error:
-        raise UserError(f"{source}: {error}") from error
 
 
 READERS: Mapping[str, Callable[[Path], str]] = MappingProxyType(

@@ -14,6 +14,7 @@ from bt_jax._util.errors import UserError
 from bt_jax._util.startup import configure_jax
 from bt_jax._util.text_files import read_text
 from bt_jax.commands.arguments import DemonstrateArguments
+from bt_jax.commands.trees import check_tree
 from bt_jax.encoding.formats.files import read_tree
 from bt_jax.lfd import DemonstrationFolder, Frames
 from bt_jax.lfd.clustering import NEEDED
@@ -37,6 +38,8 @@ def run(arguments: DemonstrateArguments) -> None:
     script = parse_script(_script_text(arguments.script))
     tree = None if arguments.after is None else read_tree(arguments.after)
     task = _task(arguments)
+    if tree is not None and arguments.after is not None:
+        check_tree(tree, task, arguments.after)
     configure_jax("cpu")
     physics = MujocoPhysics(task)
     seed = arguments.seed

@@ -16,6 +16,7 @@ from bt_jax._util.files import write_atomic
 from bt_jax._util.startup import configure_jax
 from bt_jax.behaviors import Behavior, Tree, Vocabulary, expand
 from bt_jax.commands.arguments import RunArguments
+from bt_jax.commands.trees import check_tree
 from bt_jax.deploy.commands.arguments import TwinArguments
 from bt_jax.encoding.drawing.svg import to_svg
 from bt_jax.encoding.drawing.terminal import draw_text, to_dot
@@ -123,7 +124,9 @@ def _open(arguments: RunArguments) -> tuple[Task, Level, Tree]:
         task = task_of_folder(arguments.source)
     if task is None or arguments.task is not None:
         task = load_task(arguments.task or "stack")
-    return task, level or "physics", read_tree(arguments.source)
+    tree = read_tree(arguments.source)
+    check_tree(tree, task, arguments.source)
+    return task, level or "physics", tree
 
 
 def _simplified(console: Console, task: Task, level: Level, tree: Tree, arguments: RunArguments) -> Tree:

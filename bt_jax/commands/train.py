@@ -14,6 +14,7 @@ from bt_jax._util.files import unused
 from bt_jax._util.startup import configure_jax
 from bt_jax.behaviors import subgoal_conditions
 from bt_jax.commands.arguments import TrainArguments
+from bt_jax.commands.trees import check_tree
 from bt_jax.encoding.formats.files import read_tree
 from bt_jax.tasks import Task, load_task
 from bt_jax.training.console import TrainingDisplay
@@ -79,12 +80,16 @@ def _configuration(arguments: TrainArguments) -> tuple[RunConfig, RunFolder]:
         if arguments.task is not None:
             changes = dataclasses.replace(changes, task=_task(arguments.task))
         folder = RunFolder(arguments.resume)
-        return resumed(folder, arguments.gp, arguments.settings, changes), folder
-    arguments.gp.check()
-    arguments.settings.check()
-    task = _task(arguments.task or arguments.name or "stack")
-    out = arguments.out or unused(Path("runs") / f"{task.name}-{datetime.now():%Y%m%d-%H%M%S}")
-    return changes.applied(RunConfig(task, arguments.gp, arguments.settings)), RunFolder(out)
+        config = resumed(folder, arguments.gp, arguments.settings, changes)
+    else:
+        arguments.gp.check()
+        arguments.settings.check()
+        task = _task(arguments.task or arguments.name or "stack")
+        folder = RunFolder(arguments.out or unused(Path("runs") / f"{task.name}-{datetime.now():%Y%m%d-%H%M%S}"))
+        config = changes.applied(RunConfig(task, arguments.gp, arguments.settings))
+    if arguments.baseline is not None and changes.baseline is not None:
+        check_tree(changes.baseline, config.task, arguments.baseline)
+    return config, folder
 
 
 def _task(name_or_path: str | Path) -> Task:
