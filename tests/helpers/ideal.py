@@ -133,14 +133,17 @@ class IdealSkills:
 class IdealCell:
     """An executor with ideal skills; `hide` are objects that are not seen, `image` the age of images."""
 
-    def __init__(self, tree=STACK3, *, seed=0, log=None, **options):
-        self.skills = IdealSkills(SEMANTICS, SETTLER, sample_layouts(TASK, seed, 1))
+    def __init__(self, tree=STACK3, *, task=TASK, seed=0, log=None, **options):
+        semantics, settler = SEMANTICS, SETTLER
+        if task is not TASK:
+            semantics, settler = LeafSemantics(task, gene_pool(task)), Settler(task, Kinematic(task))
+        self.task, self.skills = task, IdealSkills(semantics, settler, sample_layouts(task, seed, 1))
         self.link, self.hide, self.image = SimulatedTime(), set(), 0.0
         self.lost = ""
         self.shown = []
         self.on_tick = lambda shown: None
         self.executor = Executor(
-            Program(TASK, tree),
+            Program(task, tree),
             skills=self.skills,
             link=self.link,
             observe=self.observe,
@@ -151,7 +154,7 @@ class IdealCell:
 
     def observe(self):
         hide = tuple(self.hide)
-        seen = observe(TASK, self.skills.world, self.link.now(), hide)
+        seen = observe(self.task, self.skills.world, self.link.now(), hide)
         return dataclasses.replace(seen, image=seen.time - self.image, lost=self.lost)
 
     def tick(self, shown):
@@ -161,5 +164,5 @@ class IdealCell:
     def move(self, name, position):
         """As a person does."""
         poses = self.skills.world.poses.copy()
-        poses[0, TASK.box_names.index(name), :3] = position
+        poses[0, self.task.box_names.index(name), :3] = position
         self.skills.world = dataclasses.replace(self.skills.world, poses=poses)

@@ -1,7 +1,9 @@
+import dataclasses
 import random
 import threading
 
 import numpy as np
+import pytest
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, Control
@@ -12,6 +14,7 @@ from bt_jax.deploy.execution.settings import Exit, Limits
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.status import Status
 from bt_jax.mjx_env.episodes.playback import play
+from bt_jax.tasks import load_task
 from tests.helpers.ideal import SEMANTICS, SETTLER, STACK3, TASK, IdealCell
 
 PICK = {name: Behavior("pick", (name,)) for name in TASK.box_names}
@@ -42,6 +45,27 @@ def test_does_what_the_simulation_does():
         elif len(commands) < 9 and expected.ticks[-1].status == Status.FAILURE:
             assert outcome.exit_code == Exit.FAILED
     assert 3 < solved < 16
+
+
+@pytest.mark.parametrize("rule", ["seen", "ticked"])
+def test_a_subgoal_stays_reached_while_the_tree_undoes_it(rule):
+    task = dataclasses.replace(load_task("restack"), subgoal_reward=rule)
+    tree = parse_tree("""
+    Fallback
+      Sequence
+        reached(unstacked)
+        move(YellowBox, (0, 0, 0.055), KittingBox)
+        move(GreenBox, (0, 0, 0.1), YellowBox)
+        move(BlueBox, (0, 0, 0.1), GreenBox)
+      Sequence
+        move(GreenBox, (0, 0.133, 0.055), KittingBox)
+        move(BlueBox, (0, -0.12, 0), YellowBox)
+    """)
+    cell = IdealCell(tree, task=task)
+    outcome = cell.executor.run()
+    assert outcome.exit_code == Exit.DONE
+    commands = [str(action).partition(",")[0] for action in cell.skills.started if action.name == "place"]
+    assert commands == [f"place({name}Box" for name in ("Green", "Blue", "Yellow", "Green", "Blue")]
 
 
 def test_redoes_what_a_person_undoes():
