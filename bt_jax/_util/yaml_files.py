@@ -27,6 +27,8 @@ __all__ = ["parse_yaml", "read_yaml", "to_yaml"]
 
 DEEPEST = 30  # lists and mappings inside each other
 LARGEST = 100_000  # values in a file with aliases, those of an alias counted wherever it stands
+LONGEST = 1_000_000  # characters
+SLOW = 50_000  # characters of which the parser in Python would take more than a second
 WIDTH = 120  # columns
 CORE = re.compile(r"!|tag:yaml\.org,2002:(str|int|float|bool|null|seq|map)")
 TEXT = "tag:yaml.org,2002:str"
@@ -39,10 +41,12 @@ def read_yaml(path: Path) -> Any:
 
 def parse_yaml(text: str, where: object) -> Any:
     """Return what a YAML text holds. Raise UserError, naming `where` it stands and the line, if it is not valid."""
+    if len(text) > LONGEST:
+        raise UserError(f"{where} has more than {LONGEST:,} characters; give a file that was written for bt_jax")
     with contextlib.suppress(MarkedYAMLError):  # the parser in C refuses some of YAML 1.2, such as {a: 1:30}
         return _parsed(text, where, pure=False)
     try:
-        return _parsed(text, where, pure=True)
+        return _parsed(text, where, pure=len(text) < SLOW)
     except MarkedYAMLError as error:
         raise UserError(_sentence(error, text, where)) from None
 

