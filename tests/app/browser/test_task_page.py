@@ -300,3 +300,19 @@ def test_a_name_that_cannot_be(page, see, server):
         see("task-save").click()
         expect(see("message"), name).to_contain_text(says)
     assert not (server.folder / "evil.yaml").exists()
+
+
+def test_two_people_do_not_edit_at_once(page, see, window):
+    other = window()
+    look = other.get_by_test_id
+    see("task-remove-GreenBox").click()
+    expect(look("task-words-GreenBox")).to_have_text("may be anywhere")
+    expect(look("holder-task")).to_contain_text("Another window on this computer has the task")
+    look("task-add-GreenBox").click()
+    expect(look("message")).to_contain_text("has the task; wait until")
+    choose_option(other, look("task-choice"), "pyramid", stays=False)
+    expect(look("task-choice")).to_have_value("stack")  # it shows what is edited, not what was chosen in vain
+    go(see, "evolve")  # lets go
+    expect(look("holder-task")).to_be_hidden()
+    look("task-undo").click()
+    expect(look("task-words-GreenBox")).to_have_text("on top of YellowBox")
