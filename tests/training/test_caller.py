@@ -7,10 +7,13 @@ from jax._src import monitoring  # the listeners have no public list
 
 import bt_jax
 
+MUJOCO_SETS = "PYOPENGL_PLATFORM"  # when a process renders for the first time
+
 
 def settings() -> tuple:
     listeners = (monitoring.get_event_listeners(), monitoring.get_event_duration_listeners())
-    return dict(jax.config.values), *map(list, listeners), dict(os.environ)
+    environment = {name: value for name, value in os.environ.items() if name != MUJOCO_SETS}
+    return dict(jax.config.values), *map(list, listeners), environment
 
 
 def evolve(**options) -> bt_jax.Result:
