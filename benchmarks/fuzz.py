@@ -13,6 +13,7 @@ import hashlib
 import importlib
 import io
 import os
+import resource
 import shutil
 import signal
 import subprocess
@@ -66,7 +67,7 @@ class Tried:
     damage: str
     words: tuple[str, ...]
     refused: bool
-    seconds: float  # of the processor; of a process of its own, in all
+    seconds: float  # of the processor; of a process of its own, with its start
     fault: str
 
 
@@ -221,9 +222,10 @@ def _within(call: Call, words: list[str], home: Path) -> tuple[int | None, str, 
 
 
 def _in_process(call: Call, words: list[str], home: Path) -> tuple[int | None, str, float, str]:
-    """Run the command as a process; return exit code, stderr, seconds, and that it hangs if it does."""
+    """Run the command as a process; return exit code, stderr, seconds of the processor, and that it hangs if it
+    does."""
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
-    began = time.monotonic()
+    began = _children_seconds()
     try:
         done = subprocess.run(
             [sys.executable, "-m", f"bt_jax.{call.module.removesuffix('.__main__')}", *words],
@@ -234,7 +236,13 @@ def _in_process(call: Call, words: list[str], home: Path) -> tuple[int | None, s
         )
     except subprocess.TimeoutExpired:
         return None, "", HANGING, "it hangs"
-    return done.returncode, done.stderr.decode("utf-8", "replace"), time.monotonic() - began, ""
+    return done.returncode, done.stderr.decode("utf-8", "replace"), _children_seconds() - began, ""
+
+
+def _children_seconds() -> float:
+    """Return the processor's seconds of the processes that were started here and have ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 @contextlib.contextmanager
