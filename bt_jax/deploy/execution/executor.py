@@ -131,13 +131,16 @@ class Executor:
         self.link.wait(now + self.limits.tick)
 
     def _check(self, now: float, start: float) -> None:
+        self._check_stops()
+        if not now - start <= self.limits.run:
+            raise self._failed(f"the time is up ({self.limits.run:g} s)", now)
+
+    def _check_stops(self) -> None:
         if self._interrupted:
             raise Halt("interrupted", Exit.INTERRUPTED)
         reason = self.link.stopped()
         if reason is not None:
             raise Halt(reason, Exit.STOPPED)
-        if not now - start <= self.limits.run:
-            raise self._failed(f"the time is up ({self.limits.run:g} s)", now)
 
     def _context(self, seen: Observation) -> Context:
         self._last_seen.update(seen.poses)
@@ -190,6 +193,7 @@ class Executor:
         """Raise Halt, since the tree has succeeded or failed for good. A tree that is not memoryless does so at once: ticked
         again, it would begin from the start."""
         if status == Status.SUCCESS:
+            self._rest("the tree has succeeded", now)
             wrong = self.verify()
             raise Halt(
                 f"the tree has succeeded{wrong and f', but {wrong}'}", Exit.FAILED if wrong else Exit.DONE, status
@@ -202,10 +206,16 @@ class Executor:
 
     def _failed(self, reason: str, now: float, status: Status = Status.RUNNING) -> Halt:
         """Bring the arms to rest, and return the end of a run that has failed."""
+        self._rest(reason, now)
+        return Halt(reason, Exit.FAILED, status)
+
+    def _rest(self, reason: str, now: float) -> None:
+        """Break off what is under way, and wait until the arms rest. Raise Halt if the robot was stopped or the run was
+        interrupted meanwhile."""
         if self.runner.action is not None or self.runner.looking:
             self.runner.cancel(now, reason)
         self.link.wait(max(now, self.runner.rest_at))
-        return Halt(reason, Exit.FAILED, status)
+        self._check_stops()
 
     def _record(self, entry: TickEntry) -> None:
         self.ticks += 1

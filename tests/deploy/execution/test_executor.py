@@ -315,6 +315,36 @@ def test_a_timeout_breaks_an_attempt_off_and_ends_the_run():
     assert outcome.seconds < 10.0
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "ForceSuccess(Timeout(300, pick(YellowBox)))",
+        "Inverter(Timeout(300, pick(YellowBox)))",
+        "Sequence(ForceSuccess(Timeout(300, pick(YellowBox))), gripper(open))",
+    ],
+)
+def test_a_tree_that_succeeds_during_an_attempt_brings_the_arms_to_rest_first(text):
+    verified = []
+    cell = IdealCell(parse_tree(text), verify=lambda: verified.append(cell.link.time) or "")
+    cell.skills.polls = 100
+    cancel, cancelled = cell.skills.cancel, []
+    cell.skills.cancel = lambda: (cancel(), cancelled.append(cell.link.time))
+    outcome = cell.executor.run()
+    assert (outcome.exit_code, outcome.reason) == (Exit.DONE, "the tree has succeeded")
+    assert cell.skills.cancelled == [PICK["YellowBox"]]
+    assert cell.executor.runner.action is None
+    assert verified[0] >= cancelled[0] + Limits().rest, "the scene is looked at once the arms rest"
+
+
+def test_a_robot_that_is_stopped_while_its_arms_come_to_rest_has_not_succeeded():
+    cell = IdealCell(parse_tree("ForceSuccess(Timeout(300, pick(YellowBox)))"))
+    cell.skills.polls = 100
+    cancel = cell.skills.cancel
+    cell.skills.cancel = lambda: (cancel(), cell.link.stop("left: no feedback"))
+    outcome = cell.executor.run()
+    assert (outcome.exit_code, outcome.reason) == (Exit.STOPPED, "left: no feedback")
+
+
 def test_what_is_not_seen_uses_no_attempt_up():
     tree = parse_tree("RetryUntilSuccessful(2, Sequence(reachable(YellowBox), pick(YellowBox)))")
     cell = IdealCell(tree)
