@@ -28,6 +28,8 @@ EXPERIMENTS = {  # task, published experiment, settings
     "pyramid": ("pyramid", "2", GPConfig(generations=100, runs=10)),
     "restack": ("restack", "3", GPConfig(**RESTACK)),
     "restack, published rules": ("restack", "3", GPConfig(**RESTACK, **PUBLISHED)),
+    "restack, other seeds": ("restack", "3", GPConfig(**RESTACK, seed=1000)),
+    "restack, other seeds, published rules": ("restack", "3", GPConfig(**RESTACK, **PUBLISHED, seed=1000)),
     "restack, subgoal seen": ("restack", "3", GPConfig(**RESTACK)),
 }
 SEEN = ("restack, subgoal seen",)  # with the other rule for subgoals than the published one
