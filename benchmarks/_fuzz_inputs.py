@@ -172,13 +172,23 @@ def _played(name: str) -> Callable[[Path, Path], list[str]]:
     return lambda folder, out: [str(folder / name), "--level", "kinematic", "--task", "stack"]
 
 
-_TASK = (Call("run", _run_in_task), Call("train", _train, 0.01, works=True))
+def _checked(name: str) -> Call:
+    return Call("check", lambda folder, out: [str(folder / name)], 0.25)
+
+
+_TASK = (Call("run", _run_in_task), Call("train", _train, 0.01, works=True), _checked("task.yaml"))
 KINDS: Mapping[str, Kind] = MappingProxyType(
     {
         "task": Kind(_task, _TASK),
         "task that extends another": Kind(_own_task, _TASK),
-        "tree, text": Kind(_tree_text, (Call("run", _exported("tree.txt")), Call("run", _played("tree.txt"), 0.2))),
-        "tree, XML": Kind(_tree_xml, (Call("run", _exported("tree.xml")), Call("run", _played("tree.xml"), 0.2))),
+        "tree, text": Kind(
+            _tree_text,
+            (Call("run", _exported("tree.txt")), Call("run", _played("tree.txt"), 0.2), _checked("tree.txt")),
+        ),
+        "tree, XML": Kind(
+            _tree_xml,
+            (Call("run", _exported("tree.xml")), Call("run", _played("tree.xml"), 0.2), _checked("tree.xml")),
+        ),
         "demonstrations": Kind(
             _demonstrations,
             (
@@ -192,6 +202,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
                     0.05,
                     works=True,
                 ),
+                _checked("demonstrations"),
             ),
         ),
         "run folder": Kind(
@@ -199,9 +210,15 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
             (
                 Call("run", _exported("run")),
                 Call("train", lambda folder, out: ["--resume", str(folder / "run")], 0.06, works=True),
+                _checked("run"),
             ),
         ),
-        "calibration": Kind(_calibration, (Call("deploy.__main__", _calibrate, needs_more=True),)),
-        "log": Kind(_log, (Call("deploy.__main__", lambda folder, out: ["replay", str(folder / "log.jsonl")]),)),
+        "calibration": Kind(
+            _calibration, (Call("deploy.__main__", _calibrate, needs_more=True), _checked("camera.yaml"))
+        ),
+        "log": Kind(
+            _log,
+            (Call("deploy.__main__", lambda folder, out: ["replay", str(folder / "log.jsonl")]), _checked("log.jsonl")),
+        ),
     }
 )

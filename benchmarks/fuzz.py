@@ -1,8 +1,9 @@
 """Files that are damaged: does every command read them, or refuse them in one sentence?
 
-Each mutant is a valid input with random damage, given to a command's `main`. It must be read, or refused within 2 s with
-exit code 2, one sentence on stderr that begins with `error:`, no traceback, and nothing written or changed. What is told of
-the valid input, too, by a command that needs more than it, counts as read. Mutant n of a kind is the same at every call.
+Each mutant is a valid input with random damage, given to a command's `main`. It must be read, or refused within 2 s of the
+processor (as a process, with its start, 4 s) with exit code 2, one sentence on stderr that begins with `error:`, no
+traceback, and nothing written or changed. What is told of the valid input, too, by a command that needs more than it, counts
+as read. Mutant n of a kind is the same at every call.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ from benchmarks._report import report
 
 __all__ = ["Tried", "judged", "prepare", "tried"]
 
-SECONDS, HANGING = 2.0, 120.0
+SECONDS, HANGING = 2.0, 120.0  # of the processor; of the clock
 WORKED = "the evolution goes on without it"
 LONGEST = 1020  # characters of a sentence
 
