@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.text import Text
 
 from bt_jax._util.errors import UserError
-from bt_jax.behaviors import Tree, expand, parse_behavior
+from bt_jax.behaviors import Tree, expand, not_memoryless, parse_behavior
 from bt_jax.deploy.commands.arguments import ReplayArguments
 from bt_jax.deploy.execution.decision import Sight, Step, decide
 from bt_jax.deploy.execution.log_reader import Damage, numbered_entries
@@ -24,6 +24,7 @@ from bt_jax.encoding.drawing.terminal import draw_text
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.interpret import TreeMemory
 from bt_jax.encoding.status import Status
+from bt_jax.encoding.walk import prefix
 from bt_jax.tasks import task_from_dict
 
 __all__ = ["Replayed", "replay", "replay_command"]
@@ -48,6 +49,19 @@ class Replayed:
         return self.logged == self.statuses and self.phase in (None, self.logged_phase)
 
 
+@dataclasses.dataclass(frozen=True)
+class _Tick:
+    """One intact line of a log about a tick that ticked the tree: what was known, and what was decided."""
+
+    number: int  # of the line
+    seen: Observation
+    context: Context
+    sight: Sight | None  # None for logs that do not say it
+    now: float
+    statuses: tuple[Status | None, ...]
+    phase: str
+
+
 def program_of(start: Mapping[str, Any], source: Path) -> Program:
     """Return the program that a log was written for. Raise UserError if its digest does not fit its tree."""
     for key in ("task", "tree", "digest"):
@@ -65,51 +79,70 @@ def replay(path: Path) -> Iterator[Replayed]:
     damage = Damage(path, strict=True)
     entries = numbered_entries(path, damage)
     _, start = next(entries)
-    yield from _replayed(program_of(start, path), start, entries, damage)
+    program = program_of(start, path)
+    yield from _replayed(program, start, _intact_ticks(program, entries, damage))
 
 
-def _replayed(
-    program: Program, start: Mapping[str, Any], entries: Iterable[tuple[int, dict[str, Any]]], damage: Damage
-) -> Iterator[Replayed]:
-    tree, patience = expand(program.tree), start.get("limits", {}).get("look", Limits().look)
-    memory = TreeMemory()
+def _intact_ticks(program: Program, entries: Iterable[tuple[int, dict[str, Any]]], damage: Damage) -> Iterator[_Tick]:
+    """Yield the ticks that ticked the tree; lines that say something else than the run wrote are noted as damaged."""
+    nodes = len(prefix(expand(program.tree)))
     for number, entry in entries:
         if entry["kind"] == "tick" and entry["statuses"] is not None:
             tick = None
             with damage.noted(number):
-                seen = Observation.from_dict(entry["seen"])
-                context, sight = _context(entry["context"], seen), _sight(entry)
-                now = entry.get("time", seen.time)
-                decision = decide(program, tree, seen, context, sight, memory, now=now, patience=patience)
-                memory = decision.memory
-                phase = str(decision.step) if "sight" in entry else None
-                if phase == Step.STARTING and start.get("dry"):
-                    phase = f"would start {decision.wanted}"
-                logged, statuses = _statuses(entry["statuses"]), decision.ticked.statuses
-                if len(logged) != len(statuses):
-                    raise ValueError(f"{len(logged)} statuses of {len(statuses)} nodes")
-                tick = Replayed(seen, logged, statuses, entry["phase"], phase)
+                seen, statuses = Observation.from_dict(entry["seen"]), _statuses(entry["statuses"])
+                if len(statuses) != nodes:
+                    raise ValueError(f"{len(statuses)} statuses of {nodes} nodes")
+                context, now = _context(entry["context"], seen), entry.get("time", seen.time)
+                tick = _Tick(number, seen, context, _sight(entry), now, statuses, entry["phase"])
             if tick is not None:
                 yield tick
 
 
+def _replayed(program: Program, start: Mapping[str, Any], ticks: Iterable[_Tick]) -> Iterator[Replayed]:
+    """Decide again at each tick, from the first one of a run on and without a gap if the tree has memory."""
+    tree, patience = expand(program.tree), start.get("limits", {}).get("look", Limits().look)
+    memory = TreeMemory()
+    for tick in ticks:
+        sight = tick.sight or Sight()
+        decision = decide(program, tree, tick.seen, tick.context, sight, memory, now=tick.now, patience=patience)
+        memory = decision.memory
+        phase = None if tick.sight is None else str(decision.step)
+        if phase == Step.STARTING and start.get("dry"):
+            phase = f"would start {decision.wanted}"
+        yield Replayed(tick.seen, tick.statuses, decision.ticked.statuses, tick.phase, phase)
+
+
 def replay_command(arguments: ReplayArguments, console: Console | None = None) -> int:
     """Print a log; return 0 if it replays as it was, 1 if the tree decides differently now. Damaged lines are left out, and
-    named."""
+    named; so are the ticks after them if the tree has memory, since what it remembered then is not known. Raise UserError if
+    no tick is left."""
     console = Console(highlight=False, soft_wrap=True) if console is None else console
     damage = Damage(arguments.log, strict=False)
     entries = list(numbered_entries(arguments.log, damage))
     start = entries[0][1]
     program = program_of(start, arguments.log)
-    ticks = list(_replayed(program, start, entries, damage))
+    ticks = list(_intact_ticks(program, entries, damage))
+    gap = None if not_memoryless(program.tree) is None else min(damage.lines, default=None)
+    replayed = list(_replayed(program, start, (tick for tick in ticks if gap is None or tick.number < gap)))
     intact = [entry for number, entry in entries if number not in damage.lines]
     console.print(f"tree       {program.digest[:12]}\nversions   {_listed(start.get('versions', {}))}", markup=False)
     _tell(intact, expand(program.tree), start, arguments.every, console)
-    differing = sum(not tick.same for tick in ticks)
+    differing = sum(not tick.same for tick in replayed)
     console.print(f"\n{_summary(intact)}", markup=False)
     if damage.lines:
         console.print(f"damaged    line {damage}: left out", markup=False, style="red")
-    console.print(f"replayed   {len(ticks)} ticks, {len(ticks) - differing} decided as they were")
+    if len(replayed) < len(ticks):
+        console.print(
+            f"left out   {len(ticks) - len(replayed)} ticks after line {gap}: not comparable, since the tree has memory and "
+            "what it remembered is not known",
+            style="red",
+        )
+    if not replayed:
+        raise UserError(
+            f"no tick of {arguments.log} can be replayed; give the undamaged log of a run that ticked its tree"
+        )
+    console.print(f"replayed   {len(replayed)} ticks, {len(replayed) - differing} decided as they were")
     return 1 if differing else 0
 
 
@@ -173,10 +206,11 @@ def _context(data: Mapping[str, Any], seen: Observation) -> Context:
     )
 
 
-def _sight(entry: Mapping[str, Any]) -> Sight:
+def _sight(entry: Mapping[str, Any]) -> Sight | None:
+    """Return the sight of a tick, None for older logs, which do not say it."""
     data = entry.get("sight")
     if data is None:
-        return Sight()
+        return None
     return Sight(data["looking"], data["looked"], frozenset(map(parse_behavior, data["undecided"])))
 
 

@@ -144,7 +144,7 @@ def numbered_entries(path: Path, damage: Damage) -> Iterator[tuple[int, dict[str
     yield 1, _start(path, lines[0])
     for number, line in enumerate(lines[1:], start=2):
         unfinished = number == len(lines) and not line.endswith(b"}")
-        with contextlib.suppress(ValueError) if unfinished else damage.noted(number):
+        with contextlib.suppress(ValueError, RecursionError) if unfinished else damage.noted(number):
             yield number, _entry(line)
 
 

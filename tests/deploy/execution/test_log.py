@@ -8,11 +8,13 @@ from rich.console import Console
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior
 from bt_jax.commands.check import described
+from bt_jax.deploy.commands import replay as replay_module
 from bt_jax.deploy.commands.arguments import ReplayArguments
 from bt_jax.deploy.commands.replay import replay, replay_command
 from bt_jax.deploy.execution.log import Log
 from bt_jax.deploy.execution.log_reader import log_ends, read_log
 from bt_jax.deploy.execution.settings import Exit
+from bt_jax.encoding.formats.text import parse_tree
 from tests.helpers.ideal import TASK, IdealCell
 
 
@@ -185,6 +187,62 @@ def test_a_damaged_line_is_told_and_hides_no_other(written, tmp_path, spoil):
     assert f"{count} ticks, {count} decided as they were" in text
     with pytest.raises(UserError, match=f"line {index + 1} is not part of a log"):
         list(replay(damaged))
+
+
+@pytest.mark.parametrize("tail", ["[" * 100_000, '{"kind": "x", "a": ' + "[" * 100_000, '{"kind": "end"', "\\"])
+def test_a_last_line_that_was_not_finished_is_left_out(written, tmp_path, tail):
+    path = tmp_path / "log.jsonl"
+    path.write_text(written.read_text() + tail)
+    assert list(read_log(path)) == list(read_log(written))
+
+
+@pytest.fixture(scope="module")
+def remembering(tmp_path_factory):
+    """The log of a run whose tree has memory."""
+    path = tmp_path_factory.mktemp("log") / "log.jsonl"
+    with Log(path) as log:
+        steps = "pick(YellowBox), place(YellowBox, (0, 0, 0.055), KittingBox), pick(GreenBox)"
+        assert IdealCell(parse_tree(f"ResumingSequence({steps})"), log=log).executor.run().exit_code == Exit.DONE
+    return path
+
+
+def told(path) -> tuple[int, str]:
+    """The exit code of `replay`, and what it prints."""
+    console = Console(record=True, width=200, file=io.StringIO())
+    return replay_command(ReplayArguments(path), console), console.export_text()
+
+
+def test_what_follows_a_damaged_line_is_not_compared_where_the_tree_has_memory(remembering, tmp_path):
+    lines, path = remembering.read_text().splitlines(), tmp_path / "log.jsonl"
+    ticks = [i for i, line in enumerate(lines) if '"statuses": "' in line]
+    count = len(ticks)
+    assert f"{count} ticks, {count} decided as they were" in told(remembering)[1]
+    for place in range(1, count):
+        path.write_text("\n".join([*lines[: ticks[place]], "[]", *lines[ticks[place] + 1 :]]))
+        code, text = told(path)
+        assert code == 0
+        assert f"damaged    line {ticks[place] + 1}: left out" in text
+        assert f"{place} ticks, {place} decided as they were" in text
+        assert (f"{count - place - 1} ticks after line {ticks[place] + 1}: not comparable" in text) == (
+            place < count - 1
+        )
+
+
+@pytest.mark.parametrize("log", ["written", "remembering"])
+def test_a_log_of_which_nothing_can_be_replayed_is_refused(log, tmp_path, request):
+    path = tmp_path / "log.jsonl"
+    path.write_text(request.getfixturevalue(log).read_text().replace('"phase"', '"phrase"'))
+    with pytest.raises(UserError, match=r"no tick of .*log.jsonl can be replayed"):
+        told(path)
+
+
+def test_a_defect_of_the_program_does_not_read_as_a_damaged_line(written, monkeypatch):
+    def broken(*_, **__):
+        raise KeyError("no such node")
+
+    monkeypatch.setattr(replay_module, "decide", broken)
+    with pytest.raises(KeyError, match="no such node"):
+        told(written)
 
 
 def test_a_tree_that_was_changed_is_refused(written, tmp_path):
