@@ -136,7 +136,7 @@ class Teleoperation:
         size = self.task.boxes[self.task.box_names.index(self.held)].size
         goal[2] = max(goal[2], self.task.floor + size / 2)
         low, high = self._reach
-        if np.any(goal < low) or np.any(goal > high):
+        if not np.all((goal >= low) & (goal <= high)):
             raise UserError(f"the gripper does not reach that far; carry {self.held} nearer to the tables")
         self._push(dataclasses.replace(self._now, position=goal))
 

@@ -9,9 +9,10 @@ from nicegui import ui
 from bt_jax._util.errors import UserError
 from bt_jax.app.panels.context import PanelContext
 from bt_jax.app.panels.gripper import GripperControls
-from bt_jax.app.panels.parts import ask, ask_for, button, heading, mark
+from bt_jax.app.panels.parts import button, heading, mark
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.context import Step
+from bt_jax.app.widgets.dialogs import ask, ask_for
 from bt_jax.app.widgets.holder_line import holder_line
 
 __all__ = ["build"]

@@ -8,11 +8,12 @@ from collections.abc import Sequence
 from nicegui import ui
 
 from bt_jax._util.errors import UserError
-from bt_jax.app.panels.parts import dialog, heading
+from bt_jax.app.panels.parts import heading
 from bt_jax.app.plain_words import Words
 from bt_jax.app.processes.train_command import NO_CHANGES
 from bt_jax.app.state.edited_task import same_things
 from bt_jax.app.state.studio import Studio
+from bt_jax.app.widgets.dialogs import dialog
 from bt_jax.tasks import Task
 from bt_jax.training.phases import Changes
 

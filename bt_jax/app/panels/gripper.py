@@ -11,9 +11,10 @@ from nicegui.events import GenericEventArguments
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.panels.context import PanelContext
-from bt_jax.app.panels.parts import ask, button, css_color, heading, known
+from bt_jax.app.panels.parts import button, css_color, heading, known
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.state.teaching import Direction
+from bt_jax.app.widgets.dialogs import ask
 from bt_jax.teaching.teleoperation import Landing, Teleoperation
 
 __all__ = ["GripperControls"]

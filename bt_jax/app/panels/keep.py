@@ -9,12 +9,13 @@ from typing import Any
 from nicegui import ui
 
 from bt_jax._util.errors import UserError
-from bt_jax.app.panels.parts import ask, button, may_leave
+from bt_jax.app.panels.parts import button, may_leave
 from bt_jax.app.phrases import phrase
 from bt_jax.app.processes.filming import film_run
 from bt_jax.app.state.run_record import RunRecord, read_record, read_records, tested
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.context import PageContext
+from bt_jax.app.widgets.dialogs import ask
 from bt_jax.app.widgets.learning_curve import LearningCurve, curve_options
 from bt_jax.app.widgets.tree_view import TreeView
 from bt_jax.behaviors import Tree

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 from nicegui import ui
@@ -11,15 +10,13 @@ from nicegui.element import Element
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.state.studio import Studio
+from bt_jax.app.widgets.dialogs import ask
 from bt_jax.tasks import Box, Task
 
 __all__ = [
     "MOST",
-    "ask",
-    "ask_for",
     "button",
     "css_color",
-    "dialog",
     "heading",
     "known",
     "mark",
@@ -78,26 +75,6 @@ def whole(field: ui.number, low: int, high: int) -> int:
     return int(value)
 
 
-@contextlib.contextmanager
-def dialog(name: str) -> Iterator[ui.dialog]:
-    """A dialog with a name for screen readers. It belongs to the window, not to the button that opens it, which may be
-    removed meanwhile. It is deleted once it has closed: only then the focus is back where it was."""
-    with ui.context.client, ui.dialog() as opened, ui.card():
-        opened.props["aria-label"] = name
-        opened.on("hide", opened.delete)
-        yield opened
-
-
-async def ask(question: str, *, yes: str, testid: str) -> bool:
-    """Ask a question and return whether the answer is yes."""
-    with dialog(question) as asked:
-        ui.label(question)
-        with ui.row().classes("self-end gap-2"):
-            ui.button("Cancel", on_click=lambda: asked.submit(False)).props("no-caps flat autofocus")
-            ui.button(yes, on_click=lambda: asked.submit(True)).props(f"no-caps unelevated data-testid={testid}-yes")
-    return bool(await asked)
-
-
 async def may_leave(studio: Studio) -> bool:
     """Return whether another task may be opened: the changes of this one are saved, or a person discards them. Raise
     UserError if it is changed while they are asked."""
@@ -108,18 +85,3 @@ async def may_leave(studio: Studio) -> bool:
     if leaves and (studio.edited.task is not task or studio.edited.start is not start):
         raise UserError("the task was changed in another window meanwhile; look at it before you discard it")
     return leaves
-
-
-async def ask_for(question: str, *, value: str, yes: str, testid: str) -> str | None:
-    """Ask for a name and return it, None if the person cancels."""
-    with dialog(question) as asked:
-        field = ui.input(question, value=value).props(
-            f"autofocus outlined dense data-testid={testid}-name maxlength=64"
-        )
-        field.classes("w-64").on("keydown.enter", lambda: asked.submit(field.value))
-        with ui.row().classes("self-end gap-2"):
-            ui.button("Cancel", on_click=lambda: asked.submit(None)).props("no-caps flat")
-            ui.button(yes, on_click=lambda: asked.submit(field.value)).props(
-                f"no-caps unelevated data-testid={testid}-yes"
-            )
-    return await asked

@@ -12,11 +12,12 @@ from nicegui import ui
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.panels.context import PanelContext
-from bt_jax.app.panels.parts import ask, button, css_color, may_leave
+from bt_jax.app.panels.parts import button, css_color, may_leave
 from bt_jax.app.plain_words import Words, differences
 from bt_jax.app.state.arrangement import fixed_layout, free_layout, kit_table, move_kit, put, retarget, untarget
 from bt_jax.app.state.spots import Spot, origins, spot_at, spot_of_target
 from bt_jax.app.state.studio import Studio
+from bt_jax.app.widgets.dialogs import ask
 from bt_jax.app.widgets.holder_line import holder_line
 from bt_jax.app.widgets.place_fields import PlaceFields
 from bt_jax.mjx_env.scene.layouts import sample_layouts

@@ -15,9 +15,12 @@ from bt_jax.app.state.workspace import Workspace
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Task, task_from_dict
+from bt_jax.tasks.bounds import POSITION
 from bt_jax.teaching.teleoperation import Teleoperation
 
 __all__ = ["DemonstrationDraft", "DraftKeeper"]
+
+NOT_UNIT = 0.01  # by which the length of a rotation may differ from 1; the components of states are rounded to 0.001
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,15 +55,20 @@ class DemonstrationDraft:
         return dataclasses.replace(self, inputs=self.inputs[:-1])
 
     def session(self, physics: Physics) -> Teleoperation:
-        """Do all of it again. Raise UserError if that is impossible."""
+        """Do all of it again. Raise UserError if that is impossible, whatever the reason: a file may say anything."""
         session = Teleoperation(self.task, physics, self.start)
-        for each in self.inputs:
-            if each.kind == "pick":
-                session.pick(each.what)
-            elif each.kind == "carry":
-                session.move_to(each.what, self.task.robot_frame)
-            else:
-                session.release(lowered=True)
+        try:
+            for each in self.inputs:
+                if each.kind == "pick":
+                    session.pick(each.what)
+                elif each.kind == "carry":
+                    session.move_to(each.what, self.task.robot_frame)
+                else:
+                    session.release(lowered=True)
+        except UserError:
+            raise
+        except Exception as error:
+            raise UserError(f"it cannot be done again ({error}); demonstrate it again") from error
         return session
 
     def to_json(self) -> str:
@@ -83,19 +91,36 @@ class DemonstrationDraft:
                 gripper_open=np.array(start["gripper_open"], bool).reshape(1),
                 reached=np.array(start["reached"], bool).reshape(1, len(task.subgoals)),
             )
-            finite = np.isfinite(world.kit).all() and np.isfinite(world.poses).all()
             inputs = tuple(Input(kind, what) for kind, what in data["inputs"])
-            known = all(map(_is_valid, inputs))
+            valid = _is_plausible(world) and all(map(_is_valid, inputs))
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
             raise UserError(f"it is damaged ({error}); demonstrate it again") from error
-        if not (finite and known and isinstance(data["set"], str)):
+        if not (valid and isinstance(data["set"], str)):
             raise UserError("it is damaged; demonstrate it again")
         return DemonstrationDraft(task, data["set"], world, inputs)
 
 
+def _is_plausible(world: World) -> bool:
+    """Whether a demonstration may begin in a state: its numbers are in their bounds, and the gripper holds nothing."""
+    lengths = np.linalg.norm(world.poses[..., 3:].astype(float), axis=-1)
+    return bool(
+        _within(world.kit, POSITION.low, POSITION.high)
+        and _within(world.poses[..., :3], POSITION.low, POSITION.high)
+        and _within(lengths, 1 - NOT_UNIT, 1 + NOT_UNIT)
+        and np.all(world.held == -1)
+    )
+
+
+def _within(values: np.ndarray, low: float, high: float) -> bool:
+    """Whether all are from `low` to `high`; a NaN is not."""
+    return bool(np.all((values >= low) & (values <= high)))
+
+
 def _is_valid(each: Input) -> bool:
     if each.kind == "carry":
-        return np.asarray(each.what, float).shape == (3,)
+        far = POSITION.high - POSITION.low  # between the robot, whose frame it is in, and a place
+        where = np.asarray(each.what, float)
+        return where.shape == (3,) and _within(where, -far, far)
     return each.kind == "release" or (each.kind == "pick" and isinstance(each.what, str))
 
 

@@ -7,17 +7,27 @@ from collections.abc import Callable
 from typing import Any
 
 from bt_jax.app.state.bus import Bus
+from bt_jax.app.state.holds import Shared
 
-__all__ = ["Notice", "Notices"]
+__all__ = ["Discard", "Notice", "Notices"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Discard:
+    """What discards something that all windows share, which may be a coroutine function; a person is asked the `question`
+    before, in a window that `steers` it."""
+
+    do: Callable[[], Any]
+    question: str
+    steers: Shared
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Notice:
-    """A sentence, and what discards that of which it tells, None if nothing can be discarded; the function may be a
-    coroutine function."""
+    """A sentence, and how to discard that of which it tells, None if nothing can be discarded."""
 
     text: str
-    discard: Callable[[], Any] | None = None
+    discard: Discard | None = None
 
 
 class Notices:

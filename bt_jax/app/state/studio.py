@@ -23,7 +23,7 @@ from bt_jax.app.state.demonstration_library import DemonstrationLibrary
 from bt_jax.app.state.edited_task import EditedTask, same_goal, same_things
 from bt_jax.app.state.evolution_process import EvolutionProcess, EvolutionStage
 from bt_jax.app.state.holds import Holds
-from bt_jax.app.state.notices import Notice, Notices
+from bt_jax.app.state.notices import Discard, Notice, Notices
 from bt_jax.app.state.playing import Playing
 from bt_jax.app.state.run_record import read_record
 from bt_jax.app.state.teaching import Teaching
@@ -58,7 +58,7 @@ class Studio:
         self.drafts = DraftKeeper(workspace, lambda error: self.bus.say(phrase(error, workspace.root), "error"))
         self.teaching = Teaching(self.bus, self.worker, self.edited, self.library, self.playing, self.drafts)
         self.notices = Notices(self.bus)
-        self._restored: Notice | None = None  # stands as long as the draft that was restored differs from every file
+        self._restored: Notice | None = None  # stands until the draft that was restored is changed or saved
         self._kept_both: tuple[Task | None, Task] | None = None  # the two tasks that may differ
         self._following: Task | None = None  # the edited task that takes over what the evolution is taught
 
@@ -73,6 +73,7 @@ class Studio:
         if not same_things(task, self.edited.task):
             self.playing.take(None, None)
         self.edited.open(task, start)
+        self.notices.remove(self._restored)
         self.playing.clear()
         self.teaching.task_opened()
         self.library.forget_lesson()
@@ -90,6 +91,16 @@ class Studio:
             self.edit_task(task, sample_layouts(task, 0, 1))
         else:
             self.open_task(task)
+
+    def discard_draft(self) -> None:
+        """Take the task as its file says again or, if that has gone or is invalid, the first of the package. Raise
+        UserError if a demonstration in the making would be lost."""
+        try:
+            self.workspace.task(self.edited.task.name)
+        except UserError:
+            self.open_task(self.workspace.task(self.workspace.task_names()[0]))
+        else:
+            self.revert_task()
 
     def undo_edit(self) -> None:
         """Take back the last edit of the task. Raise UserError if there is none."""
@@ -119,7 +130,8 @@ class Studio:
             if draft is not None and draft != self.edited.task:
                 self._open_task(draft)
                 self._restored = Notice(
-                    f"Your unsaved changes of {draft.name} were restored; step 1 can save them.", self.revert_task
+                    f"Your unsaved changes of {draft.name} were restored; step 1 can save them.",
+                    Discard(self.discard_draft, f"Discard the unsaved changes of {draft.name}?", steers="task"),
                 )
                 self.notices.add(self._restored)
         except UserError as error:
@@ -133,23 +145,23 @@ class Studio:
             if text is None:
                 return
             draft = DemonstrationDraft.from_json(text)
+            session = draft.session(self.worker.physics(draft.task))
             if not same_things(draft.task, self.edited.task):
                 if self.unsaved:
                     raise UserError(f"it is for {draft.task.name}, and step 1 has unsaved changes of another task")
                 self._open_task(draft.task)
-            self.teaching.restore(draft)
+            self.teaching.restore(draft, session)
         except UserError as error:
             self._set_aside("The demonstration in the making", error, self.workspace.set_demonstration_draft_aside)
             return
         count = len(self.teaching.done)
         notice = Notice(
             f"The demonstration in the making was restored, with {count} action{'s' * (count > 1)}; step 3 goes on with it.",
-            self.teaching.discard,
+            Discard(self.teaching.discard, "Discard this demonstration? Its actions will be lost.", steers="gripper"),
         )
         self.notices.add(notice)
-        session = self.teaching.session
         self.bus.subscribe(
-            "demonstrations", lambda: None if self.teaching.session is session else self.notices.remove(notice)
+            "demonstrations", lambda: None if self.teaching.draft is draft else self.notices.remove(notice)
         )
 
     def _set_aside(self, what: str, error: UserError, set_aside: Callable[[], Path]) -> None:
@@ -278,6 +290,7 @@ class Studio:
             self.edit_task(taught)
 
     def _after_edit(self) -> None:
+        self.notices.remove(self._restored)
         self.playing.clear()
         self.teaching.task_edited()
         self.bus.changed("task", "scene", "player")

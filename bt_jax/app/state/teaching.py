@@ -75,6 +75,11 @@ class Teaching:
         return self.session is not None and bool(self.session.actions)
 
     @property
+    def draft(self) -> DemonstrationDraft | None:
+        """What is kept on the disk of the demonstration in the making, another one after each input."""
+        return None if self.session is None else self._draft
+
+    @property
     def landing(self) -> Landing | None:
         """What is below the object in the gripper, None if the gripper is empty."""
         session = self.session
@@ -125,13 +130,12 @@ class Teaching:
             self._folder, self._draft = folder, DemonstrationDraft(task, self._library.set_name, session.world)
             self._show_session()
 
-    def restore(self, draft: DemonstrationDraft) -> None:
-        """Go on with a demonstration that an earlier page has left, before the event loop runs. Raise UserError if that is
-        impossible; its task must have the boxes and frames of the one that is edited."""
-        folder = self._library.restore_set(draft.set_name)
-        self.session = draft.session(self._worker.physics(draft.task))
-        self._folder, self._draft = folder, draft
-        self.shown = self.session.world
+    def restore(self, draft: DemonstrationDraft, session: Teleoperation) -> None:
+        """Go on with a demonstration that an earlier page has left, and that was done again in `session`. Raise UserError
+        if its set cannot be used; its task must have the boxes and frames of the one that is edited."""
+        self._folder = self._library.restore_set(draft.set_name)
+        self.session, self._draft = session, draft
+        self.shown = session.world
 
     async def pick(self, name: str) -> None:
         """Take an object and lift it."""
@@ -264,7 +268,7 @@ class Teaching:
         self._bus.changed("demonstrations")
 
     def _keep_draft(self) -> None:
-        self._drafts.keep(None if self.session is None else self._draft)
+        self._drafts.keep(self.draft)
 
 
 def _begun(task: Task, physics: Physics, tree: Tree | None, layout: World) -> Teleoperation:

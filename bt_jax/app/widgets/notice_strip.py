@@ -7,8 +7,10 @@ import inspect
 
 from nicegui import ui
 
-from bt_jax.app.state.notices import Notice, Notices
+from bt_jax._util.errors import UserError
+from bt_jax.app.state.notices import Discard, Notice, Notices
 from bt_jax.app.widgets.context import PageContext
+from bt_jax.app.widgets.dialogs import ask
 
 __all__ = ["NoticeStrip"]
 
@@ -29,14 +31,20 @@ class NoticeStrip:
                     ui.icon("info").props("aria-hidden=true")
                     ui.label(notice.text).classes("notice-text")
                     if notice.discard is not None:
-                        discard = self._page.guard(functools.partial(self._discard, notice))
+                        discard = self._page.guard(
+                            functools.partial(self._discard, notice, notice.discard), steers=notice.discard.steers
+                        )
                         ui.button("Discard", on_click=discard).props("flat dense no-caps data-testid=notice-discard")
                     close = self._page.guard(functools.partial(self._notices.remove, notice))
                     ui.button("OK", on_click=close).props("flat dense no-caps data-testid=notice-close")
 
-    async def _discard(self, notice: Notice) -> None:
-        if notice.discard is not None:
-            result = notice.discard()
-            if inspect.isawaitable(result):
-                await result
+    async def _discard(self, notice: Notice, discard: Discard) -> None:
+        if not await ask(discard.question, yes="Discard", testid="notice-discard"):
+            return
+        self._page.steer(discard.steers)  # again: a person may take their time to answer
+        if notice not in self._notices.standing:
+            raise UserError("it was changed in another window meanwhile; look at it before you discard it")
+        result = discard.do()
+        if inspect.isawaitable(result):
+            await result
         self._notices.remove(notice)

@@ -153,6 +153,7 @@ def test_unsaved_changes_outlive_the_server(page, see, server):
     expect(see("notices")).to_contain_text("Your unsaved changes of stack were restored")
     expect(see("task-words-GreenBox")).to_have_text("may be anywhere")
     see("notice-discard").click()
+    see("notice-discard-yes").click()
     expect(see("task-words-GreenBox")).to_have_text("on top of YellowBox")
     expect(see("notices")).to_have_text("")
 

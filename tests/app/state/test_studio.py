@@ -102,6 +102,35 @@ def test_unsaved_changes_are_restored_by_the_next_page(studio):
     assert (again.edited.task, noticed(again)) == (load_task("stack"), "")
 
 
+def test_restored_changes_are_discarded_by_their_notice_until_somebody_goes_on_with_them(studio):
+    studio.edit_task(untarget(STACK3, "BlueBox"))
+    for edit in (True, False):
+        after = Studio(studio.workspace, load_task("stack"))
+        after.restore()
+        (notice,) = after.notices.standing
+        assert notice.discard.steers == "task"
+        assert notice.discard.question == "Discard the unsaved changes of stack3?"
+        if edit:
+            after.edit_task(untarget(after.edited.task, "GreenBox"))
+        else:
+            notice.discard.do()
+            assert after.edited.task == STACK3
+            assert studio.workspace.draft() is None
+        assert after.notices.standing == ()
+
+
+def test_restored_changes_of_a_task_whose_file_has_gone_can_be_discarded(studio):
+    studio.save_task("mine")
+    studio.edit_task(untarget(studio.edited.task, "BlueBox"))
+    (studio.workspace.tasks / "mine.yaml").unlink()
+    after = Studio(studio.workspace, load_task("stack"))
+    after.restore()
+    assert after.edited.task.name == "mine"
+    after.notices.standing[0].discard.do()
+    assert after.edited.task == load_task(studio.workspace.task_names()[0])
+    assert (after.notices.standing, studio.workspace.draft()) == ((), None)
+
+
 def test_an_edit_counts_though_its_draft_cannot_be_written(studio, monkeypatch):
     def fail(path, content):
         raise UserError("the disk is full")
