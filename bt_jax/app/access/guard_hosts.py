@@ -29,7 +29,7 @@ class GuardHosts:
     """ASGI middleware that answers 400 to a foreign `Host` or `Origin`, on HTTP and websockets, and adds the `HEADERS`.
 
     The page answers to loopback's names, to the address that the connection came in on, and to `names`. It may be called
-    from the same host and port, or from one of the `names` on the usual port, where a reverse proxy serves it.
+    from the same host and port only; a reverse proxy has to pass the `Host` on.
     """
 
     app: ASGIApp
@@ -56,14 +56,15 @@ class GuardHosts:
                 f"this page is not served under the name {name}; open it under another, or start it with "
                 f"--allow-host {name}"
             )
-        if any(not self._same(origin, hosts[0]) for origin in origins):
+        if any(not _same(origin, hosts[0]) for origin in origins):
             return "this page cannot be used from another page"
         return ""
 
-    def _same(self, origin: str, host: str) -> bool:
-        """Whether a page of this origin may call the host."""
-        scheme, _, rest = origin.partition("://")
-        return scheme in ("http", "https") and (rest.lower() == host.lower() or rest.lower() in self.names)
+
+def _same(origin: str, host: str) -> bool:
+    """Whether a page of this origin is one of the host."""
+    scheme, _, rest = origin.partition("://")
+    return scheme in ("http", "https") and rest.lower() == host.lower()
 
 
 def _with_headers(send: Send) -> Send:

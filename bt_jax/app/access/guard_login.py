@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
-import time
-from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
 from string import Template
 from urllib.parse import parse_qs
 
 from starlette.datastructures import Headers
+from starlette.requests import cookie_parser
 from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -35,15 +34,31 @@ class GuardLogin:
         if scope["type"] == "lifespan":
             await self.app(scope, receive, send)
             return
-        left = self.logins.left(_cookie(scope))
+        key = _cookie(scope)
+        left = self.logins.left(key)
         if scope["type"] == "http" and scope["path"] == "/login":
             await (await self._login(scope, receive))(scope, receive, send)
         elif left and scope["type"] == "websocket":
-            await self.app(scope, _until(left, receive, send), send)
+            await self.app(scope, self._until_the_end(key, receive, send), send)
         elif left:
             await self.app(scope, receive, send)
         else:
             await _refusal(scope)(scope, receive, send)
+
+    def _until_the_end(self, key: str, receive: Receive, send: Send) -> Receive:
+        """Return a `receive` that closes the websocket when a login ends."""
+
+        async def receive_until() -> Message:
+            try:
+                message = await asyncio.wait_for(receive(), self.logins.left(key))
+            except TimeoutError:
+                message = None
+            if message is not None and (self.logins.left(key) or message["type"] == "websocket.disconnect"):
+                return message
+            await send({"type": "websocket.close", "code": EXPIRED})
+            return {"type": "websocket.disconnect", "code": EXPIRED}
+
+        return receive_until
 
     async def _login(self, scope: Scope, receive: Receive) -> Response:
         """Answer a token that was typed (POST), or that is in the address (GET)."""
@@ -101,11 +116,8 @@ def _cookie_name(scope: Scope) -> str:
 
 
 def _cookie(scope: Scope) -> str:
-    try:
-        found = SimpleCookie(Headers(scope=scope).get("cookie", "")).get(_cookie_name(scope))
-    except CookieError:
-        return ""
-    return "" if found is None else found.value
+    """Return the key of a login, empty if there is none; cookies of other programs on this host may say anything."""
+    return cookie_parser(Headers(scope=scope).get("cookie", "")).get(_cookie_name(scope), "")
 
 
 async def _body(receive: Receive) -> bytes:
@@ -116,17 +128,3 @@ async def _body(receive: Receive) -> bytes:
         body += message.get("body", b"")
         more = message.get("more_body", False) and len(body) <= MOST_BYTES
     return body if len(body) <= MOST_BYTES else b""
-
-
-def _until(left: float, receive: Receive, send: Send) -> Receive:
-    """Return a `receive` that closes the websocket after `left` seconds."""
-    ends = time.monotonic() + left
-
-    async def receive_until() -> Message:
-        try:
-            return await asyncio.wait_for(receive(), max(0.0, ends - time.monotonic()))
-        except TimeoutError:
-            await send({"type": "websocket.close", "code": EXPIRED})
-            return {"type": "websocket.disconnect", "code": EXPIRED}
-
-    return receive_until

@@ -1,6 +1,4 @@
-"""Nobody gets past the form without the token, on HTTP or on a websocket."""
-
-import time
+"""Nobody gets past the form without the token, on HTTP or on a websocket, with a clock that the test sets."""
 
 import pytest
 from starlette.applications import Starlette
@@ -9,9 +7,8 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.testclient import TestClient, WebSocketDenialResponse
 from starlette.websockets import WebSocketDisconnect
 
-from bt_jax.app.access import logins as settings
-from bt_jax.app.access.guard_login import GuardLogin
-from bt_jax.app.access.logins import WRONG_TOKENS, Logins
+from bt_jax.app.access.guard_login import EXPIRED, GuardLogin
+from bt_jax.app.access.logins import LOGIN_HOURS, WRONG_TOKENS, Logins
 
 BROWSER = {"accept": "text/html,*/*"}
 
@@ -26,9 +23,21 @@ async def echo(websocket):
         await websocket.send_text(text)
 
 
+class Clock:
+    now = 1000.0
+
+    def __call__(self):
+        return self.now
+
+
 @pytest.fixture
-def logins():
-    return Logins("secret")
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def logins(clock):
+    return Logins("secret", clock)
 
 
 @pytest.fixture
@@ -90,13 +99,27 @@ def test_a_cookie_that_was_made_up_is_no_login(page, cookie):
     assert page.get("/other", headers={"cookie": cookie}).status_code == 401
 
 
-def test_a_websocket_is_closed_when_the_login_ends(page, monkeypatch):
-    monkeypatch.setattr(settings, "LOGIN_HOURS", 0.3 / 3600)
+@pytest.mark.parametrize(
+    "other", ['prefs={"a": 1}', "grafana[0]=q", "a b=1", "name=J%C3%BC", "name=J\xfc", '"', "=;;=", 'half="a']
+)
+def test_cookies_of_other_programs_on_the_host_do_not_log_out(page, other):
+    answer = page.get("/login?token=secret")
+    own = answer.headers["set-cookie"].partition(";")[0]
+    page.cookies.clear()
+    for cookie in (f"{other}; {own}", f"{own}; {other}"):
+        assert page.get("/other", headers={"cookie": cookie.encode("latin-1")}).status_code == 200
+
+
+@pytest.mark.parametrize("idle", [True, False])
+def test_a_websocket_is_closed_when_the_login_ends(page, clock, idle):
     page.get("/login?token=secret")
+    clock.now += 3600 * LOGIN_HOURS - 0.01
     with page.websocket_connect("/ws") as socket:
-        socket.send_text("hi")
-        assert socket.receive_text() == "hi"
-        with pytest.raises(WebSocketDisconnect):
+        if not idle:
+            clock.now += 1
+            socket.send_text("hi")
+        with pytest.raises(WebSocketDisconnect) as closed:
             socket.receive_text()
-    time.sleep(0.1)
+    assert closed.value.code == EXPIRED
+    clock.now += 1
     assert page.get("/other").status_code == 401

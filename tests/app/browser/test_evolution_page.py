@@ -39,7 +39,9 @@ def start(see, *, population=8, generations=100_000, seed=0):
     button = see("evolve-start")
     button.click()
     # What the run before has left on the page goes as soon as this one begins.
-    button.page.wait_for_function("() => document.querySelector('[data-testid=evolve-start]').disabled", timeout=60_000)
+    button.page.wait_for_function(
+        "() => document.querySelector('[data-testid=evolve-start]').disabled", timeout=180_000
+    )
     expect(see("evolve-generation")).to_contain_text(" of ")
 
 
@@ -51,7 +53,7 @@ def generation(see):
 def goes_on(see):
     """Whether another generation appears."""
     now = generation(see)
-    end = time.monotonic() + 60
+    end = time.monotonic() + 180
     while generation(see) <= now:
         assert time.monotonic() < end, "no other generation appears"
         time.sleep(0.05)
@@ -139,7 +141,7 @@ def test_the_process_is_killed(page, see, server):
     start(see)
     goes_on(see)
     folder = newest(server)
-    end = time.monotonic() + 60
+    end = time.monotonic() + 180
     while folder.load_checkpoint() is None:
         assert time.monotonic() < end
         time.sleep(0.05)

@@ -36,7 +36,7 @@ def until(evolution, *stages, seconds=240):
         time.sleep(0.02)
 
 
-def advances(evolution, seconds=60):
+def advances(evolution, seconds=240):
     """Whether another generation is reported."""
     before, end = evolution.progress.generation, time.monotonic() + seconds
     while evolution.progress.generation == before:
@@ -110,7 +110,7 @@ def test_a_killed_process_is_told_and_goes_on_from_its_checkpoint(evolution):
     evolution.start(STACK, LONG)
     until(evolution, "evolving")
     folder = RunFolder(evolution.workspace.runs / evolution.run)
-    end = time.monotonic() + 60
+    end = time.monotonic() + 240
     while folder.load_checkpoint() is None:
         assert time.monotonic() < end
         time.sleep(0.05)
