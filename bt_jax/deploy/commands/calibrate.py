@@ -102,7 +102,7 @@ def _place(arguments: CalibrateArguments, console: Console) -> int:
     if not place.residual <= LIMITS.residual:
         raise UserError(
             f"camera and markers disagree by {1000 * place.residual:.1f} mm, and {1000 * LIMITS.residual:g} mm is needed; "
-            f"measure again the places in {arguments.points} that are furthest off, and that they are metres"
+            f"measure again the places in {arguments.points} that are furthest off, and check that they are metres"
         )
     save_camera(arguments.file, lens, place)
     x, y, z = place.pose.translation

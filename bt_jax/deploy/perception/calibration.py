@@ -107,9 +107,14 @@ def calibrate_lens(
             "with the board turned and at other distances"
         )
     points, pixels = zip(*distinct, strict=True)
-    error, matrix, distortion, turns, _, deviations, _, errors = cv2.calibrateCameraExtended(
-        list(points), list(pixels), (width, height), np.eye(3), np.zeros(5)
-    )
+    try:
+        error, matrix, distortion, turns, _, deviations, _, errors = cv2.calibrateCameraExtended(
+            list(points), list(pixels), (width, height), np.eye(3), np.zeros(5)
+        )
+    except cv2.error as problem:  # the corners of a view coincide, for instance
+        raise UserError(
+            "no lens explains the pictures; take others, sharp ones on which the whole board is large"
+        ) from problem
     if not error <= LIMITS.reprojection:
         raise UserError(
             f"the lens explains the pictures to {error:.2f} px, and {LIMITS.reprojection:g} is needed; glue the board to "
@@ -119,10 +124,12 @@ def calibrate_lens(
     centre = float(np.max(deviations.ravel()[2:4])) / width
     turned = _largest_turn(turns)
     if not (focal <= LIMITS.focal and centre <= LIMITS.centre and turned >= LIMITS.turned):
+        remedy = "take more and sharper pictures"
+        if not turned >= LIMITS.turned:
+            remedy = "take more, with the board turned by 20 to 40 degrees to every side and at other distances"
         raise UserError(
             f"the board was turned by {turned:.0f} degrees at most, and the pictures leave the focal length open by "
-            f"{focal:.1%} and the centre by {centre:.1%} of the width, where {LIMITS.focal:.0%} is needed; take more, with "
-            "the board turned by 20 to 40 degrees to every side and at other distances"
+            f"{focal:.2%} and the centre by {centre:.2%} of the width, where {LIMITS.focal:.0%} is needed; {remedy}"
         )
     return Intrinsics(matrix, np.ravel(distortion)[:5], width, height, float(error)), np.ravel(errors)
 
@@ -133,11 +140,12 @@ def _largest_turn(turns: Sequence[Float[np.ndarray, "3 1"]]) -> float:
     return float(np.degrees(np.arccos(np.clip(normals @ normals.T, -1, 1).min())))
 
 
-def alike(view: BoardView, other: BoardView, width: int) -> bool:
-    """Do two views show the board from nearly the same side, in images of this width [px]?"""
+def alike(view: BoardView, other: tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "m 2"]], width: int) -> bool:
+    """Do two views show the board from nearly the same side, in images of this width [px]? They do not if too few corners
+    are in both to tell."""
     there = {tuple(point): pixel for point, pixel in zip(*other, strict=True)}
     moved = [np.linalg.norm(pixel - there[tuple(p)]) for p, pixel in zip(*view, strict=True) if tuple(p) in there]
-    return bool(moved) and float(max(moved)) < ALIKE * width
+    return len(moved) >= LEAST_CORNERS and float(max(moved)) < ALIKE * width
 
 
 def marker_centres(image: ColorImage | GrayImage) -> dict[int, Pixel]:

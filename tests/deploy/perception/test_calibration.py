@@ -13,6 +13,7 @@ from bt_jax.deploy.commands.arguments import CalibrateArguments
 from bt_jax.deploy.commands.calibrate import calibrate_command
 from bt_jax.deploy.perception.calibration import (
     Intrinsics,
+    alike,
     calibrate_lens,
     charuco_board,
     locate_camera,
@@ -93,6 +94,24 @@ def test_a_lens_that_the_views_leave_open_is_refused(turn, noise):
         calibrate_lens(list(views_of_the_board(12, noise, turn)), 640, 480)
 
 
+def test_noisy_pictures_of_a_board_that_was_turned_are_to_be_sharper():
+    with pytest.raises(UserError, match=r"open by \d\.\d\d% .* 1% is needed; take more and sharper pictures$"):
+        calibrate_lens(list(views_of_the_board(8, noise=0.3)), 640, 480)
+
+
+def test_views_that_share_few_corners_are_not_alike():
+    points, pixels = next(views_of_the_board(1))
+    few, many = slice(0, 14), slice(10, 24)  # four corners in common, on the same place
+    assert alike((points, pixels), (points[many], pixels[many]), 640)
+    assert not alike((points[few], pixels[few]), (points[many], pixels[many]), 640)
+
+
+def test_corners_that_coincide_are_refused():
+    points = next(views_of_the_board(1))[0]
+    with pytest.raises(UserError, match="no lens explains the pictures; take others"):
+        calibrate_lens([(points, np.full((24, 2), 40.0 * i, np.float32)) for i in range(7)], 640, 480)
+
+
 def test_pictures_that_no_lens_explains_are_refused():
     with pytest.raises(UserError, match=r"explains the pictures to .* flat"):
         calibrate_lens(list(views_of_the_board(15, noise=2.0)), 640, 480)
@@ -108,7 +127,9 @@ def test_a_place_that_the_markers_contradict_is_not_written(tmp_path):
         for marker in task_markers(TASK)
     }
     known.write_text(yaml.safe_dump(centres))
-    with pytest.raises(UserError, match=r"disagree by .* mm, and 5 mm is needed; measure again"):
+    with pytest.raises(
+        UserError, match=r"disagree by .* mm, and 5 mm is needed; measure again .* and check that they are metres"
+    ):
         calibrate_command(CalibrateArguments("base", camera=str(tmp_path), file=file, points=known))
     assert file.read_bytes() == before
 
