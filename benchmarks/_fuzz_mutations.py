@@ -20,10 +20,12 @@ NUMBERS = (
     b"nan", b".nan", b"NaN", b"inf", b"-.inf", b"1e999", b"-1", b"0", b"-0.0", b"1e308", b"5e-324", b"1e-9", b"1e5",
     b"52", b"-52", b"255", b"010", b"0x10", b"1_000", b"1:30", b"1,5", "\N{MINUS SIGN}1".encode(), b"1" * 30, b"9" * 5000,
     b"2147483648", b"true", b"null", b"[]", b"{}", b'""', b"'1'", b"No", b"",
+    b"!!bool x", b"!!int ''", b"!!float x", b"!!null 0", b"!!int 0x", b"-_", b"-0o_", b"0.0_5",
 )  # fmt: skip
 WORDS = (
     b"", b"No", b"null", b"a b", b"x" * 100_000, b"../../etc/passwd", b"KittingBox", b"YellowBox", b"Sequence",
     b"[red]", b"\x1b[31m", b"\x00", "ä".encode(), "箱子".encode(), "🤖".encode(), b"!!python/object/apply:os.system",
+    b"!!bool maybe", b"!!int ''", b"!!map a", b'"\\UFFFFFFFF"',
     b"&a [*a]", b"*a", b"<!DOCTYPE a>", b"&lol;", b"%s%n", b"$HOME", b"-", b"#", b"'", b'"', b"<", b"(", b")", b"{", b"]",
 )  # fmt: skip
 VALUES: tuple[Any, ...] = (

@@ -30,7 +30,11 @@ LARGEST = 100_000  # values in a file with aliases, those of an alias counted wh
 LONGEST = 1_000_000  # characters
 SLOW = 50_000  # characters of which the parser in Python would take more than a second
 WIDTH = 120  # columns
-CORE = re.compile(r"!|tag:yaml\.org,2002:(str|int|float|bool|null|seq|map)")
+TAG = re.compile(r"!|tag:yaml\.org,2002:(str|seq|map)")  # the others may contradict what they stand before
+DIGITS = 1000
+# What the core schema takes for a number (https://yaml.org/spec/1.2.2, section 10.3.2); the parser knows more, as 1_000.
+INTEGER = re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+")
+FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
 TEXT = "tag:yaml.org,2002:str"
 
 
@@ -62,8 +66,8 @@ def _parsed(text: str, where: object, *, pure: bool) -> Any:
         raise
     except YAMLError as error:  # a control character
         raise UserError(f"{where} is not valid YAML ({str(error).splitlines()[0]}); correct it") from None
-    except ValueError:
-        raise UserError(f"{where} holds a number of thousands of digits; correct it") from None
+    except (OverflowError, ValueError) as error:  # an escape that stands for no character
+        raise UserError(f"{where} is not valid YAML ({error}); correct it") from None
 
 
 def to_yaml(data: Any) -> str:
@@ -114,7 +118,7 @@ def _check(text: str, where: object, *, pure: bool) -> None:
                 raise UserError(f"{where}, line {line}: aliases repeat more than {LARGEST:,} values; write them out")
             continue
         total += 1
-        if event.tag is not None and not CORE.fullmatch(str(event.tag)):
+        if event.tag is not None and not TAG.fullmatch(str(event.tag)):
             raise UserError(f"{where}, line {line}: the tag {event.tag} is not supported; remove it")
         if not isinstance(event, ScalarEvent):
             opened.append(_Open(total - 1, event.anchor, {} if isinstance(event, MappingStartEvent) else None))
@@ -140,9 +144,21 @@ def _sentence(error: MarkedYAMLError, text: str, where: object) -> str:
 
 
 class _Constructor(SafeConstructor):
-    """Builds the core schema of YAML 1.2, which has no dates and no default values."""
+    """Builds the core schema of YAML 1.2, which has no dates, no default values and no underscores in numbers."""
+
+    def construct_yaml_int(self, node: ScalarNode) -> int | str:  # type: ignore[override]
+        if not INTEGER.fullmatch(node.value):
+            return str(node.value)
+        if len(node.value) > DIGITS:
+            raise MarkedYAMLError(problem=f"a number of more than {DIGITS:,} digits", problem_mark=node.start_mark)
+        return int(super().construct_yaml_int(node))
+
+    def construct_yaml_float(self, node: ScalarNode) -> float | str:  # type: ignore[override]
+        return float(super().construct_yaml_float(node)) if FLOAT.fullmatch(node.value) else str(node.value)
 
 
+_Constructor.add_constructor("tag:yaml.org,2002:int", _Constructor.construct_yaml_int)
+_Constructor.add_constructor("tag:yaml.org,2002:float", _Constructor.construct_yaml_float)
 for tag in ("timestamp", "value"):
     _Constructor.add_constructor(f"tag:yaml.org,2002:{tag}", SafeConstructor.construct_yaml_str)
 

@@ -21,6 +21,18 @@ from bt_jax._util.yaml_files import parse_yaml, read_yaml, to_yaml
         ("~", None),
         ("2020-01-01", "2020-01-01"),
         ("=", "="),
+        ("1_000", "1_000"),
+        ("1__2", "1__2"),
+        ("0.0_5", "0.0_5"),
+        ("-_", "-_"),
+        ("-0o_", "-0o_"),
+        ("0b11", "0b11"),
+        ("0x1f", 31),
+        ("+12", 12),
+        ("-.5", -0.5),
+        ("1.", 1.0),
+        ("-.inf", -float("inf")),
+        ("!!str 12", "12"),
         ("", None),
         ("[1, two]", [1, "two"]),
         ("{a: 1:30, b: x:y}", {"a": "1:30", "b": "x:y"}),
@@ -48,7 +60,11 @@ def test_values_are_those_of_yaml_1_2(text, value):
         ("- a\n" * 300_000, "mine.yaml has more than 1,000,000 characters; give a file that was written for bt_jax"),
         ("- [1, 2]\n" * 6_000 + "- [", "mine.yaml, line 6002 is not valid YAML"),
         ("a: \x07", "mine.yaml is not valid YAML (unacceptable character #x0007"),
-        ("a: " + "1" * 5000, "mine.yaml holds a number of thousands of digits"),
+        ("b: 1\na: " + "1" * 5000, "mine.yaml, line 2 is not valid YAML (a number of more than 1,000 digits)"),
+        *((f"b: 1\na: !!{tag}", f"mine.yaml, line 2: the tag tag:yaml.org,2002:{tag.split()[0]} is not supported; remove it")
+          for tag in ("bool maybe", "int ''", "int abc", "float x", "null x", "bool [1]")),
+        ('a: "\\U00110000"', "mine.yaml is not valid YAML ("),
+        ('a: "\\UFFFFFFFF"', "mine.yaml is not valid YAML ("),
         ("[" * 500 + "]" * 500, "mine.yaml, line 1: brackets are nested more than 30 deep; check them"),
         ("a:\n" + "\n".join("  " * i + "- - a:" for i in range(1, 40)), "nested more than 30 deep"),
         ("\n".join(f"k{i}: &k{i} [{', '.join([f'*k{i - 1}'] * 9)}]" for i in range(9)).replace("*k-1", "x"),
@@ -56,10 +72,10 @@ def test_values_are_those_of_yaml_1_2(text, value):
     ],
 )  # fmt: skip
 def test_what_is_refused_is_refused_at_once_in_one_short_sentence(text, message):
-    began = time.perf_counter()
+    began = time.process_time()
     with pytest.raises(UserError) as error:
         parse_yaml(text, "mine.yaml")
-    assert time.perf_counter() - began < 2
+    assert time.process_time() - began < 2
     assert message in str(error.value)
     assert str(error.value).startswith("mine.yaml")
     assert "\n" not in str(error.value)

@@ -37,6 +37,7 @@ def test_mutants_are_read_or_refused(mutants, processes, kinds, tmp_path):
         capture_output=True,
         text=True,
         cwd=Path(__file__).parents[2],
+        timeout=1800,
     )
     assert (tmp_path / "fuzz.json").is_file(), done.stderr
     assert json.loads((tmp_path / "fuzz.json").read_text())["faults"] == []
