@@ -12,11 +12,13 @@ from pathlib import Path
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import unused
 from bt_jax._util.startup import configure_jax
+from bt_jax._util.words import listed
 from bt_jax.behaviors import subgoal_conditions
 from bt_jax.commands.arguments import TrainArguments
 from bt_jax.commands.trees import check_tree
 from bt_jax.encoding.formats.files import read_tree
 from bt_jax.tasks import Task, load_task
+from bt_jax.tasks.changes import not_taken_over
 from bt_jax.training.console import TrainingDisplay
 from bt_jax.training.phases import KEPT, Changes, resumed
 from bt_jax.training.progress import Reporter
@@ -32,6 +34,7 @@ def run(arguments: TrainArguments) -> None:
     """Train as the arguments say, and write the run folder."""
     configure_jax(arguments.device)
     config, folder = _configuration(arguments)
+    left = _not_taken_over(arguments)
     if arguments.resume is None and not folder.is_free:
         if not folder.path.is_dir():
             raise UserError(f"{folder.path} is a file; choose another --out")
@@ -43,6 +46,10 @@ def run(arguments: TrainArguments) -> None:
     display = TrainingDisplay(run.training, folder.path)
     reporters = [Reporter(folder.path, config.gp.generations)] if arguments.progress else []
     with run.opened(*reporters, display):
+        if left:
+            display.warn(
+                f"of {arguments.task}, only the targets and the layout count; the run keeps its {listed(left)}"
+            )
         result, session = run.evolve(target=arguments.target_fitness, time_limit=arguments.time_limit)
         try:
             display.finish(result, session)
@@ -90,6 +97,13 @@ def _configuration(arguments: TrainArguments) -> tuple[RunConfig, RunFolder]:
     if arguments.baseline is not None and changes.baseline is not None:
         check_tree(changes.baseline, config.task, arguments.baseline)
     return config, folder
+
+
+def _not_taken_over(arguments: TrainArguments) -> list[str]:
+    """Return what else differs between the task of a run that goes on and the one whose targets it gets."""
+    if arguments.resume is None or arguments.task is None:
+        return []
+    return not_taken_over(RunFolder(arguments.resume).config().task, _task(arguments.task))
 
 
 def _task(name_or_path: str | Path) -> Task:

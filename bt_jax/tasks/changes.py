@@ -6,10 +6,14 @@ import dataclasses
 from collections.abc import Sequence
 
 from bt_jax._util.errors import UserError
+from bt_jax._util.words import listed
 from bt_jax.tasks.checks import check
 from bt_jax.tasks.task import Subgoal, Target, Task
 
-__all__ = ["with_goal_of", "with_subgoal", "with_targets"]
+__all__ = ["not_taken_over", "with_goal_of", "with_subgoal", "with_targets"]
+
+SCENE = ("boxes", "tables", "kit", "robot_frame", "robot_position", "gripper_opening")
+WORTH = ("episode", "weights", "subgoals", "subgoal_reward")
 
 
 def with_targets(task: Task, targets: Sequence[Target], *, source: str) -> Task:
@@ -21,11 +25,24 @@ def with_targets(task: Task, targets: Sequence[Target], *, source: str) -> Task:
 
 
 def with_goal_of(task: Task, other: Task) -> Task:
-    """Return the task with the targets and the starts of another. Raise UserError unless both have the same boxes and
-    frames."""
-    if (task.boxes, task.frames) != (other.boxes, other.frames):
-        raise UserError(f"{other.name} has other boxes or frames than {task.name}; evolve a new tree for it")
-    return dataclasses.replace(task, targets=other.targets, layout=other.layout)
+    """Return the task with the targets and the starts of another, and nothing else of it. Raise UserError unless both have
+    the same scene."""
+    if different := _different(task, other, SCENE):
+        raise UserError(
+            f"{other.name} has other values for {listed(different)} than {task.name}; evolve a new tree for it"
+        )
+    changed = dataclasses.replace(task, targets=other.targets, layout=other.layout)
+    check(changed, other.name)
+    return changed
+
+
+def not_taken_over(task: Task, other: Task) -> list[str]:
+    """Return the keys that decide what a tree is worth, and that `with_goal_of` leaves as they are though they differ."""
+    return _different(task, other, WORTH)
+
+
+def _different(task: Task, other: Task, keys: Sequence[str]) -> list[str]:
+    return [key for key in keys if getattr(task, key) != getattr(other, key)]
 
 
 def with_subgoal(task: Task, subgoal: Subgoal, *, source: str) -> Task:

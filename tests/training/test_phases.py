@@ -16,6 +16,7 @@ from bt_jax.gp.config import GPConfig
 from bt_jax.lfd import DemonstrationFolder, Frames, plan_task
 from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.tasks import load_task
+from bt_jax.tasks.changes import not_taken_over
 from bt_jax.teaching.script import parse_script, record
 from bt_jax.training.checkpoint import Checkpoint
 from bt_jax.training.phases import Changes, resumed, subgoal_name
@@ -70,8 +71,31 @@ def test_another_task_brings_its_targets_and_starts_and_nothing_else(on_top):
     assert (changed.name, changed.subgoals, changed.weights) == (RESTACK.name, RESTACK.subgoals, RESTACK.weights)
     both = Changes(task=STACK, target_from=on_top).applied(config).task
     assert {target.object for target in both.targets} == set(STACK.box_names)
-    with pytest.raises(UserError, match="other boxes or frames than restack; evolve a new tree"):
+    with pytest.raises(UserError, match=r"other values for boxes, tables, kit, .+ than restack; evolve a new tree"):
         Changes(task=load_task("yumi_stack")).applied(config)
+
+
+def test_a_task_with_another_scene_or_an_impossible_goal_is_refused():
+    tables = tuple(dataclasses.replace(table, name=f"Other{table.name}") for table in STACK.tables)
+    layout = dataclasses.replace(STACK.layout, kit=tables[0].name)
+    for changes, message in (
+        (
+            {"tables": tables, "layout": layout},
+            "stack has other values for tables than stack; evolve a new tree for it",
+        ),
+        ({"kit": dataclasses.replace(STACK.kit, size=0.3)}, "other values for kit than"),
+        ({"robot_position": (0.0, 1.1, 0.05)}, "other values for robot_position than"),
+        ({"layout": layout}, "stack, key layout.kit: there is no table"),
+    ):
+        with pytest.raises(UserError, match=message):
+            Changes(task=dataclasses.replace(STACK, **changes)).applied(CONFIG)
+
+
+def test_what_of_another_task_is_not_taken_over_is_named():
+    worth = dataclasses.replace(STACK.weights, node=1.0)
+    other = dataclasses.replace(STACK, weights=worth, subgoals=RESTACK.subgoals, targets=RESTACK.targets)
+    assert not_taken_over(STACK, other) == ["weights", "subgoals"]
+    assert not_taken_over(STACK, STACK) == []
 
 
 def test_a_subgoal_brings_a_guarded_gene_and_a_reward(unstack):

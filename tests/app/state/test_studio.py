@@ -266,7 +266,7 @@ def test_the_task_of_an_evolution_is_not_the_one_that_is_edited(evolved):
     assert [changes.task for changes in evolved.requests] == [None, fewer]
     config = evolved.workspace.run("run").config()
     assert Changes(task=fewer).applied(config).task == fewer
-    with pytest.raises(UserError, match="other boxes"):
+    with pytest.raises(UserError, match="other values for boxes"):
         Changes(task=load_task("yumi_stack")).applied(config)
 
 
