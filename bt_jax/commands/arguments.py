@@ -250,7 +250,7 @@ class DemonstrateArguments:
     count: int = NEEDED
     """how many demonstrations, each in another layout"""
     seed: Annotated[int | None, unset("INT")] = None
-    """number of the first layout (default: the number of demonstrations in the folder, so that each has another)"""
+    """number of the first layout (default: the first that no demonstration in the folder has used)"""
     noise: float = 0.0
     """standard deviation with which the person misses each place, along each axis, metres"""
     after: Annotated[Path | None, unset("PATH")] = None

@@ -42,9 +42,7 @@ def run(arguments: DemonstrateArguments) -> None:
         check_tree(tree, task, arguments.after)
     configure_jax("cpu")
     physics = MujocoPhysics(task)
-    seed = arguments.seed
-    if seed is None:
-        seed = len(folder.names()) if folder.path.is_dir() else 0
+    seed = folder.next_layout() if arguments.seed is None else arguments.seed
     problems: dict[int, str] = {}
     recorded = 0
     for number in range(seed, seed + arguments.count):
@@ -55,6 +53,7 @@ def run(arguments: DemonstrateArguments) -> None:
             continue
         if not recorded:
             folder.create(Frames.of(task))
+            folder.use_layouts(seed + arguments.count)
             if arguments.after is not None and (arguments.after / "config.json").is_file():
                 folder.remember_run(arguments.after)
         named = folder.append(one)

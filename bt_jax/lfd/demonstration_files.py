@@ -24,7 +24,7 @@ from bt_jax._util.yaml_files import read_yaml, to_yaml
 from bt_jax.lfd.demonstration import END_EFFECTOR_HEIGHT, Action, Demonstration, Frames, Kind, Pose
 from bt_jax.tasks.bounds import POSITION
 
-__all__ = ["problem_of", "read_demonstration", "recorded_frames", "write_demonstration"]
+__all__ = ["StrayFile", "problem_of", "read_demonstration", "recorded_frames", "write_demonstration"]
 
 FAR = 0.5  # metres; a pick this far from every object picks none
 EXAMPLES: Mapping[str, str] = types.MappingProxyType(
@@ -35,6 +35,10 @@ EXAMPLES: Mapping[str, str] = types.MappingProxyType(
     }
 )
 UNIT_SLACK = 0.01  # by which the length of a quaternion may differ from 1
+
+
+class StrayFile(UserError):
+    """A file lies among those of a demonstration and is none of its actions."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,10 +121,14 @@ def _nearest_pick(demonstration: Demonstration, frames: Frames, scale: float = 1
 def _files(folder: Path) -> list[Path]:
     """Return the files of a demonstration, one for each action. Raise UserError if one is missing or misnamed."""
     numbered = {}
-    for file in sorted(folder.glob("data_*.yaml")):
+    for file in sorted(folder.glob("data_*.y*ml")):
         found = re.fullmatch(r"data_([1-9]\d{0,5})", file.stem)
-        if found is None:
-            raise UserError(f"{file} is none of its actions, which are called data_1.yaml, data_2.yaml, ...; rename it")
+        if found is not None and file.suffix != ".yaml" and not file.with_suffix(".yaml").exists():
+            raise StrayFile(f"{file} is called .yml; rename it to {file.stem}.yaml")
+        if found is None or file.suffix != ".yaml":
+            raise StrayFile(
+                f"{file} is none of its actions, which are called data_1.yaml, data_2.yaml, ...; move it out of the folder"
+            )
         numbered[int(found[1])] = file
     for i in range(1, max(numbered, default=1) + 1):
         if i not in numbered:

@@ -5,8 +5,9 @@
     FOLDER/demo1/data_1.yaml    one action, see `demonstration_files`
 
 Beyond it, `info.yaml` may say in which task they were recorded (`task`, `boxes`: the size of each), the `order` of the
-demonstrations where that is not the one of their names, `chosen`, the frames that a person has chosen for actions, and
-`after`, the run folder whose tree was executed before they began.
+demonstrations where that is not the one of their names, `chosen`, the frames that a person has chosen for actions,
+`after`, the run folder whose tree was executed before they began, and `next_layout`, the number of the first random layout
+that no demonstration has begun in.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from bt_jax._util.errors import UserError
 from bt_jax._util.files import NAME_RULE, is_name, write_atomic
 from bt_jax._util.yaml_files import to_yaml
 from bt_jax.lfd.demonstration import Demonstration, Demonstrations, Frames, Instance
-from bt_jax.lfd.demonstration_files import problem_of, read_demonstration, write_demonstration
+from bt_jax.lfd.demonstration_files import StrayFile, problem_of, read_demonstration, write_demonstration
 from bt_jax.lfd.demonstration_info import REBUILT, info_frames, info_of, is_described, read_info
 from bt_jax.tasks import Task, load_task, task_names, task_of_folder
 
@@ -39,16 +40,17 @@ class DemonstrationFolder:
     def create(self, frames: Frames) -> None:
         """Write `info.yaml`, or check that the one there says the same; and the task, unless one is there or the
         demonstrations that are there were recorded in another."""
-        recorded, same_task = frames.recorded, True
-        if is_described(self.path):
+        recorded, same_task, known = frames.recorded, True, frames
+        described = is_described(self.path)
+        if described or (self.path.is_dir() and self.names()):
             known = self.frames()
             if dataclasses.replace(known, names=frames.names) != frames or {*known.names} != {*frames.names}:
                 raise UserError(f"{self.path} holds demonstrations with other frames; choose another folder")
             same_task = recorded is not None and known.recorded is not None and known.recorded.name == recorded.name
             if recorded is not None and known.recorded is not None and known.recorded.boxes != recorded.boxes:
                 raise UserError(f"{self.path} holds demonstrations with boxes of other sizes; choose another folder")
-        else:
-            write_atomic(self.path / "info.yaml", to_yaml(info_of(frames)))
+        if not described:
+            write_atomic(self.path / "info.yaml", to_yaml(info_of(known)))
         task = None if recorded is None else recorded.task
         if task is not None and same_task and not (self.path / "task.yaml").exists():
             write_atomic(self.path / "task.yaml", to_yaml(task.to_dict()))
@@ -84,7 +86,8 @@ class DemonstrationFolder:
             try:
                 one = read_demonstration(self.path / name, frames)
             except UserError as error:
-                problems.append(f"{name} is left out: {error}, or delete {self.path / name}.")
+                deleted = "" if isinstance(error, StrayFile) else f", or delete {self.path / name}"
+                problems.append(f"{name} is left out: {error}{deleted}.")
                 continue
             for number, frame in chosen.get(name, {}).items():
                 if number <= len(one.actions) and frame in frames.names:
@@ -118,11 +121,23 @@ class DemonstrationFolder:
         after = self._info().get("after")
         return Path(after) if isinstance(after, str) and (Path(after) / "config.json").is_file() else None
 
+    def next_layout(self) -> int:
+        """Return the number of the first random layout that nothing here has been recorded in, even if it was deleted."""
+        if not self.path.is_dir():
+            return 0
+        found: Any = None
+        with contextlib.suppress(UserError):
+            found = self._info().get("next_layout")
+        return found if isinstance(found, int) and found > 0 else max(len(self.names()), self._highest())
+
+    def use_layouts(self, end: int) -> None:
+        """Record that the random layouts before number `end` are used."""
+        self._change(next_layout=max(end, self.next_layout()))
+
     def append(self, demonstration: Demonstration) -> Demonstration:
         """Add a demonstration under the next free name demoN, whole or not at all, and return it under that name."""
         frames = self.frames()
-        numbers = [int(name[4:]) for name in self.names() if re.fullmatch(r"demo\d+", name)]
-        named = dataclasses.replace(demonstration, name=f"demo{max(numbers, default=0) + 1}")
+        named = dataclasses.replace(demonstration, name=f"demo{self._highest() + 1}")
         if (problem := problem_of(named, frames)) is not None:
             raise UserError(problem)
         part = self.path / f".{named.name}.part"
@@ -161,6 +176,10 @@ class DemonstrationFolder:
             raise UserError(f"{source} cannot be renamed ({error.strerror}); check who may write there") from None
         chosen[new] = chosen.pop(name, {})
         self._change(order=[other for other in order if other != name], chosen=chosen)
+
+    def _highest(self) -> int:
+        """Return the greatest N of the demonstrations called demoN, 0 if there are none."""
+        return max((int(name[4:]) for name in self.names() if re.fullmatch(r"demo\d+", name)), default=0)
 
     def _info(self) -> Mapping[str, Any]:
         return read_info(self.path)

@@ -250,7 +250,15 @@ BAD = {
     ),
     "another version": (
         lambda f: (f.path / "demo2" / "data_2_new.yaml").write_text("type: pick"),
-        r"data_2_new.yaml is none of its actions, which are called data_1.yaml, data_2.yaml, ...; rename it, or delete",
+        r"data_2_new.yaml is none of its actions, which are called data_1.yaml, .*; move it out of the folder\.$",
+    ),
+    "two of a number": (
+        lambda f: (f.path / "demo2" / "data_2.yml").write_text("type: pick"),
+        r"data_2.yml is none of its actions, .*; move it out of the folder\.$",
+    ),
+    "another ending": (
+        lambda f: (f.path / "demo2" / "data_2.yaml").rename(f.path / "demo2" / "data_2.yml"),
+        r"data_2.yml is called .yml; rename it to data_2.yaml\.$",
     ),
     "deep": (write("type: " + "[" * 3000), r"data_2.yaml, line 1: brackets are nested more than 30 deep; check them"),
     "hole": (lambda f: (f.path / "demo2" / "data_3.yaml").unlink(), r"data_3.yaml is missing; restore it"),
@@ -365,6 +373,20 @@ def test_lost_information_is_taken_from_the_demonstrations(folder, lost, kept):
     assert [one.name for one in folder.read()] == ["better", "demo3", "demo4"]
 
 
+@pytest.mark.parametrize("lost", [lambda path: path.write_text(""), Path.unlink], ids=["empty", "missing"])
+def test_with_lost_information_other_frames_still_need_another_folder(folder, lost):
+    before = list(folder.read())
+    lost(folder.path / "info.yaml")
+    left = files(folder)
+    with pytest.raises(UserError, match="other frames; choose another folder"):
+        folder.create(dataclasses.replace(FRAMES, names=(*FRAMES.names, "PinkBox")))
+    assert files(folder) == left
+    folder.create(FRAMES)
+    assert folder.frames() == FRAMES
+    assert list(folder.read()) == before
+    assert folder.read().problems == ()
+
+
 def test_demonstrations_are_listed_whatever_the_information_has_come_to(folder):
     (folder.path / "info.yaml").write_text("frames: [")
     assert folder.names() == ["demo1", "demo2", "demo3"]
@@ -471,7 +493,7 @@ def test_it_is_known_in_which_task_was_recorded(folder, tmp_path):
     yumi = load_task("yumi_stack")
     with pytest.raises(UserError, match="boxes of other sizes; choose another folder"):
         folder.create(Frames.of(yumi))
-    folder.create(Frames.of(load_task("stack")))  # has the same boxes
+    folder.create(dataclasses.replace(FRAMES, names=(*FRAMES.names, "PinkBox")))  # has the same boxes
     with pytest.raises(
         UserError, match=r"YellowBox measures 0\.1 m in task stack3 and 0\.04 m in yumi_stack; choose task"
     ):

@@ -67,6 +67,21 @@ def test_a_layout_in_which_a_script_fails_costs_only_itself(tmp_path, capsys):
     assert folder.names() == [one.name for one in folder.read()] == ["demo1", "demo2", "demo3", "demo4"]
 
 
+@pytest.mark.parametrize("lost", [False, True], ids=["info.yaml", "info.yaml lost"])
+def test_no_layout_is_recorded_twice(tmp_path, capsys, lost):
+    """Neither after layouts in which a script failed, nor after a demonstration was deleted."""
+    folder = DemonstrationFolder(tmp_path / "demos")
+    demonstrated(capsys, folder.path, EDGE if not lost else SCRIPT, "--count", 6 if not lost else 3)
+    demonstrated(capsys, folder.path, "--delete", "demo1")
+    if lost:
+        (folder.path / "info.yaml").unlink()
+    assert demonstrated(capsys, folder.path, SCRIPT if lost else EDGE, "--count", 2)[1] in (0, 2)
+    shown = list(folder.read())
+    assert len(shown) > 2
+    assert len({one.actions[0].poses["base_link"] for one in shown}) == len(shown)
+    assert folder.next_layout() == (5 if lost else 8)
+
+
 def test_demonstrations_that_are_whole_are_kept_when_somebody_presses_ctrl_c(tmp_path, capsys, monkeypatch):
     def interrupted(task, physics, script, number, **options):
         if number == 2:

@@ -120,7 +120,7 @@ class Teaching:
             folder, tree = self._library.folder, self._playing.tree if reached else None
             if (folder.path / "info.yaml").exists():
                 folder.create(Frames.of(task))  # says now, and not at the end, that this set is for another task
-            number = max(self._layout, len(self._library.kept))
+            number = max(self._layout, folder.next_layout())
             layout = sample_layouts(task, [DEMONSTRATED, number], 1) if self.elsewhere else self._edited.start
             session = await self._worker.work(_begun, task, self._worker.physics(task), tree, layout)
             if not same_things(self._edited.task, task):
@@ -183,9 +183,11 @@ class Teaching:
         async with self._lock:
             session = self._making()
             recorded, frames, folder = session.demonstration(), Frames.of(session.task), self._folder
+            used = self._layout
 
             def keep() -> str:
                 folder.create(frames)
+                folder.use_layouts(used)
                 return folder.append(recorded).name
 
             name = await self._worker.work(keep)
