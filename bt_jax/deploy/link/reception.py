@@ -19,6 +19,7 @@ __all__ = ["USUAL_PORTS", "Receiver", "Reception", "complaint", "open_socket", "
 
 USUAL_PORTS = range(6510, 6516)  # where a controller sends whose transmission protocols were left as in the manual
 LOST = 0.02  # share of messages that may be lost
+NUMBERS = 1 << 32  # of messages, after which they begin again
 SLOW = 1.5  # of a cycle between two messages: the controller was asked for another rate
 
 
@@ -34,6 +35,8 @@ class Reception:
     unreadable: int = 0  # not of EGM
     sequence: int = 0  # number of the last message that was taken
     time: float = 0.0  # its time [s], by the controller's clock
+    first: int = 0  # number of the first message that was taken since the numbers began
+    first_time: float = 0.0  # its time, s
     address: int = 0  # IPv4 address of the last foreign message
     joints: int = 0  # axes and external axes of the last message that was not about seven
     external: int = 0
@@ -57,7 +60,7 @@ class Reception:
         """Read what `numbers` returns."""
         values = numbers.tolist()
         fields = dataclasses.fields(Reception)
-        return Reception(*(v if f.name == "time" else int(v) for f, v in zip(fields, values, strict=True)))
+        return Reception(*(v if isinstance(f.default, float) else int(v) for f, v in zip(fields, values, strict=True)))
 
 
 class Receiver:
@@ -71,6 +74,8 @@ class Receiver:
         """Count a message that was taken."""
         known, self._source = self._source, source
         now = self.reception
+        if now.taken == 0 or (sequence - now.sequence) % NUMBERS >= NUMBERS // 2:  # they have begun again
+            self._set(first=sequence, first_time=time)
         self._set(
             taken=now.taken + 1, sources=now.sources + (known not in (None, source)), sequence=sequence, time=time
         )
@@ -90,7 +95,7 @@ class Receiver:
         else:
             self._set(unreadable=self.reception.unreadable + 1)
 
-    def _set(self, **changes: float) -> None:
+    def _set(self, **changes: float | int) -> None:
         self.reception = dataclasses.replace(self.reception, **changes)  # type: ignore[arg-type]
 
 
@@ -163,9 +168,11 @@ def _irregular(arm: str, port: int, before: Reception, after: Reception, seconds
         )
     if came.axes + came.unreadable > LOST * expected:
         return f"messages of another kind come to UDP port {port}, too; end what sends them, or choose other --ports"
-    sent = came.taken if before.taken == 0 else (after.sequence - before.sequence) % (1 << 32)
-    lost = max(sent - came.taken, 0)
-    period = (after.time - before.time) / sent if before.taken and sent else CYCLE
+    goes_on = before.taken > 0 and (after.first, after.first_time) == (before.first, before.first_time)
+    number, then = (before.sequence, before.time) if goes_on else (after.first, after.first_time)
+    steps = (after.sequence - number) % NUMBERS
+    lost = max(steps + (not goes_on) - came.taken, 0)
+    period = (after.time - then) / steps if steps else CYCLE
     if not abs(period) < SLOW * CYCLE:
         return (
             f"the {arm} arm's messages come every {1000 * period:.0f} ms instead of every {1000 * CYCLE:.0f}; set "

@@ -2,16 +2,15 @@
 
 import re
 import socket
-import threading
 import time
 
 import numpy as np
 import pytest
 
-from bt_jax.deploy.link import yumi_link
+from bt_jax.deploy.link import reception, yumi_link
 from bt_jax.deploy.link.egm import CYCLE, Feedback, Mci
 from bt_jax.deploy.link.egm_messages import EgmRobot
-from bt_jax.deploy.link.reception import Reception, complaint
+from bt_jax.deploy.link.reception import Receiver, Reception, complaint
 from bt_jax.deploy.link.settings import LinkConfig
 from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.twin.controller import Controller
@@ -57,8 +56,8 @@ def received(link, source: str, messages: list[bytes]) -> tuple[Reception, Recep
     return before, after
 
 
-def _count(reception: Reception) -> int:
-    return reception.taken + reception.old + reception.foreign + reception.axes + reception.unreadable
+def _count(came: Reception) -> int:
+    return came.taken + came.old + came.foreign + came.axes + came.unreadable
 
 
 @pytest.mark.parametrize(
@@ -82,23 +81,17 @@ def test_numbers_that_do_not_rise_are_told(link):
 
 
 def test_messages_at_another_port_are_heard(link, monkeypatch):
-    port = free_ports()["left"]
-    monkeypatch.setattr(yumi_link, "USUAL_PORTS", (port, link.config.ports["left"]))
-    over = threading.Event()
-
-    def talk():
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-            while not over.wait(0.02):
-                sender.sendto(message(1), (HOST, port))
-
-    talker = threading.Thread(target=talk)
-    talker.start()
-    try:
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):
+        other.bind((HOST, 0))
+        port = other.getsockname()[1]
+        monkeypatch.setattr(yumi_link, "USUAL_PORTS", (port, link.config.ports["left"]))
+        monkeypatch.setattr(reception, "open_socket", lambda number: {port: other}[number].dup())
+        sender.sendto(message(1), (HOST, port))
         assert link.elsewhere() == {port: HOST}
-    finally:
-        over.set()
-        talker.join()
-    assert link.elsewhere() == {}
+        assert link.elsewhere() == {}
 
 
 GOOD = {"taken": 250, "sequence": 250, "time": 1.0}
@@ -125,3 +118,35 @@ def test_how_often_messages_come_is_judged(changes, told):
     )
     found = complaint("left", 6511, HOST, before, after, 1.0)
     assert found is None if told is None else re.search(told, found), found
+
+
+def receptions(*runs: range, period: float) -> list[Reception]:
+    """What a receiver has counted before any message, and after each run of numbers, sent every `period` seconds."""
+    receiver, found, time = Receiver(), [Reception()], 0.0
+    for numbers in runs:
+        for number in numbers:
+            time += period
+            receiver.take((HOST, 1), number, time)
+        found.append(Reception.of(receiver.reception.numbers()))
+    return found
+
+
+def test_a_slow_rate_is_told_also_where_nothing_came_before():
+    before, after = receptions(range(700, 742), period=0.024)
+    found = complaint("left", 6511, HOST, before, after, 1.0)
+    assert "every 24 ms instead of every 4; set SampleRate" in found
+    before, after = receptions(range(700, 950), period=CYCLE)
+    assert complaint("left", 6511, HOST, before, after, 1.0) is None
+    before, after = receptions(range(700, 1200, 2), period=2 * CYCLE)
+    assert "249 were lost" in complaint("left", 6511, HOST, before, after, 2.0)
+
+
+@pytest.mark.parametrize("start", [1, (1 << 31) - 100])
+def test_numbers_that_begin_again_are_no_losses(start):
+    """The controller was started again while its messages were counted."""
+    _, before, after = receptions(range((1 << 32) - 200, 1 << 32), range(1, 251), period=CYCLE)
+    assert complaint("left", 6511, HOST, before, after, 1.0) is None, "they only wrap"
+    _, before, after = receptions(range(start + 5000, start + 5100), range(start, start + 250), period=CYCLE)
+    assert complaint("left", 6511, HOST, before, after, 1.0) is None
+    _, before, after = receptions(range(start + 5000, start + 5100), range(start, start + 42), period=0.024)
+    assert "every 24 ms" in complaint("left", 6511, HOST, before, after, 1.0)
