@@ -1,6 +1,8 @@
 import json
+import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -139,6 +141,13 @@ WRONG = {
     "other": (other_tree, "best_tree.txt: pick(PinkBox): task stack has no object 'PinkBox'"),
     "future": (unknown_format, "format 99"),
     "demos": (deep_demonstration, "demo1 is left out: "),
+    "mine.npz": (
+        lambda path: np.savez(path, a=np.zeros(3)),
+        "mine.npz is no checkpoint of train; give one that train has",
+    ),
+    "bad.npz": (text("PK"), "bad.npz is damaged; give one that train has written"),
+    "pipe.npz": (getattr(os, "mkfifo", text("PK")), "pipe.npz is"),
+    "pipe.yaml": (getattr(os, "mkfifo", text("[")), "pipe.yaml"),
 }
 
 
@@ -164,6 +173,18 @@ def test_one_bad_file_hides_no_other(tmp_path, capsys):
     assert str(tmp_path / "bad.yaml") in wrong[0]
     code, fine, wrong = check(capsys, tmp_path / "bad.yaml", tmp_path / "tree.txt")
     assert (code, len(fine), len(wrong)) == (2, 1, 1)
+
+
+def test_links_between_folders_are_followed_once(tmp_path, capsys):
+    folder = tmp_path / "trees"
+    folder.mkdir()
+    FINE["tree.txt"][0](folder / "tree.txt")
+    for name in ("again", "and_again"):
+        (folder / name).symlink_to(".")
+    (tmp_path / "link").symlink_to("trees")
+    for given in (folder, tmp_path, tmp_path / "link"):
+        code, fine, wrong = check(capsys, given)
+        assert (code, len(fine), wrong) == (0, 1, [])
 
 
 def test_demonstrations_without_information_are_fine_and_say_so(tmp_path, capsys):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import stat
 from pathlib import Path
 
 from bt_jax._util.errors import UserError
@@ -29,8 +30,11 @@ def read_text(path: Path) -> str:
 
 
 def read_bytes(path: Path) -> bytes:
-    """Return what a file holds. Raise UserError, naming the file, if it cannot be read."""
+    """Return what a file holds. Raise UserError, naming the file, if it cannot be read; a pipe or a device may never end."""
     try:
+        kind = path.stat().st_mode
+        if not stat.S_ISREG(kind) and not stat.S_ISDIR(kind):
+            raise UserError(f"{path} is a pipe or a device; give a file")
         return path.read_bytes()
     except FileNotFoundError as error:
         raise UserError(f"there is no file {path}; check the path") from error

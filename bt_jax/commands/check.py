@@ -4,6 +4,7 @@ or what is wrong with it."""
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -68,16 +69,20 @@ def described(path: Path) -> str:
         raise UserError(f"{path} cannot be read ({error.strerror}); check its name and permissions") from error
 
 
-def _parts(path: Path) -> Iterator[Path]:
-    """Yield the path itself; of a folder that is nothing in itself, what it holds."""
+def _parts(path: Path, seen: set[str] | None = None) -> Iterator[Path]:
+    """Yield the path itself; of a folder that is nothing in itself, what it holds. `seen`: folders with links followed, each
+    of which is entered once, for a link may lead back to where it stands."""
+    seen = set() if seen is None else seen
     inner = []
     with contextlib.suppress(OSError):  # then reading it says why
         inner = sorted(path.iterdir()) if path.is_dir() and _kind_of_folder(path) is None else []
+    seen.add(os.path.realpath(path))
     held = [one for one in inner if not one.name.startswith(".") and (one.is_dir() or _reader(one) is not None)]
     if not held:
         yield path
     for one in held:
-        yield from _parts(one)
+        if not one.is_dir() or os.path.realpath(one) not in seen:
+            yield from _parts(one, seen)
 
 
 def _reader(path: Path) -> Callable[[Path], str] | None:
@@ -191,7 +196,8 @@ def _config(path: Path) -> str:
 
 def _checkpoint(path: Path) -> str:
     checkpoint = Checkpoint.load(path)
-    assert checkpoint is not None
+    if checkpoint is None:  # deleted meanwhile
+        raise UserError(f"there is no file {path}; check the path")
     return f"checkpoint, generation {int(checkpoint.state.generation)}"
 
 

@@ -16,6 +16,7 @@ from jaxtyping import Float32, Int16, Int32, Int64, UInt8, UInt64, jaxtyped
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
+from bt_jax._util.text_files import read_bytes
 from bt_jax.behaviors import FIRST_LEAF, Behavior
 from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.evolution import Generation, Population, State
@@ -79,15 +80,23 @@ class Checkpoint:
         write_atomic(path, buffer.getvalue())
 
     @staticmethod
-    def load(path: Path) -> Checkpoint | None:
-        """Return what was saved, None if nothing was. Raise UserError if the file is damaged."""
-        if not path.is_file():
+    def load(path: Path, *, remedy: str = "give one that train has written") -> Checkpoint | None:
+        """Return what was saved, None if nothing was. Raise UserError, with the remedy, if the file is damaged or was not
+        written by train."""
+        if not path.exists():
             return None
+        data = read_bytes(path)
         try:
-            with np.load(path, allow_pickle=False) as data:
-                return _checkpoint(data, path)
+            with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+                if not set(arrays).intersection(ARRAYS):
+                    raise UserError(f"{path} is no checkpoint of train; {remedy}")
+                return _checkpoint(arrays, path)
+        except MemoryError as error:
+            raise UserError(f"{path} needs more memory than there is; close other programs, or {remedy}") from error
         except Exception as error:  # a damaged file may raise almost anything in zipfile and NumPy
-            raise UserError(f"{path} is damaged; delete it to start this run again") from error
+            if isinstance(error, UserError) and str(path) in str(error):
+                raise
+            raise UserError(f"{path} is damaged; {remedy}") from error
 
 
 def _checkpoint(arrays: Mapping[str, np.ndarray], path: Path) -> Checkpoint:

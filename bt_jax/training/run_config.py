@@ -89,7 +89,7 @@ class RunConfig:
         found = data.get("format") if isinstance(data, dict) else None
         if isinstance(found, int) and found != FORMAT:
             raise UserError(
-                f"{source.parent} has format {found} and this version reads {FORMAT}; use the version that wrote it"
+                f"{source} has format {found} and this version reads {FORMAT}; use the version that wrote it"
             )
         try:
             content = decode(data, _Content, source)

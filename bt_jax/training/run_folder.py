@@ -126,7 +126,8 @@ class RunFolder:
     def load_checkpoint(self) -> Checkpoint | None:
         """Return the last checkpoint, None if the run has none yet. Raise UserError if it is damaged, or is not of this
         run."""
-        phase, checkpoint = self.config().phase, Checkpoint.load(self.path / "checkpoint.npz")
+        phase = self.config().phase
+        checkpoint = Checkpoint.load(self.path / "checkpoint.npz", remedy="delete it to start this run again")
         if checkpoint is None:
             return None
         problem, config = "", self._config_of(checkpoint.phase)

@@ -1,6 +1,8 @@
 """Text files from any editor: byte order marks, line ends, other encodings."""
 
 import codecs
+import os
+from pathlib import Path
 
 import pytest
 
@@ -52,3 +54,11 @@ def test_what_is_no_file_is_named(tmp_path):
         read_text(tmp_path)
     with pytest.raises(UserError, match="cannot be a path"):
         read_text(tmp_path / "a\0b")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_what_may_never_end_is_not_read(tmp_path):
+    os.mkfifo(tmp_path / "tree.txt")
+    for path in (tmp_path / "tree.txt", Path("/dev/zero")):
+        with pytest.raises(UserError, match=f"^{path} is a pipe or a device; give a file$"):
+            read_text(path)

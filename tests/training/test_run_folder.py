@@ -1,5 +1,6 @@
 import dataclasses
 import json
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -132,7 +133,6 @@ def text(content):
         {"leaves": text(b"nonsense(YellowBox)")},
         {"leaves": text(b"pick(YellowBox)")},  # fewer than there are tokens
         {"config": text(b"[" * 6000)},
-        {"config": text(b"{}")},
         {"fitness": np.zeros((2, 9), np.float32)},
         {"fitness": np.zeros((2, 8), np.float64)},
         {"fitness": np.array([[None] * 8] * 2, object)},
@@ -158,6 +158,52 @@ def test_a_checkpoint_that_zipfile_cannot_read_is_named(saved, at, value):
     data[data.index(b"PK\x01\x02") + at] = value  # of its first entry
     path.write_bytes(data)
     with pytest.raises(UserError, match=r"checkpoint.npz is damaged; delete it"):
+        saved.load_checkpoint()
+
+
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        (b'{"format": 99}', "has format 99 and this version reads 2; use the version that wrote it"),
+        (b'{"version": "99.0"}', "checkpoint.npz was written by version 99.0 and this is"),
+        (b"{}", "checkpoint.npz, key format"),
+    ],
+)
+def test_a_checkpoint_of_another_version_is_not_called_damaged(saved, config, message):
+    path = saved.path / "checkpoint.npz"
+    with np.load(path) as data:
+        arrays = {**data, "config": text(config)}
+    np.savez(path, **arrays)
+    with pytest.raises(UserError) as raised:
+        saved.load_checkpoint()
+    assert message in str(raised.value)
+    assert "damaged" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("problem", "message"),
+    [
+        (PermissionError(13, "Permission denied"), "cannot be read (Permission denied)"),
+        (OSError(5, "Input/output error"), "cannot be read (Input/output error)"),
+        (MemoryError(), "needs more memory than there is"),
+    ],
+)
+def test_a_checkpoint_that_the_system_does_not_give_is_not_called_damaged(saved, monkeypatch, problem, message):
+    def refuse(*_, **__):
+        raise problem
+
+    monkeypatch.setattr(*((np, "load") if isinstance(problem, MemoryError) else (Path, "read_bytes")), refuse)
+    with pytest.raises(UserError) as raised:
+        saved.load_checkpoint()
+    assert message in str(raised.value)
+    assert "damaged" not in str(raised.value)
+
+
+def test_an_archive_of_something_else_is_no_checkpoint(saved):
+    np.savez(saved.path / "checkpoint.npz", measured=np.zeros(3))
+    with pytest.raises(
+        UserError, match=r"checkpoint.npz is no checkpoint of train; delete it to start this run again$"
+    ):
         saved.load_checkpoint()
 
 
