@@ -33,6 +33,8 @@ class Arguments:
     """the address to listen on: this machine only, or with 0.0.0.0 the network, which needs the token that is printed"""
     allow_host: tuple[str, ...] = ()
     """further names that the page is opened under, of this machine or of a reverse proxy; needs the token, too"""
+    hold_factor: float = 1.0
+    """how many times longer than usual a window that does nothing keeps the gripper, the task or the run from the others"""
     show: bool = True
     """open a browser"""
 
@@ -51,13 +53,18 @@ class Arguments:
         for name in self.allow_host:
             if not is_name(name):
                 raise UserError(f"--allow-host {name} is not the name of a host; give it without http:// and port")
+        if not 0.1 <= self.hold_factor <= 1000:
+            raise UserError(f"--hold-factor {self.hold_factor:g} is implausible; use 0.1 to 1000")
         try:
-            with socket.socket() as probe:
-                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-                probe.bind((self.host, self.port))
-        except (OSError, OverflowError) as error:
+            for family, kind, _, _, address in socket.getaddrinfo(self.host, None, type=socket.SOCK_STREAM):
+                with socket.socket(family, kind) as probe:
+                    probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                    if family == socket.AF_INET6:
+                        probe.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)  # as the server does
+                    probe.bind((address[0], self.port, *address[2:]))
+        except (OSError, OverflowError, UnicodeError) as error:
             raise UserError(
-                f"{self.host}:{self.port} cannot be used ({error}); choose another --port or --host"
+                f"{_authority(self.host, self.port)} cannot be used ({error}); choose another --port or --host"
             ) from None
 
 
@@ -90,15 +97,16 @@ def _serve(arguments: Arguments) -> None:
         port=arguments.port,
         names=arguments.names,
         token=token,
-        show=path if arguments.show else False,
+        show=path if arguments.show and ":" not in arguments.host else False,  # NiceGUI opens no address of IPv6
         warm_worker=warm_worker,
+        hold_factor=arguments.hold_factor,
     )
 
 
 def _announcement(arguments: Arguments, token: str) -> str:
     """Return what the terminal says of the page: its address, and the token if it needs one."""
     host = own_address() if arguments.host in ("0.0.0.0", "::") else arguments.host
-    url = f"http://{f'[{host}]' if ':' in host else host}:{arguments.port}"
+    url = f"http://{_authority(host, arguments.port)}"
     ends = "(Ctrl-C ends it; an evolution goes on)"
     if not token:
         return f"the page is at {url} {ends}"
@@ -106,6 +114,10 @@ def _announcement(arguments: Arguments, token: str) -> str:
         f"the page is at {url}/login?token={token} {ends}\n"
         f"whoever opens {url} without it is asked for the token {token}; a login lasts {LOGIN_HOURS:g} hours"
     )
+
+
+def _authority(host: str, port: int) -> str:
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 @contextlib.contextmanager

@@ -30,17 +30,18 @@ def serve(
     token: str,
     show: str | bool,
     warm_worker: WarmWorker,
+    hold_factor: float,
 ) -> None:
     """Serve the page, which works in a folder, until it is interrupted; the first evolution is done by `warm_worker`.
 
     It answers to `names` besides loopback's, and lets only those in who know the `token`, everybody if it is empty. `show`
-    is the path that a browser opens.
+    is the path that a browser opens, `hold_factor` that of `state.holds`.
     """
     if token:
         app.add_middleware(GuardLogin, logins=Logins(token))
     app.add_middleware(GuardHosts, names=names)  # added last, asked first
     workspace = Workspace(folder)
-    studio = Studio(workspace, workspace.task("stack"), warm_worker)
+    studio = Studio(workspace, workspace.task("stack"), warm_worker, hold_factor)
     studio.restore()
 
     def prepare() -> None:

@@ -55,7 +55,39 @@ def test_a_port_that_cannot_be_used(monkeypatch, capsys, tmp_path):
         said = refused(monkeypatch, capsys, "--folder", tmp_path, "--port", port, "--no-show")
     assert f"127.0.0.1:{port} cannot be used" in said
     assert "choose another" in refused(monkeypatch, capsys, "--folder", tmp_path, "--port", 70_000, "--no-show")
-    assert "choose another" in refused(monkeypatch, capsys, "--folder", tmp_path, "--host", "no.such.host", "--no-show")
+    for host in ("no.such.host", "a..b"):
+        assert "choose another" in refused(monkeypatch, capsys, "--folder", tmp_path, "--host", host, "--no-show")
+
+
+def ipv6_port():
+    """A port of loopback that is taken by nobody; without IPv6, the test is left out."""
+    try:
+        with socket.create_server(("::1", 0), family=socket.AF_INET6) as probe:
+            return probe.getsockname()[1]
+    except OSError:
+        pytest.skip("there is no IPv6 here")
+
+
+def test_the_page_is_served_at_an_address_of_ipv6(monkeypatch, capsys, tmp_path):
+    ipv6_port()
+    told, said = served(monkeypatch, capsys, tmp_path, host="::1")
+    assert (told["host"], told["token"], told["show"]) == ("::1", "", False)
+    assert "the page is at http://[::1]:" in said
+
+
+def test_a_port_of_ipv6_that_cannot_be_used(monkeypatch, capsys, tmp_path):
+    port = ipv6_port()
+    with socket.create_server(("::1", port), family=socket.AF_INET6):
+        said = refused(monkeypatch, capsys, "--folder", tmp_path, "--host", "::1", "--port", port, "--no-show")
+    assert f"[::1]:{port} cannot be used" in said
+
+
+def test_how_long_a_window_keeps_what_it_has(monkeypatch, capsys, tmp_path):
+    assert served(monkeypatch, capsys, tmp_path)[0]["hold_factor"] == 1
+    assert served(monkeypatch, capsys, tmp_path, hold_factor=3.0)[0]["hold_factor"] == 3
+    for factor in ("0", "nan", "inf"):
+        said = refused(monkeypatch, capsys, "--folder", tmp_path, "--no-show", "--hold-factor", factor)
+        assert "use 0.1 to 1000" in said
 
 
 def served(monkeypatch, capsys, tmp_path, **given):

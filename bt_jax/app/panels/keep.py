@@ -133,6 +133,8 @@ class _Keep:
         record = await self._one()
         if record.config.task != self.studio.edited.task and not await may_leave(self.studio):
             return
+        for thing in ("task", "run"):  # a person may take their time to answer
+            self.page.steer(thing)
         self.studio.open_run(record.name)
         self.page.say(
             f"The run {record.name} is open: run its tree in step 6, or go on evolving it in step 2.", "success"

@@ -135,10 +135,14 @@ class _Run:
                 studio.take_tree(studio.library.lesson.tree, None)
             elif name in self.learnt:
                 studio.take_tree(studio.workspace.learnt_tree(self.learnt[name]), None)
-            elif studio.workspace.run(name).config().task == studio.edited.task or await may_leave(studio):
+            elif studio.workspace.run(name).config().task == studio.edited.task:
                 studio.open_run(name)
             else:
-                return
+                self.page.steer("task")
+                if not await may_leave(studio):
+                    return
+                self.page.steer("task")  # again: a person may take their time to answer
+                studio.open_run(name)
             await studio.playing.begin()
         finally:
             self._sources()

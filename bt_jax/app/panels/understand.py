@@ -41,7 +41,9 @@ class _Understand:
             with self.learnt:
                 with ui.row().classes("gap-2 items-center w-full"):
                     heading("Learnt tree").classes("flex-1")
-                    button("Run it", "understand-run", "play_arrow", page.guard(self._run), more="outline")
+                    button(
+                        "Run it", "understand-run", "play_arrow", page.guard(self._run, steers="run"), more="outline"
+                    )
                     combine = page.guard(lambda: page.go("combine"))
                     button("Combine with evolution", "understand-combine", "merge", combine)
                 with ui.row().classes("gap-2 items-center w-full"):

@@ -28,10 +28,11 @@ class Window:
 
 class Holds:
     """Changes are announced under the topic "holds", and so are refusals: what was chosen in vain is then shown as it is.
-    Times are of `clock`, seconds."""
+    Times are of `clock`, seconds; a window
+    that does nothing keeps what it has for `factor` times `IDLE_SECONDS`."""
 
-    def __init__(self, bus: Bus, clock: Callable[[], float] = time.monotonic) -> None:
-        self._bus, self._clock = bus, clock
+    def __init__(self, bus: Bus, clock: Callable[[], float] = time.monotonic, factor: float = 1.0) -> None:
+        self._bus, self._clock, self._factor = bus, clock, factor
         self._held: dict[Shared, tuple[Window, float]] = {}  # who has it, and until when if it does nothing
 
     def take(self, thing: Shared, window: Window) -> None:
@@ -40,7 +41,7 @@ class Holds:
             self._bus.changed("holds")
             raise UserError(self.sentence(thing, window))
         before = self._held.get(thing)
-        self._held[thing] = window, self._clock() + IDLE_SECONDS[thing]
+        self._held[thing] = window, self._clock() + self._idle(thing)
         if before is None or before[0] != window:
             self._bus.changed("holds")
 
@@ -66,8 +67,11 @@ class Holds:
         where = "on this computer" if holder.address == window.address else f"at {holder.address}"
         return (
             f"another window {where} has {NAMES[thing]}; wait until it is closed, goes to another step, or has done "
-            f"nothing for {IDLE_SECONDS[thing]:g} seconds"
+            f"nothing for {self._idle(thing):g} seconds"
         )
+
+    def _idle(self, thing: Shared) -> float:
+        return self._factor * IDLE_SECONDS[thing]
 
     def _keep(self, keep: Callable[[Window, float], bool]) -> None:
         kept = {thing: held for thing, held in self._held.items() if keep(*held)}

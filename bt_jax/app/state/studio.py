@@ -33,7 +33,7 @@ from bt_jax.behaviors import Tree
 from bt_jax.gp.config import GPConfig
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.world import World
-from bt_jax.tasks import Task, with_goal_of
+from bt_jax.tasks import Task
 from bt_jax.training.phases import Changes
 
 __all__ = ["Studio"]
@@ -47,10 +47,12 @@ class Studio:
     """The parts: `edited` is the task of step 1, `evolution` the process that evolves, for a task of its own, `playing` the
     tree that is looked at, `library` the demonstrations and what they teach, `teaching` the demonstration in the making."""
 
-    def __init__(self, workspace: Workspace, task: Task, warm_worker: WarmWorker | None = None) -> None:
+    def __init__(
+        self, workspace: Workspace, task: Task, warm_worker: WarmWorker | None = None, hold_factor: float = 1.0
+    ) -> None:
         self.workspace = workspace
         self.bus, self.worker = Bus(), Worker()
-        self.holds = Holds(self.bus)
+        self.holds = Holds(self.bus, factor=hold_factor)
         self.edited = EditedTask(workspace, task)
         self.evolution = EvolutionProcess(workspace, warm_worker)
         self.playing = Playing(self.bus, self.worker, self.edited)
@@ -195,11 +197,14 @@ class Studio:
         self._after_edit()
 
     def take_goal(self, task: Task) -> None:
-        """Give the edited task the targets and the starts of another; this can be undone. Raise UserError unless both have
-        the same boxes and frames."""
+        """Give the edited task all that another says but its name and description; this can be undone. Raise UserError
+        unless both have the same boxes and frames."""
         edited = self.edited.task
-        changed = dataclasses.replace(with_goal_of(edited, task), subgoals=task.subgoals)
-        self.edit_task(changed, None if task.layout == edited.layout else sample_layouts(changed, 0, 1))
+        if not same_things(task, edited):
+            raise UserError(f"{task.name} has other boxes or frames than {edited.name}; open it in step 1")
+        changed = dataclasses.replace(task, name=edited.name, description=edited.description)
+        same_starts = (task.layout, task.tables, task.kit) == (edited.layout, edited.tables, edited.kit)
+        self.edit_task(changed, None if same_starts else sample_layouts(changed, 0, 1))
 
     @property
     def asks_for_goal(self) -> bool:

@@ -18,6 +18,14 @@ from tests.helpers.browser.scene import COMPONENT, at_rest, drag, position
 from tests.helpers.browser.steps import go
 
 pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def options():
+    """A window keeps what it has for as long as a test lasts, on a busy machine, too."""
+    return ("--hold-factor", "1000")
+
+
 STACK = load_task("stack")
 TREE = parse_tree("""
 Sequence
@@ -251,8 +259,10 @@ def test_two_windows_show_the_same_run(page, see, window):
     at_rest(page)
     at_rest(other)
     assert math.dist(position(page, "YellowBox"), position(other, "YellowBox")) < 1e-3
+    go(see, "keep")  # lets go
     expect(other.get_by_test_id("holder-run")).to_be_hidden()
     other.get_by_test_id("run-tick").click()
+    go(see, "run")
     expect(see("run-what")).to_contain_text("Tick 2")
 
 

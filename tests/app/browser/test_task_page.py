@@ -13,6 +13,14 @@ from tests.helpers.browser.scene import COMPONENT, at_rest, drag, exists, positi
 from tests.helpers.browser.steps import go
 
 pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def options():
+    """A window keeps what it has for as long as a test lasts, on a busy machine, too."""
+    return ("--hold-factor", "1000")
+
+
 STACK = load_task("stack")
 
 

@@ -19,6 +19,12 @@ from tests.helpers.browser.steps import go
 pytestmark = pytest.mark.slow
 
 
+@pytest.fixture(scope="module")
+def options():
+    """A window keeps what it has for as long as a test lasts, on a busy machine, too."""
+    return ("--hold-factor", "1000")
+
+
 @pytest.fixture(autouse=True)
 def demonstrate(request, server, page, see):
     """Every test has a set of its own, and begins at step 3 with no demonstration in the making."""

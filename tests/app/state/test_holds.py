@@ -53,6 +53,16 @@ def test_it_is_free_when_nothing_was_done_for_a_while(holds, clock, thing):
         holds.take(thing, ANNA)
 
 
+def test_it_is_kept_longer_on_a_page_for_people_who_need_time(clock):
+    holds = Holds(Bus(), clock, factor=3.0)
+    holds.take("run", ANNA)
+    clock.now += 3 * IDLE_SECONDS["run"] - 1
+    with pytest.raises(UserError, match="nothing for 15 seconds"):
+        holds.take("run", BEN)
+    clock.now += 1
+    holds.take("run", BEN)
+
+
 def test_it_is_free_when_the_window_lets_go(holds):
     holds.take("gripper", ANNA)
     holds.take("task", BEN)
