@@ -8,14 +8,28 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 from bt_jax.behaviors import NOTHING, Behavior, Control, ExtendedNode, Kind, Tree
 from bt_jax.tasks import Task
 
-__all__ = ["Words", "differences"]
+__all__ = ["Words", "differences", "differing_settings"]
 
 NEAR = 0.2  # offsets below this part of a box's size are not mentioned
+SETTINGS: Mapping[str, str] = MappingProxyType(
+    {  # of a task, besides its targets and starts
+        "tables": "tables",
+        "kit": "kit",
+        "genes": "places to try",
+        "episode": "length and tolerance of an episode",
+        "weights": "weights",
+        "subgoals": "subgoals",
+        "subgoal_reward": "rule for subgoals",
+        "robot_position": "place of the robot",
+        "gripper_opening": "gripper",
+    }
+)
 LEVEL = 0.3  # heights that differ by less than this part of a box's size are the same level
 Vec3 = tuple[float, float, float]
 
@@ -182,8 +196,15 @@ def differences(one: Task, other: Task) -> list[str]:
         place = "may be anywhere" if target is None else words.place(name, target.position, target.frame)
         said.append(f"{name} {place}")
     if one.layout != other.layout:
-        said.append("boxes start in fixed places" if one.layout.fixed else "boxes start at random")
+        same_kind = bool(one.layout.fixed) == bool(other.layout.fixed)
+        places = "in fixed places" if one.layout.fixed else "at random"
+        said.append(f"boxes start {places}{', others' if same_kind else ''}")
     return said
+
+
+def differing_settings(one: Task, other: Task) -> list[str]:
+    """Name what differs between two tasks besides their boxes, targets and starts: "weights"."""
+    return [words for key, words in SETTINGS.items() if getattr(one, key) != getattr(other, key)]
 
 
 def _length(metres: float) -> str:

@@ -1,14 +1,15 @@
+import dataclasses
 from xml.etree import ElementTree
 
 import pytest
 from hypothesis import given
 
-from bt_jax.app.plain_words import Words
+from bt_jax.app.plain_words import Words, differences, differing_settings
 from bt_jax.behaviors import EXTENDED, Behavior, ExtendedNode, expand, gene_pool, parse_behavior
 from bt_jax.encoding.drawing.svg import node_ids, to_svg
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.walk import prefix
-from bt_jax.tasks import load_task, task_names
+from bt_jax.tasks import Target, load_task, task_names
 from tests.helpers.strategies import trees
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -136,3 +137,17 @@ def test_numbers_in_words():
 def _drawn(svg):
     groups = ElementTree.fromstring(svg).iter(f"{SVG}g")
     return {group.get("id"): group for group in groups if (group.get("id") or "").startswith("node-")}
+
+
+def test_in_what_two_tasks_differ():
+    task = load_task("stack")
+    fixed, again = (
+        dataclasses.replace(task, layout=dataclasses.replace(task.layout, fixed=(Target("GreenBox", at, "base_link"),)))
+        for at in ((0.0, -1.0, 0.75), (0.1, -1.0, 0.75))
+    )
+    assert differences(fixed, task) == ["boxes start in fixed places"]
+    assert differences(task, fixed) == ["boxes start at random"]
+    assert differences(fixed, again) == ["boxes start in fixed places, others"]
+    priced = dataclasses.replace(task, weights=dataclasses.replace(task.weights, node=99.0), subgoal_reward="seen")
+    assert differences(priced, task) == []
+    assert differing_settings(priced, task) == ["weights", "rule for subgoals"]

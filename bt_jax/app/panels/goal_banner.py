@@ -6,11 +6,12 @@ from nicegui import ui
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.panels.parts import button, may_leave
-from bt_jax.app.plain_words import differences
+from bt_jax.app.plain_words import differences, differing_settings
 from bt_jax.app.processes.train_command import NO_CHANGES
-from bt_jax.app.state.edited_task import same_things
+from bt_jax.app.state.edited_task import same_places, same_things
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.context import PageContext
+from bt_jax.tasks import Task
 from bt_jax.training.phases import Changes
 
 __all__ = ["GoalBanner"]
@@ -45,18 +46,16 @@ class GoalBanner:
             return
         same = same_things(task, studio.edited.task)
         if same:
-            theirs, ours = (
-                "; ".join(differences(task, studio.edited.task)),
-                "; ".join(differences(studio.edited.task, task)),
-            )
-            said = f"The evolution {evolution.run} works for: {theirs}. Step 1 says: {ours}."
+            said = _said(evolution.run, task, studio.edited.task)
         else:
             said = (
                 f"The evolution {evolution.run} works for other boxes; to evolve for those here, press Start in step 2."
             )
         self._text.set_text(said)
-        self._old.set_text("Back to the old targets" if same else "Back to the old task")
-        self._new.set_visibility(same and evolution.progress is not None)
+        only_places = same and not differing_settings(task, studio.edited.task)
+        self._old.set_text("Back to the old targets" if only_places else "Back to the old task")
+        places = same and not same_places(task, studio.edited.task)
+        self._new.set_visibility(places and evolution.progress is not None)
         self._new.set_enabled(not evolution.running)
         self._new.props(f'title="{"Stop the evolution in step 2 first" if evolution.running else ""}"')
 
@@ -75,3 +74,19 @@ class GoalBanner:
         changes = NO_CHANGES if studio.in_step else Changes(task=task)
         studio.go_on(MORE, changes)
         self.page.go("evolve")
+
+
+def _said(run: str | None, theirs: Task, ours: Task) -> str:
+    """Say in what the task of an evolution and that of step 1 differ; they have the same boxes."""
+    said, settings = [], ", ".join(differing_settings(ours, theirs))
+    if not same_places(theirs, ours):
+        said += [
+            f"The evolution {run} works for: {'; '.join(differences(theirs, ours))}.",
+            f"Step 1 says: {'; '.join(differences(ours, theirs))}.",
+        ]
+    if settings:
+        said += [
+            f"Step 1 {'also ' if said else ''}has other settings than the evolution{'' if said else f' {run}'}: {settings}.",
+            "To evolve with them, press Start in step 2.",
+        ]
+    return " ".join(said)

@@ -9,9 +9,9 @@ from nicegui import ui
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.panels.parts import heading
-from bt_jax.app.plain_words import Words
+from bt_jax.app.plain_words import Words, differing_settings
 from bt_jax.app.processes.train_command import NO_CHANGES
-from bt_jax.app.state.edited_task import same_things
+from bt_jax.app.state.edited_task import same_places, same_things
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.dialogs import dialog
 from bt_jax.tasks import Task
@@ -33,8 +33,11 @@ async def ask_goal(studio: Studio, changes: Changes = NO_CHANGES) -> Changes | N
             _column("Step 1 says", _sentences(edited))
         if not same_things(evolved, edited):
             ui.label("The boxes differ: to evolve for the task in step 1, press Start in step 2.")
-        elif evolved.layout != edited.layout:
-            ui.label("They also start in different places.")
+        else:
+            if evolved.layout != edited.layout:
+                ui.label("Boxes start in different places.")
+            if settings := differing_settings(edited, evolved):
+                ui.label(f"Other settings: {', '.join(settings)}. To evolve with them, press Start in step 2.")
         with ui.row().classes("self-end gap-2"):
             ui.button("Cancel", on_click=lambda: asked.submit(None)).props(
                 "no-caps flat autofocus data-testid=goal-cancel"
@@ -42,7 +45,7 @@ async def ask_goal(studio: Studio, changes: Changes = NO_CHANGES) -> Changes | N
             ui.button("Go on as before", on_click=lambda: asked.submit(changes)).props(
                 "no-caps unelevated data-testid=goal-own"
             )
-            if same_things(evolved, edited):
+            if same_things(evolved, edited) and not same_places(evolved, edited):
                 for_edited = dataclasses.replace(changes, task=edited)
                 ui.button("Go on with the new task", on_click=lambda: asked.submit(for_edited)).props(
                     "no-caps unelevated data-testid=goal-edited"

@@ -13,7 +13,7 @@ from nicegui import ui
 from bt_jax._util.errors import UserError
 from bt_jax.app.panels.context import PanelContext
 from bt_jax.app.panels.parts import button, css_color, may_leave
-from bt_jax.app.plain_words import Words, differences
+from bt_jax.app.plain_words import Words, differences, differing_settings
 from bt_jax.app.state.arrangement import fixed_layout, free_layout, kit_table, move_kit, put, retarget, untarget
 from bt_jax.app.state.spots import Spot, origins, spot_at, spot_of_target
 from bt_jax.app.state.studio import Studio
@@ -321,7 +321,7 @@ class _Task:
     def _say_changed(self, what: str, before: Task) -> None:
         """Say what was undone or redone: it may be an edit of another window."""
         now = self.studio.edited.task
-        said = differences(now, before) or [
+        said = [*differences(now, before), *(f"other {one}" for one in differing_settings(now, before))] or [
             f"the name is {now.name}" if now.name != before.name else "the start is another"
         ]
         self.page.say(f"{what}: now {'; '.join(said)}.", "success")

@@ -15,7 +15,7 @@ from bt_jax.mjx_env.semantics import subgoals_by_sight
 from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Task
 
-__all__ = ["EditedTask", "same_goal", "same_things"]
+__all__ = ["EditedTask", "same_goal", "same_places", "same_things"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -93,8 +93,20 @@ def same_things(one: Task, other: Task) -> bool:
 
 
 def same_goal(one: Task, other: Task) -> bool:
-    """Whether two tasks have the same things, the same targets and the same starts, whatever their names are."""
+    """Whether two tasks say the same, whatever their names and descriptions are and in whatever order their targets
+    stand."""
+    return _goal(one) == _goal(other)
+
+
+def same_places(one: Task, other: Task) -> bool:
+    """Whether two tasks have the same things, the same targets and the same starts: what an evolution can take over from
+    another task when it goes on."""
     return same_things(one, other) and one.layout == other.layout and set(one.targets) == set(other.targets)
+
+
+def _goal(task: Task) -> Task:
+    targets = tuple(sorted(task.targets, key=lambda target: target.object))
+    return dataclasses.replace(task, name="", description="", targets=targets)
 
 
 def _version(task: Task, start: World) -> _Version:

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from bt_jax._util.errors import UserError
+from bt_jax.app.plain_words import differing_settings
 from bt_jax.app.state.arrangement import untarget
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.state.workspace import Workspace
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.gp.config import GPConfig
 from bt_jax.mjx_env.physics.kinematic import Kinematic
-from bt_jax.tasks import Box, load_task
+from bt_jax.tasks import Box, Subgoal, load_task
 from bt_jax.training.phases import Changes
 from bt_jax.training.run_folder import RunConfig, RunFolder
 from bt_jax.training.training import Settings
@@ -336,6 +337,32 @@ def test_two_tasks_that_differ_are_asked_about_until_one_changes(evolved):
     assert (evolved.edited.task, evolved.asks_for_goal) == (STACK3, False)
     evolved.undo_edit()
     assert evolved.edited.task == untarget(fewer, "GreenBox")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"weights": dataclasses.replace(STACK3.weights, node=99.0)},
+        {"episode": dataclasses.replace(STACK3.episode, max_ticks=99)},
+        {"genes": dataclasses.replace(STACK3.genes, gap=0.03)},
+        {"subgoal_reward": "seen"},
+        {"subgoals": (Subgoal("free", ("clear(YellowBox)",)),)},
+        {"robot_position": (0.0, 1.1, 0.05)},
+        {"gripper_opening": 0.3},
+        {"kit": dataclasses.replace(STACK3.kit, size=0.5)},
+        {"tables": (dataclasses.replace(STACK3.tables[0], size=(1.1, 1.1, 0.05)), *STACK3.tables[1:])},
+    ],
+    ids=lambda changes: next(iter(changes)),
+)
+def test_whatever_differs_between_two_tasks_is_asked_about(evolved, changes):
+    evolved.open_task(dataclasses.replace(STACK3, name="mine", description="Mine."))
+    assert not evolved.asks_for_goal
+    evolved.open_task(dataclasses.replace(STACK3, name="mine", **changes))
+    assert evolved.asks_for_goal
+    (said,) = differing_settings(evolved.edited.task, STACK3)
+    assert said
+    evolved.take_goal(evolved.evolution.task)
+    assert (evolved.edited.task.name, evolved.asks_for_goal) == ("mine", False)
 
 
 def test_a_task_file_that_somebody_else_has_changed_is_known(studio):
