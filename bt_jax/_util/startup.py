@@ -56,7 +56,12 @@ def configure_jax(device: Device = "auto") -> None:
         backend = jax.default_backend()
     except Exception as error:  # RuntimeError, or AssertionError for some platforms
         asked = os.environ.get("JAX_PLATFORMS")
-        raise UserError(f"JAX_PLATFORMS is {asked} and JAX finds no such device; unset it, {REMEDY}") from error
+        problem = (
+            "JAX finds no device;"
+            if asked is None
+            else f"JAX_PLATFORMS is {asked} and JAX finds no such device; unset it,"
+        )
+        raise UserError(f"{problem} {REMEDY}") from error
     if device == "gpu" and backend == "cpu":
         raise UserError(f"no GPU was found; {REMEDY}")
 
@@ -81,9 +86,13 @@ def exit_code(command: Callable[[], int | None]) -> int:
         print(f"error: {error}", file=sys.stderr)
         code = 2
     except OSError as error:
-        if error.filename is None:  # not about a file that the user has named
+        if error.errno is None:  # not from the system
             raise
-        print(f"error: {error.filename} cannot be used ({error.strerror}); check this path", file=sys.stderr)
+        if error.filename is None:
+            problem = f"the system refuses to read or write ({error.strerror}); check disks and connections"
+        else:
+            problem = f"{error.filename} cannot be used ({error.strerror}); check this path"
+        print(f"error: {problem}", file=sys.stderr)
         code = 2
     except RuntimeError as error:
         if "MUJOCO_GL" not in str(error):  # which MuJoCo reads while it is imported

@@ -36,7 +36,9 @@ class _Output(io.TextIOWrapper):
             self._give_up(error)
 
     def _give_up(self, error: OSError) -> None:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), self.fileno())  # takes what is still in the buffer
+        nothing = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nothing, self.fileno())  # takes what is still in the buffer
+        os.close(nothing)
         self.lost = not isinstance(error, BrokenPipeError)
         problem = f"what this prints cannot be written ({error.strerror})"
         problem = problem if self.lost else "nobody reads what this prints any more"

@@ -6,6 +6,9 @@ import sys
 
 import pytest
 
+from bt_jax._util.errors import UserError
+from bt_jax._util.startup import exit_code
+
 CONFIGURES = """
 import sys
 from pathlib import Path
@@ -42,6 +45,35 @@ def test_a_platform_that_is_not_there_is_said_in_one_sentence(platform):
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith(f"error: JAX_PLATFORMS is {platform} and JAX finds no such device; unset it, use")
     assert done.stderr.count("\n") == 1
+
+
+def test_no_device_at_all_is_not_laid_on_a_variable_that_is_not_set(monkeypatch):
+    from bt_jax._util import startup
+
+    def none():
+        raise RuntimeError("no backend")
+
+    monkeypatch.delenv("JAX_PLATFORMS", raising=False)
+    monkeypatch.setattr("jax.default_backend", none)
+    with pytest.raises(UserError, match="JAX finds no device; use --device cpu"):
+        startup.configure_jax()
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (OSError(28, "No space left on device"), "the system refuses to read or write (No space left on device)"),
+        (OSError(13, "Permission denied", "a.txt"), "a.txt cannot be used (Permission denied); check this path"),
+    ],
+)
+def test_what_the_system_refuses_is_said_in_one_sentence(capsys, error, said):
+    def refused():
+        raise error
+
+    assert exit_code(refused) == 2
+    shown = capsys.readouterr().err
+    assert shown.startswith(f"error: {said}")
+    assert shown.count("\n") == 1
 
 
 def test_a_renderer_that_mujoco_does_not_know_is_said_in_one_sentence():

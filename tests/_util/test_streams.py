@@ -65,3 +65,17 @@ def test_a_command_goes_on_where_its_output_ends_nowhere(shell, code, said):
     assert said in done.stderr
     assert "went on" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no full disk to write to")
+def test_output_that_is_lost_leaves_no_file_open(monkeypatch):
+    with open("/dev/full", "w", encoding="utf-8") as full:
+        for name in ("stdout", "__stdout__"):
+            monkeypatch.setattr(sys, name, full)
+        prepare_streams()
+        free = os.dup(full.fileno())
+        os.close(free)
+        print("x", flush=True)
+        after = os.dup(full.fileno())
+        os.close(after)
+        assert after == free

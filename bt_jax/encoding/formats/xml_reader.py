@@ -78,6 +78,8 @@ def _decoded(data: bytes, where: str) -> str:
         wide = {b"<\0?\0": codecs.BOM_UTF16_LE, b"\0<\0?": codecs.BOM_UTF16_BE}.get(data[:4], b"")
         return decode_text(wide + data, where)
     name = declared[1].decode("ascii")
+    if re.fullmatch(r"(utf|ucs)[_-]?(16|32|2|4)([_-]?(le|be))?", name, re.IGNORECASE):
+        return decode_text(data, where)  # the declaration itself is not in that encoding; .NET's StringWriter names it
     try:
         return data.decode(name)
     except (LookupError, UnicodeError, ValueError) as error:

@@ -142,6 +142,15 @@ def test_a_subtask_that_remembers_is_read_as_its_tree():
     assert str(from_xml(document('<SubTree ID="Subtask_a"/>', rest))) == "Repeat(2, open_gripper)"
 
 
+@pytest.mark.parametrize("declared", ["utf-16", "UTF-16LE", "utf-32"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_wide_encodings_may_be_declared_in_a_file_that_another_program_has_saved(tmp_path, declared, encoding):
+    text = f'<?xml version="1.0" encoding="{declared}"?>\n<!-- 取 -->' + document('<Pick object="YellowBox"/>')
+    path = tmp_path / "tree.xml"
+    path.write_bytes(text.encode(encoding))
+    assert from_xml(path) == Behavior("pick", ("YellowBox",))
+
+
 @pytest.mark.parametrize("encoding", ["gb2312", "shift_jis", "windows-1252", "UTF-8", "utf-16", "utf-16-le"])
 def test_encodings_that_python_knows_are_read(tmp_path, encoding):
     remark = {"windows-1252": "Größe"}.get(encoding, "取")
