@@ -18,7 +18,7 @@ from bt_jax.encoding.walk import prefix
 from bt_jax.gp.evolution import Generation
 from bt_jax.training.bar import GenerationBar
 from bt_jax.training.progress import Stage
-from bt_jax.training.result import Failures, Result, Session
+from bt_jax.training.result import EXPLAINED, Result, Session, Test
 from bt_jax.training.training import Training
 
 __all__ = ["TrainingDisplay"]
@@ -65,7 +65,7 @@ class TrainingDisplay:
             f"fitness      [bold]{result.fitness:.1f}[/]\n"
             f"success      [bold]{success:.0f} of {len(result.test.solved)}[/] unseen layouts, "
             f"fitness there {result.test.fitness.mean():.1f} ± {result.test.fitness.std():.1f}\n"
-            f"{_failures(result.test.failures, len(result.test.solved))}"
+            f"{_failures(result.test)}"
             f"evolution    {result.generations} generations, {sum(result.episodes):,} episodes{each}; this session "
             f"{session.seconds:.1f} s, {session.compile_seconds:.1f} s of it compiling\n"
             f"{self._simulated()}"
@@ -97,14 +97,16 @@ class TrainingDisplay:
         return f"simulation   {table.num_transitions:,} distinct transitions, {table.settler.solved:,} simulated\n"
 
 
-def _failures(failures: Sequence[Failures], tested: int) -> str:
+def _failures(test: Test) -> str:
     """Return one line for each reason for which layouts are not solved, with their numbers."""
     lines: list[str] = []
-    for group in failures:
+    for group in test.failures:
         named = ", ".join(map(str, group.layouts[:LISTED]))
         more = f" and {len(group.layouts) - LISTED} more" if len(group.layouts) > LISTED else ""
         heading = "failures" if not lines else ""
         plural = "layouts" if len(group.layouts) > 1 else "layout"
-        where = "every layout" if len(group.layouts) == tested else f"{plural} {named}{more}"
+        where = "every layout" if len(group.layouts) == len(test.solved) else f"{plural} {named}{more}"
         lines.append(f"{heading:12} {len(group.layouts)}: {escape(group.reason)} ({where})\n")
+    if test.unexplained:
+        lines.append(f"{'':12} {test.unexplained}: not looked into (only the first {EXPLAINED} that fail are)\n")
     return "".join(lines)

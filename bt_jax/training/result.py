@@ -20,7 +20,9 @@ from bt_jax.training.pictures import draw_pictures
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.run_folder import RunFolder
 
-__all__ = ["Failures", "Result", "Session", "Test"]
+__all__ = ["EXPLAINED", "Failures", "Result", "Session", "Test"]
+
+EXPLAINED = 100  # layouts, the first of those that a test does not solve; each is played again
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,6 +45,11 @@ class Test:
     def success_rate(self) -> float:
         """The share of the layouts that the tree solves."""
         return float(self.solved.mean())
+
+    @property
+    def unexplained(self) -> int:
+        """How many layouts are not solved beyond those for which a reason is looked for."""
+        return max(0, int((~self.solved).sum()) - EXPLAINED)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -146,6 +153,7 @@ class Result:
             "test_fitness_mean": float(self.test.fitness.mean()),
             "test_fitness_std": float(self.test.fitness.std()),
             "failures": [dataclasses.asdict(failures) for failures in self.test.failures],
+            "failures_unexplained": self.test.unexplained,
             "generations": self.generations,
             "trees_measured": self.trees_measured,
             "episodes": self.episodes,

@@ -30,7 +30,7 @@ from bt_jax.training.bar import GenerationBar, is_interactive
 from bt_jax.training.baseline import evolvable
 from bt_jax.training.checkpoint import Checkpoint
 from bt_jax.training.levels import make_level, make_settle
-from bt_jax.training.result import Failures, Result, Test
+from bt_jax.training.result import EXPLAINED, Failures, Result, Test
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.settings import UNSEEN, Settings
 
@@ -151,10 +151,10 @@ class Training:
         return Test(result.solved.reshape(-1)[:count], result.values.reshape(-1)[:count])
 
     def _failures(self, tree: Tree, test: Test) -> tuple[Failures, ...]:
-        """Play the tree again in the layouts of a test that it does not solve, and return why."""
+        """Play the tree again in the first layouts of a test that it does not solve, and return why."""
         semantics, settler, layouts = self.table.semantics, self.table.settler, self._unseen(len(test.solved))
         reasons: dict[str, list[int]] = {}
-        for k in np.flatnonzero(~test.solved).tolist():
+        for k in np.flatnonzero(~test.solved)[:EXPLAINED].tolist():
             playback = play(semantics, settler, tree, take(layouts, slice(k, k + 1)))
             if not playback.solved:
                 reasons.setdefault(explain_failure(self.task, playback), []).append(k + 1)

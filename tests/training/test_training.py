@@ -1,4 +1,5 @@
 import dataclasses
+import json
 
 import jax
 import numpy as np
@@ -14,6 +15,8 @@ from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS
 from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.tasks import Target, load_task
 from bt_jax.training.checkpoint import Checkpoint
+from bt_jax.training.console import TrainingDisplay
+from bt_jax.training.result import Session
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import Settings
@@ -118,6 +121,23 @@ def test_the_layouts_of_the_test_that_fail_are_named_with_the_reason():
     assert {failures.reason for failures in test.failures} == {"BlueBox is where GreenBox should be put"}
     numbers = [number for failures in test.failures for number in failures.layouts]
     assert sorted(numbers) == (np.flatnonzero(~test.solved) + 1).tolist()
+
+
+def test_reasons_are_looked_for_in_the_first_layouts_that_fail(tmp_path, capsys, monkeypatch):
+    for module in ("training", "result", "console"):
+        monkeypatch.setattr(f"bt_jax.training.{module}.EXPLAINED", 3)
+    config = dataclasses.replace(CONFIG, generations=1)
+    idle = parse_tree("Sequence(open_gripper, close_gripper)")
+    training = Training(TASK, config, dataclasses.replace(QUICK, test_layouts=23))
+    state = next(iter(training.evolution.run()))
+    monkeypatch.setattr(training, "best_tree", lambda _: idle)
+    result = training.result(state, training.evolution.describe(state))
+    assert sum(len(failures.layouts) for failures in result.test.failures) == 3
+    assert result.test.unexplained == 20
+    result.write(RunFolder.create(tmp_path / "run", training.run_config))
+    assert json.loads((tmp_path / "run" / "result.json").read_text())["failures_unexplained"] == 20
+    TrainingDisplay(training, tmp_path / "run").finish(result, Session(1.0, 0.5, 0, stopped=False))
+    assert "20: not looked into (only the first 3 that fail are)" in capsys.readouterr().out
 
 
 def test_unseen_layouts_are_unseen():
