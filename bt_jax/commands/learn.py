@@ -66,7 +66,7 @@ def run(arguments: LearnArguments) -> None:
         Path("runs") / f"learn-{arguments.folder.resolve().name}-{datetime.now():%Y%m%d-%H%M%S}"
     )
     write(out, lesson, tried)
-    console.print(_verdict(lesson, tried, arguments))
+    console.print(_verdict(lesson, tried, arguments, out))
     console.print(f"results    {escape(str(out))}")
 
 
@@ -109,7 +109,8 @@ def _answers(question: Question) -> str:
     """Say what is assumed, and how the question is answered."""
     meanwhile, other = question.alternatives[:2]
     choice = f"--frames {question.action + 1}={other}"
-    return f"{meanwhile} is taken; say another frame, as with {choice}, or {question.settled_by}"
+    shown = "" if question.settled_by is None else f", or {question.settled_by}"
+    return f"{meanwhile} is taken; say another frame, as with {choice}{shown}"
 
 
 def _names(lesson: Lesson, demonstrations: tuple[int, ...]) -> str:
@@ -175,7 +176,7 @@ def as_data(lesson: Lesson, tried: Evaluation) -> dict[str, Any]:
     }
 
 
-def _verdict(lesson: Lesson, tried: Evaluation, arguments: LearnArguments) -> str:
+def _verdict(lesson: Lesson, tried: Evaluation, arguments: LearnArguments, out: Path) -> str:
     """Say how often the tree has worked, and what to do if it does not always."""
     solved, count = int(tried.solved.sum()), tried.solved.size
     said = f"tried      reaches what was demonstrated in [bold]{solved} of {count}[/] random layouts"
@@ -183,17 +184,23 @@ def _verdict(lesson: Lesson, tried: Evaluation, arguments: LearnArguments) -> st
         said += (
             ".\n           Demonstrations that begin where a tree has ended show only the last step:\n"
             "           let evolution find the rest with python -m bt_jax.train "
-            f"{_origin(lesson.task, arguments)} --add-target-from {escape(shlex.quote(str(arguments.folder)))}"
+            f"{_origin(lesson.task, arguments, out)} --add-target-from {escape(shlex.quote(str(arguments.folder)))}"
         )
     return said
 
 
-def _origin(task: Task, arguments: LearnArguments) -> str:
+def _origin(task: Task, arguments: LearnArguments, out: Path) -> str:
     """Return the words that tell `train` where to begin: at the run whose tree went before the demonstrations, else with the
-    task, by name if it comes with the package and by its file if not."""
+    task, by name if it comes with the package and otherwise by its file or the one that is written with the lesson, which
+    says everything that older files leave open."""
     if (run := DemonstrationFolder(arguments.folder).run()) is not None:
         here = Path.cwd()
         return f"--resume {escape(shlex.quote(str(run.relative_to(here) if run.is_relative_to(here) else run)))}"
-    if task.name in task_names() and load_task(task.name) == task:
+    if task.name in task_names() and _same(load_task(task.name), task):
         return task.name
-    return f"--task {escape(shlex.quote(arguments.task or str(arguments.folder / 'task.yaml')))}"
+    return f"--task {escape(shlex.quote(arguments.task or str(out / 'task.yaml')))}"
+
+
+def _same(a: Task, b: Task) -> bool:
+    """Return whether two tasks are the same to `train`; without subgoals, when they count as reached says nothing."""
+    return a == (b if b.subgoals else dataclasses.replace(b, subgoal_reward=a.subgoal_reward))

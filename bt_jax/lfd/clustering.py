@@ -29,10 +29,9 @@ DISTANCES = (REACH, REACH / 2, REACH / 4)  # DBSCAN's eps: how far neighbours in
 SPREAD_FLOOR = 0.001  # metres; demonstrations that agree better than this agree perfectly
 GOOD_SPREAD = 0.05  # metres; actions that agree within this can be told from others
 AROUND = 2.0  # metres; how far apart unrelated places are
-HAND = 0.02  # metres; how closely a person repeats a place
+HAND = 0.02  # metres; how closely a person repeats a place, and the least motion that tells two frames apart
 CLOSER = 1.2  # how many times closer together something must be without an outlier
 DOUBT = 1.5  # what may be chance for another reason must agree so many times better
-STILL = 0.002  # metres; frames that move less relative to each other cannot be told apart
 
 Rows = frozenset[int]
 Vec3 = tuple[float, float, float]
@@ -164,10 +163,10 @@ class Group:
         return tuple(sorted(found, key=lambda one: (one.frame == chosen, one.merit), reverse=True))
 
     def still(self, a: str, b: str, rows: Rows) -> bool:
-        """Return whether two frames did not move relative to each other between rows."""
+        """Return whether two frames moved less relative to each other between rows than a hand does."""
         actions = [self.observed[row].action for row in sorted(rows)]
         return all(
-            np.linalg.norm(np.ptp([action.origin(one, other) for action in actions], axis=0)) < STILL
+            np.linalg.norm(np.ptp([action.origin(one, other) for action in actions], axis=0)) < HAND
             for one, other in ((a, b), (b, a))
         )
 

@@ -1,7 +1,7 @@
 """Inference of reference frames: an action is relative to the frame in which the demonstrations agree best.
 
 The clusters in all frames overlap; those are taken that do not and whose evidence has the greatest sum, so that few places
-explain many demonstrations. Frames that did not move relative to each other cannot be told apart: of those, an object is
+explain many demonstrations. Frames that hardly moved relative to each other cannot be told apart: of those, an object is
 relative to what it was put on, or else to the first. Everything that was weighed is kept, to be shown.
 """
 

@@ -111,7 +111,8 @@ class _Understand:
             )
             for question in lesson.questions:
                 if question.action == index:
-                    said = f"{question.text} Choose above, or {question.settled_by}."
+                    shown = "" if question.settled_by is None else f", or {question.settled_by}"
+                    said = f"{question.text} Choose above{shown}."
                     ui.label(said).props(f"data-testid=understand-question-{index + 1}")
             if inference.chosen:
                 back = self.page.guard(functools.partial(self.studio.library.choose_frame, index, None))
