@@ -7,6 +7,7 @@ import shlex
 import pytest
 
 from bt_jax import demonstrate
+from bt_jax import learn as learn_command
 from bt_jax._util.errors import UserError
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.formats.xml_reader import from_xml
@@ -203,3 +204,24 @@ def test_what_cannot_be_done_is_said_in_one_sentence(tmp_path, arguments, remedy
     assert done.stderr.count("\n") == 1
     assert remedy in done.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["stack3", "restack"], ids=["no subgoals", "a subgoal"])
+def test_the_next_command_means_the_task_of_the_lesson(tmp_path, capsys, name):
+    """Also where a task was kept before it said when a subgoal counts as reached."""
+    task = load_task(name)
+    folder, out = DemonstrationFolder(tmp_path / "shown"), tmp_path / "lesson"
+    folder.create(Frames.of(task))
+    folder.append(record_one(TASK, Kinematic(TASK), parse_script(SCRIPT), 0))
+    older = task.to_dict()
+    del older["subgoal_reward"]
+    (folder.path / "task.yaml").write_text(json.dumps(older))
+    with pytest.raises(SystemExit) as end:
+        learn_command.main([str(folder.path), "--level", "kinematic", "--layouts", "1", "--out", str(out)])
+    assert not end.value.code
+    words = shlex.split(capsys.readouterr().out.split("python -m bt_jax.train ")[1])
+    if name == "stack3":
+        assert words[0] == "stack3"
+    else:
+        assert words[:2] == ["--task", str(out / "task.yaml")]
+        assert load_task(words[1]) == task_of_folder(folder.path)
