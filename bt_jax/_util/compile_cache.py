@@ -33,6 +33,7 @@ from jax.experimental.serialize_executable import deserialize_and_load, serializ
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
+from bt_jax._util.signals import uninterrupted
 
 __all__ = ["keep_compiled", "kept_jit"]
 
@@ -145,7 +146,8 @@ class _Kept:
             return
         key = self._key(args, *jax.tree.flatten([args[i] for i in self._dynamic_at]))
         if key not in self._ready and key not in self._prepared:
-            self._prepared[key] = _background().submit(self._ahead, key, args)
+            with uninterrupted():  # a thread whose start is interrupted is never told to end
+                self._prepared[key] = _background().submit(self._ahead, key, args)
 
     def _jit_for(self, args: tuple[Any, ...]) -> Any:
         fast = self._small is not None and self._small(*args) and _compiles_fast()

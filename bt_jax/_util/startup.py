@@ -56,12 +56,9 @@ def configure_jax(device: Device = "auto") -> None:
         backend = jax.default_backend()
     except Exception as error:  # RuntimeError, or AssertionError for some platforms
         asked = os.environ.get("JAX_PLATFORMS")
-        problem = (
-            "JAX finds no device;"
-            if asked is None
-            else f"JAX_PLATFORMS is {asked} and JAX finds no such device; unset it,"
-        )
-        raise UserError(f"{problem} {REMEDY}") from error
+        if asked is None:
+            raise UserError(f"JAX finds no device; {REMEDY}") from error
+        raise UserError(f"JAX_PLATFORMS is {asked} and JAX finds no such device; unset it, {REMEDY}") from error
     if device == "gpu" and backend == "cpu":
         raise UserError(f"no GPU was found; {REMEDY}")
 

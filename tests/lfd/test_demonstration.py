@@ -493,7 +493,7 @@ def test_it_is_known_in_which_task_was_recorded(folder, tmp_path):
     yumi = load_task("yumi_stack")
     with pytest.raises(UserError, match="boxes of other sizes; choose another folder"):
         folder.create(Frames.of(yumi))
-    folder.create(dataclasses.replace(FRAMES, names=(*FRAMES.names, "PinkBox")))  # has the same boxes
+    folder.create(Frames.of(load_task("stack")))  # has the same boxes
     with pytest.raises(
         UserError, match=r"YellowBox measures 0\.1 m in task stack3 and 0\.04 m in yumi_stack; choose task"
     ):
