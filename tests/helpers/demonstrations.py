@@ -4,10 +4,11 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
+import yaml
 
 from bt_jax.behaviors import Behavior, Tree, Vocabulary
 from bt_jax.encoding.walk import leaves
-from bt_jax.lfd import Action, Demonstration, Demonstrations, Pose
+from bt_jax.lfd import Action, Demonstration, DemonstrationFolder, Demonstrations, Frames, Pose
 from bt_jax.lfd.evaluation.synthetic import demonstration_set
 from bt_jax.mjx_env.episodes.playback import Playback, play
 from bt_jax.mjx_env.physics.kinematic import Kinematic
@@ -18,6 +19,7 @@ from bt_jax.tasks import Target, Task, load_task
 
 STACK3 = load_task("stack3")
 RESTACK = load_task("restack")
+FRAMES = Frames.of(STACK3)
 UNSTACKING = (
     Target("GreenBox", (-1.0, -0.64, 0.75), "base_link"),
     Target("BlueBox", (-1.0, -1.36, 0.75), "base_link"),
@@ -33,6 +35,19 @@ def demonstrations(
     task: Task, placements: Sequence[Target], *, count: int = 3, seed: int = 0, noise: float = 0.005
 ) -> Demonstrations:
     return demonstration_set(task, placements, count=count, rng=np.random.default_rng(seed), noise=noise)
+
+
+def files_of(folder: DemonstrationFolder) -> dict[str, bytes]:
+    """Everything that a folder holds, by path."""
+    return {str(path.relative_to(folder.path)): path.read_bytes() for path in folder.path.rglob("*") if path.is_file()}
+
+
+def in_millimetres(demonstration: str, folder: DemonstrationFolder) -> None:
+    """Writes the positions of a demonstration in another unit."""
+    for file in (folder.path / demonstration).iterdir():
+        data = yaml.safe_load(file.read_text())
+        data["vec_pos"] = {frame: [1000 * x for x in vector] for frame, vector in data["vec_pos"].items()}
+        file.write_text(yaml.safe_dump(data))
 
 
 def run(tree: Tree, task: Task, *, seed: int = 0, max_ticks: int = 60) -> Playback:

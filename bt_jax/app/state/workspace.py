@@ -143,12 +143,7 @@ class Workspace:
 
     def delete_draft(self) -> None:
         """Delete the draft, if there is one. Raise UserError if that fails."""
-        try:
-            self._draft.unlink(missing_ok=True)
-        except OSError as error:
-            raise UserError(
-                f"{self._draft} cannot be deleted ({error.strerror}); check the permissions of {self.root}"
-            ) from None
+        self._delete(self._draft)
 
     def set_draft_aside(self) -> Path:
         """Rename a draft that cannot be read, so that the next one does not replace it, and return its path. Raise UserError
@@ -166,17 +161,21 @@ class Workspace:
         """Replace the draft of a demonstration, or delete it. Raise UserError if that fails."""
         if text is not None:
             write_atomic(self._demonstration, text)
-            return
-        try:
-            self._demonstration.unlink(missing_ok=True)
-        except OSError as error:
-            raise UserError(
-                f"{self._demonstration} cannot be deleted ({error.strerror}); check the permissions of {self.root}"
-            ) from None
+        else:
+            self._delete(self._demonstration)
 
     def set_demonstration_draft_aside(self) -> Path:
         """Rename a draft of a demonstration that cannot be restored, and return its path. Raise UserError if that fails."""
         return _set_aside(self._demonstration, before="you demonstrate")
+
+    def _delete(self, file: Path) -> None:
+        """Delete a file, if it is there. Raise UserError if that fails."""
+        try:
+            file.unlink(missing_ok=True)
+        except OSError as error:
+            raise UserError(
+                f"{file} cannot be deleted ({error.strerror}); check the permissions of {self.root}"
+            ) from None
 
     @property
     def _draft(self) -> Path:

@@ -8,7 +8,7 @@ from starlette.testclient import TestClient, WebSocketDenialResponse
 from starlette.websockets import WebSocketDisconnect
 
 from bt_jax.app.access.guard_login import EXPIRED, GuardLogin
-from bt_jax.app.access.logins import LOGIN_HOURS, WRONG_TOKENS, Logins
+from bt_jax.app.access.logins import LOGIN_HOURS, WRONG_TOKENS
 
 BROWSER = {"accept": "text/html,*/*"}
 
@@ -21,23 +21,6 @@ async def echo(websocket):
     await websocket.accept()
     async for text in websocket.iter_text():
         await websocket.send_text(text)
-
-
-class Clock:
-    now = 1000.0
-
-    def __call__(self):
-        return self.now
-
-
-@pytest.fixture
-def clock():
-    return Clock()
-
-
-@pytest.fixture
-def logins(clock):
-    return Logins("secret", clock)
 
 
 @pytest.fixture

@@ -2,24 +2,7 @@
 
 import pytest
 
-from bt_jax.app.access.logins import LOGIN_HOURS, WRONG_SECONDS, WRONG_TOKENS, Logins, new_token
-
-
-class Clock:
-    now = 1000.0
-
-    def __call__(self):
-        return self.now
-
-
-@pytest.fixture
-def clock():
-    return Clock()
-
-
-@pytest.fixture
-def logins(clock):
-    return Logins("secret", clock)
+from bt_jax.app.access.logins import LOGIN_HOURS, WRONG_SECONDS, WRONG_TOKENS, new_token
 
 
 def test_tokens_differ_and_are_typed_easily():

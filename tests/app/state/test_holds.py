@@ -9,18 +9,6 @@ from bt_jax.app.state.holds import IDLE_SECONDS, Holds, Window
 ANNA, BEN, ANNA_TOO = Window("a", "10.0.0.1"), Window("b", "10.0.0.2"), Window("c", "10.0.0.1")
 
 
-class Clock:
-    now = 1000.0
-
-    def __call__(self):
-        return self.now
-
-
-@pytest.fixture
-def clock():
-    return Clock()
-
-
 @pytest.fixture
 def holds(clock):
     holds = Holds(Bus(), clock)
