@@ -77,7 +77,7 @@ def test_the_watchdog_stops_at_a_clock_that_is_not_one(value):
         supervisor = Supervisor(RULES, ("left", "right"))
         supervisor.watch(now, alive, moving=False)
         assert supervisor.reason is not None
-    near = dataclasses.replace(RULES, clearance_of=lambda: lambda left, right: np.nan)
+    near = dataclasses.replace(RULES, clearance_of=lambda: lambda joints: np.nan)
     supervisor = Supervisor(near, ("left", "right"))
     supervisor.keep_clear({"left": REST, "right": REST}, moving=True)
     assert supervisor.reason is not None

@@ -21,8 +21,8 @@ __all__ = ["Clearance", "Points", "Rejected", "Rules", "Supervisor", "check_setp
 
 Points = Callable[[str, Joints], Mapping[str, Point]]
 """points(arm, joints [7]) -> {"tcp": xyz, "elbow": xyz, ...} in the robot's base frame [m]."""
-Clearance = Callable[[Joints, Joints], float]
-"""clearance(left [7], right [7]) -> smallest distance [m] between the arms, and to tables and fixtures."""
+Clearance = Callable[[Mapping[str, Joints]], float]
+"""clearance({arm: joints [7]}) of all arms -> smallest distance [m] between the arms, and to tables and fixtures."""
 
 SEEN_EVERY = 0.02  # seconds of a trajectory between two looks at clearance
 SLACK = 1e-9
@@ -84,12 +84,12 @@ def check_trajectory(
     trajectory: Trajectory,
     *,
     commanded: Joints,
-    other: Joints,
+    others: Mapping[str, Joints],
     clearance: Clearance | None,
 ) -> Trajectory:
     """Return the trajectory as it may run, slowed down to `rules.override`.
 
-    `commanded` [7] is where the arm is sent now, `other` [7] where the other arm is. Raise Rejected if any point
+    `commanded` [7] is where the arm is sent now, `others` where each other arm is. Raise Rejected if any point
     breaks a rule: it is not entered, not even in part.
     """
     if not np.all(np.isfinite(trajectory.joints)) or not np.all(np.isfinite(trajectory.times)):
@@ -105,8 +105,7 @@ def check_trajectory(
         check_setpoint(rules, arm, joints)
     if clearance is not None:
         for time in np.append(np.arange(SEEN_EVERY, trajectory.duration, SEEN_EVERY), trajectory.duration):
-            pair = (trajectory.at(time), other) if arm == "left" else (other, trajectory.at(time))
-            distance = clearance(*pair)
+            distance = clearance({**others, arm: trajectory.at(time)})
             if not distance >= rules.clearance:
                 raise Rejected(f"{arm}: the path comes as near as {1000 * distance:.0f} mm, {time:.2f} s on its way")
     return trajectory.slowed(max(1.0, float(speeds.max(initial=0.0)) / rules.override))
@@ -190,8 +189,8 @@ class Supervisor:
 
     def keep_clear(self, setpoints: Mapping[str, Joints], *, moving: bool) -> None:
         """Latch a stop if moving arms, as they are sent now, come too near to each other or to anything fixed."""
-        if self._clearance is None or not moving or len(setpoints) < 2:
+        if self._clearance is None or not moving or len(setpoints) < len(self.arms):
             return
-        distance = self._clearance(setpoints["left"], setpoints["right"])
+        distance = self._clearance(setpoints)
         if not distance >= self.rules.clearance:
             self.stop(f"the arms came as near as {1000 * distance:.0f} mm to each other or to a fixture")

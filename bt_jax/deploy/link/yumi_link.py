@@ -193,14 +193,13 @@ class YumiLink:
         return self._blocks.stop_reason() or self._reason or (ENDED if self._dead() else None)
 
     def follow(self, arm: str, trajectory: Trajectory) -> int:
-        other = next((name for name in self.arms if name != arm), arm)
         try:
             allowed = check_trajectory(
                 self.rules,
                 arm,
                 trajectory,
                 commanded=self.arm(arm).commanded,
-                other=self.arm(other).commanded,
+                others={other: self.arm(other).commanded for other in self.arms if other != arm},
                 clearance=self._clearance,
             )
             self._motions += 1

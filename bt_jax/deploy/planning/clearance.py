@@ -38,7 +38,7 @@ class Carried:
 
 
 class CellClearance:
-    """Distances in a cell. Poses are in the robot's base frame."""
+    """Distances in a cell, for the joints of all arms by name. Poses are in the robot's base frame."""
 
     def __init__(self, task: Task, *, movable: bool = True) -> None:
         self.task = task
@@ -96,34 +96,34 @@ class CellClearance:
                 )
                 change(k)
 
-    def distance(self, left: Joints, right: Joints, *, opening: float = yumi.OPENING) -> float:
+    def distance(self, joints: Mapping[str, Joints], *, opening: float = yumi.OPENING) -> float:
         """Return the least distance [m], negative if something overlaps; inf if there are no pairs."""
-        return self._least(left, right, opening)[0]
+        return self._least(joints, opening)[0]
 
-    def slack(self, left: Joints, right: Joints, *, opening: float = yumi.OPENING) -> float:
+    def slack(self, joints: Mapping[str, Joints], *, opening: float = yumi.OPENING) -> float:
         """Return the least of each pair's distance less the margin that it should keep [m]."""
-        return self._least(left, right, opening)[1]
+        return self._least(joints, opening)[1]
 
-    def slacks(self, left: Joints, right: Joints, *, opening: float = yumi.OPENING) -> Float[np.ndarray, " pairs"]:
+    def slacks(self, joints: Mapping[str, Joints], *, opening: float = yumi.OPENING) -> Float[np.ndarray, " pairs"]:
         """Each pair's distance less the margin that it should keep [m]; inf where a pair does not count."""
-        return self._distances(left, right, opening) - self._margins
+        return self._distances(joints, opening) - self._margins
 
-    def nearest(self, left: Joints, right: Joints, *, opening: float = yumi.OPENING) -> str:
+    def nearest(self, joints: Mapping[str, Joints], *, opening: float = yumi.OPENING) -> str:
         """Which two shapes are nearest to what they may be, for messages."""
-        _, slack, pair = self._least(left, right, opening)
+        _, slack, pair = self._least(joints, opening)
         i, j = self._pairs[pair]
         names = [self._geometry.geometryObjects[k].name.rsplit(":", 1)[0] for k in (i, j)]
         return f"{names[0]} and {names[1]} ({1000 * slack:.0f} mm)"
 
-    def _least(self, left: Joints, right: Joints, opening: float) -> tuple[float, float, int]:
-        found = self._distances(left, right, opening)
+    def _least(self, joints: Mapping[str, Joints], opening: float) -> tuple[float, float, int]:
+        found = self._distances(joints, opening)
         slack = found - self._margins
         worst = int(np.argmin(slack))
         return float(found.min()), float(slack[worst]), worst
 
-    def _distances(self, left: Joints, right: Joints, opening: float) -> Float[np.ndarray, " pairs"]:
-        for arm, joints in (("left", left), ("right", right)):
-            self._q[self._columns[arm]] = (*joints, opening / 2, opening / 2)
+    def _distances(self, joints: Mapping[str, Joints], opening: float) -> Float[np.ndarray, " pairs"]:
+        for arm, columns in self._columns.items():
+            self._q[columns] = (*joints[arm], opening / 2, opening / 2)
         pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._geometry_data, self._q)
         pin.computeDistances(self._geometry, self._geometry_data)
         found = np.array([result.min_distance for result in self._geometry_data.distanceResults])
@@ -217,7 +217,7 @@ class SafetyClearance:
 
     task: Task
 
-    def __call__(self) -> Callable[..., float]:
+    def __call__(self) -> Callable[[Mapping[str, Joints]], float]:
         return CellClearance(self.task, movable=False).distance
 
 

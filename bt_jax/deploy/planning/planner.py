@@ -187,7 +187,7 @@ class Planner:
             free = self._free(arm, among, gripped=gripped, supports=supports)
             hit = next((row for row in line if not free(row)), None)
             if hit is not None:
-                blocked = blocked or self._between(arm, joints, hit)
+                blocked = blocked or self._clearance.nearest({**joints, arm: hit})
                 continue
             free = self._free(arm, among)
             path = connect(joints[arm], line[0], free, seed=self._next(), tries=TRIES)
@@ -202,21 +202,16 @@ class Planner:
         """Return what says whether a configuration is free, until it is called again. What an arm is too near to already, it
         may be as near to. Raise Unplannable after too many questions for one plan."""
         self._clearance.place(among.poses, carried=among.carried, gripped=gripped, supports=supports)
-        joints, other = among.joints, next(name for name in yumi.ARMS if name != arm)
+        joints = among.joints
 
         def slacks(q: Joints) -> Float[np.ndarray, " pairs"]:
             self._looks += 1
             if self._looks > LOOKS:
                 raise Unplannable(f"there is no way for the {arm} arm that would be found in time")
-            left, right = (q, joints[other]) if arm == "left" else (joints[other], q)
-            return self._clearance.slacks(left, right)
+            return self._clearance.slacks({**joints, arm: q})
 
         least = np.minimum(0.0, slacks(joints[arm]) - 1e-4)
         return lambda q: bool((slacks(q) >= least).all())
-
-    def _between(self, arm: str, joints: Mapping[str, Joints], q: Joints) -> str:
-        both = {**joints, arm: q}
-        return self._clearance.nearest(both["left"], both["right"])
 
     def _next(self) -> int:
         self._seed += 1

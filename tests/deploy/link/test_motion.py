@@ -128,8 +128,8 @@ def test_interrupting_brings_the_arms_to_rest_on_the_path():
             move(link)
 
 
-def near(left, right):
-    return float(0.5 - abs(left[0] - right[0]))
+def near(joints):
+    return float(0.5 - abs(joints["left"][0] - joints["right"][0]))
 
 
 def make_near():

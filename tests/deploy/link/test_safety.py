@@ -39,7 +39,7 @@ def path(*points, seconds=1.0):
 
 def check(trajectory, rules=RULES, commanded=0.0, clearance=None):
     return check_trajectory(
-        rules, "left", trajectory, commanded=np.full(7, commanded), other=np.zeros(7), clearance=clearance
+        rules, "left", trajectory, commanded=np.full(7, commanded), others={"right": np.zeros(7)}, clearance=clearance
     )
 
 
@@ -83,8 +83,8 @@ def test_a_path_is_rejected_as_a_whole():
 
 
 def test_a_path_that_comes_too_near_is_rejected_wherever_that_happens():
-    def clearance(left, right):
-        return abs(left[0] - 0.3)
+    def clearance(joints):
+        return abs(joints["left"][0] - 0.3)
 
     check(path(0, 0.25), clearance=clearance)
     with pytest.raises(Rejected, match="mm"):
@@ -190,7 +190,9 @@ def test_an_arm_that_is_no_longer_measured_is_held_all_the_same(known):
 
 
 def test_arms_that_come_near_each_other_stop():
-    rules = dataclasses.replace(RULES, clearance_of=lambda: lambda left, right: float(abs(left[0] - right[0])))
+    rules = dataclasses.replace(
+        RULES, clearance_of=lambda: lambda joints: float(abs(joints["left"][0] - joints["right"][0]))
+    )
     supervisor = Supervisor(rules, ARMS)
     apart, near = {"left": np.full(7, 0.3), "right": np.zeros(7)}, {"left": np.zeros(7), "right": np.zeros(7)}
     supervisor.keep_clear(apart, moving=True)

@@ -39,16 +39,16 @@ def test_what_is_clear_here_has_no_contact_in_mujoco():
         joints = {
             arm: (1 - spread) * yumi.HOME[arm] + spread * rng.uniform(yumi.LOWER, yumi.UPPER) for arm in yumi.ARMS
         }
-        distance, contact = clearance.distance(joints["left"], joints["right"]), touching(scene, joints)
+        distance, contact = clearance.distance(joints), touching(scene, joints)
         found.append(contact)
         if contact:
-            assert distance < 1e-3, clearance.nearest(joints["left"], joints["right"])
+            assert distance < 1e-3, clearance.nearest(joints)
     assert 20 < sum(found) < 280
 
 
 def test_at_home_everything_is_clear():
-    assert CellClearance(TASK).slack(yumi.HOME["left"], yumi.HOME["right"]) > 0
-    assert SafetyClearance(TASK)()(yumi.HOME["left"], yumi.HOME["right"]) > 0.005
+    assert CellClearance(TASK).slack(yumi.HOME) > 0
+    assert SafetyClearance(TASK)()(yumi.HOME) > 0.005
 
 
 def test_a_carried_box_hangs_where_the_hand_has_it():
@@ -60,7 +60,7 @@ def test_a_carried_box_hangs_where_the_hand_has_it():
         held = RigidTransform.from_translation([0.0, 0.0, drop])
         clearance.place({"YellowBox": below}, carried=Carried("left", "GreenBox", held))
         gap = 0.1 - drop - 0.04
-        assert abs(clearance.distance(joints, yumi.HOME["right"]) - min(gap, 0.0251459)) < 1e-3
+        assert abs(clearance.distance({**yumi.HOME, "left": joints}) - min(gap, 0.0251459)) < 1e-3
 
 
 def test_what_may_be_touched_is_not_in_the_way():
@@ -69,6 +69,6 @@ def test_what_may_be_touched_is_not_in_the_way():
     joints = arm_kinematics("left").solve(tcp, yumi.HOME["left"])
     clearance = CellClearance(TASK)
     clearance.place({"BlueBox": box})
-    assert clearance.slack(joints, yumi.HOME["right"]) < 0
+    assert clearance.slack({**yumi.HOME, "left": joints}) < 0
     clearance.place({"BlueBox": box}, gripped="BlueBox")
-    assert clearance.slack(joints, yumi.HOME["right"]) > 0
+    assert clearance.slack({**yumi.HOME, "left": joints}) > 0
