@@ -44,7 +44,7 @@ def test_no_rule_is_left_out_by_what_is_not_a_number():
 
 @given(NOT_FINITE, st.integers(0, 13))
 def test_no_path_is_admitted(value, at):
-    near = {"commanded": REST, "other": REST, "clearance": lambda left, right: 1.0}
+    near = {"commanded": REST, "others": {"right": REST}, "clearance": lambda joints: 1.0}
     check_trajectory(RULES, "left", PATH, **near)
     with pytest.raises(Rejected):
         check_trajectory(RULES, "left", Trajectory(PATH.times, spoilt(PATH.joints, value, at)), **near)
@@ -52,9 +52,9 @@ def test_no_path_is_admitted(value, at):
         check_trajectory(RULES, "left", PATH, **(near | {"commanded": spoilt(REST, value, at)}))
     if value < np.inf:
         with pytest.raises(Rejected):
-            check_trajectory(RULES, "left", PATH, **(near | {"clearance": lambda left, right: value}))
+            check_trajectory(RULES, "left", PATH, **(near | {"clearance": lambda joints: value}))
         with pytest.raises(Rejected):
-            check_trajectory(RULES, "left", PATH, **(near | {"clearance": lambda left, right: np.nan}))
+            check_trajectory(RULES, "left", PATH, **(near | {"clearance": lambda joints: np.nan}))
 
 
 @given(NOT_FINITE, st.integers(0, 6))
