@@ -9,7 +9,19 @@ from typing import Any
 
 from scipy.spatial.transform import RigidTransform, Rotation
 
-__all__ = ["Observation", "pose_from_list", "pose_to_list"]
+__all__ = ["Finding", "Observation", "pose_from_list", "pose_to_list"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Finding:
+    """Something that the picture shows and that is not as it should be. `about` is a box or the kit, "" for the picture as a
+    whole; `text` a clause that says it, such as "GreenBox's marker is seen twice"."""
+
+    about: str
+    text: str
+
+    def __str__(self) -> str:
+        return self.text
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,6 +34,8 @@ class Observation:
     holding: str | None  # the box that is held
     image: float = math.inf  # time of the newest camera image, s
     lost: str = ""  # why there is no newer one; "" where that is not known
+    findings: tuple[Finding, ...] = ()  # what is wrong with what the picture shows
+    measured: Mapping[str, float] = dataclasses.field(default_factory=dict)  # object -> when last, s
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as the log has it, see `pose_to_list`."""
@@ -32,14 +46,25 @@ class Observation:
             "opening": dict(self.opening),
             "holding": self.holding,
             "image": image,
+            "findings": [[finding.about, finding.text] for finding in self.findings],
+            "measured": dict(self.measured),
         }
 
     @staticmethod
     def from_dict(data: Mapping[str, Any]) -> Observation:
-        """Read what `to_dict` returns."""
+        """Read what `to_dict` returns, or did before there were findings."""
         poses = {name: pose_from_list(values) for name, values in data["poses"].items()}
         image = math.inf if data["image"] is None else data["image"]
-        return Observation(data["time"], poses, data["opening"], data["holding"], image)
+        findings = tuple(Finding(about, text) for about, text in data.get("findings", ()))
+        return Observation(
+            data["time"],
+            poses,
+            data["opening"],
+            data["holding"],
+            image,
+            findings=findings,
+            measured=data.get("measured", {}),
+        )
 
 
 def pose_to_list(pose: RigidTransform) -> list[float]:

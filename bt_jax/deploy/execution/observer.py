@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from bt_jax.deploy.execution.observation import Observation
+from bt_jax.deploy.execution.observation import Finding, Observation
 from bt_jax.deploy.execution.settings import GraspSettings
 from bt_jax.deploy.link.protocol import RobotLink
 from bt_jax.deploy.yumi import Joints, Point
@@ -35,6 +35,12 @@ class Perceiving(Protocol):
     @property
     def lost(self) -> str:
         """Why there is no newer one, "" if nothing is known to be wrong."""
+
+    def findings(self, now: float) -> tuple[Finding, ...]:
+        """Return what is wrong with what the pictures show, as of `now` [s]."""
+
+    def measured(self) -> Mapping[str, float]:
+        """Return when each object was measured last [s], however long ago."""
 
 
 class Observer:
@@ -75,7 +81,16 @@ class Observer:
             if blocked and steady and self._in_hand(poses.get(box), arm, size):
                 holding = box
         self._before = opening
-        return Observation(now, poses, opening, holding, self.perception.image, self.perception.lost)
+        return Observation(
+            now,
+            poses,
+            opening,
+            holding,
+            self.perception.image,
+            self.perception.lost,
+            self.perception.findings(now),
+            self.perception.measured(),
+        )
 
     def _in_hand(self, pose: RigidTransform | None, arm: str, size: float) -> bool:
         """Is the box where the fingers are, or were just now? Assumed if it is not seen."""

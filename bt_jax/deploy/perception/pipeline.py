@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from bt_jax.deploy.execution.observation import Finding
 from bt_jax.deploy.perception.camera import Camera, CameraError
 from bt_jax.deploy.perception.detection import Detection, Detector
 from bt_jax.deploy.perception.markers import task_markers
@@ -57,6 +58,14 @@ class Perception:
     def poses(self, time: float) -> dict[str, RigidTransform]:
         """Return the boxes and the kit whose place is known and fresh at `time` [s], in the base frame."""
         return self.tracker.poses(time)
+
+    def findings(self, time: float) -> tuple[Finding, ...]:
+        """Return what is wrong with what the pictures show, as of `time` [s]."""
+        return ()
+
+    def measured(self) -> dict[str, float]:
+        """Return when each object was measured last [s], however long ago."""
+        return self.tracker.times()
 
     def _certain(self) -> Iterator[tuple[str, RigidTransform]]:
         known = self.tracker.poses(self.image)

@@ -8,6 +8,7 @@ from typing import Generic, TypeVar
 
 from scipy.spatial.transform import RigidTransform
 
+from bt_jax.deploy.execution.observation import Finding
 from bt_jax.deploy.execution.observer import Perceiving
 
 __all__ = ["BackgroundPerception"]
@@ -53,6 +54,14 @@ class BackgroundPerception(Generic[P]):
     @property
     def lost(self) -> str:
         return "" if self._perception is None else self._perception.lost
+
+    def findings(self, now: float) -> tuple[Finding, ...]:
+        """Return those of the perception in the thread."""
+        return () if self._perception is None else self._perception.findings(now)
+
+    def measured(self) -> Mapping[str, float]:
+        """Return those of the perception in the thread."""
+        return {} if self._perception is None else self._perception.measured()
 
     def _run(self) -> None:
         try:

@@ -80,6 +80,11 @@ class Tracker:
         with self._lock:
             return {name: track.pose for name, track in self._known.items()}
 
+    def times(self) -> dict[str, float]:
+        """Return when every body was measured last [s], where it was known then."""
+        with self._lock:
+            return {name: track.time for name, track in self._known.items()}
+
     def _take(self, name: str, time: float, pose: RigidTransform, sigma: float) -> None:
         known = self._known.get(name)
         if known is not None and time <= known.time:

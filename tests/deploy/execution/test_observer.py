@@ -21,6 +21,12 @@ class Seeing:
     def poses(self, now):
         return {} if self.box is None else {"YellowBox": self.box}
 
+    def findings(self, now):
+        return ()
+
+    def measured(self):
+        return {}
+
 
 @pytest.fixture(scope="module")
 def link():

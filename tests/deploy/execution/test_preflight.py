@@ -52,6 +52,12 @@ class Seeing:
     def poses(self, now):
         return observe(TASK, sample_layouts(TASK, 0, 1), unknown=self.hidden).poses
 
+    def findings(self, now):
+        return ()
+
+    def measured(self):
+        return {}
+
 
 @pytest.fixture(scope="module")
 def twin_log(tmp_path_factory):
