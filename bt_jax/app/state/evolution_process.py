@@ -119,7 +119,8 @@ class EvolutionProcess:
     def go_on(self, generations: int, changes: Changes = NO_CHANGES) -> None:
         """Evolve for more generations; with changes, in a new phase."""
         folder = self._folder()
-        now = self.progress.generation if self.progress else 0
+        heard, checkpoint = self.progress.generation if self.progress else 0, folder.load_checkpoint()
+        now = max(heard, checkpoint.state.generation if checkpoint is not None else 0)  # written before it is reported
         self._launch(self._command.go_on(folder.path, now + generations, changes))
 
     def pause(self) -> None:

@@ -119,6 +119,7 @@ def test_a_killed_process_is_told_and_goes_on_from_its_checkpoint(evolution):
     assert "go on" in evolution.sentence
     kept = folder.load_checkpoint().state.generation
     assert kept > 0
+    evolution.progress = dataclasses.replace(evolution.progress, generation=kept - 1)  # as if killed earlier
     evolution.go_on(1)
     until(evolution, "evolving", "testing", "finished")
     assert evolution.progress.generation >= kept
