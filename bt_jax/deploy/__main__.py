@@ -48,11 +48,14 @@ def _usage() -> str:
 
 def _run(name: str, words: list[str]) -> int:
     module, arguments, function, _ = COMMANDS[name]
-    parsed = tyro.cli(getattr(commands, arguments), prog=f"python -m bt_jax.deploy {name}", args=words)
+    kind, program = getattr(commands, arguments), f"python -m bt_jax.deploy {name}"
+    parsed = tyro.cli(kind, prog=program, args=words)
     code = 0
 
     def work() -> None:
-        nonlocal code
+        nonlocal code, parsed
+        if isinstance(parsed, commands.TwinArguments):  # what was given counts before the preset that was given
+            parsed = tyro.cli(kind, prog=program, args=words, default=parsed.with_preset())
         try:
             found = importlib.import_module(f"bt_jax.deploy.commands.{module}")
         except ModuleNotFoundError as error:

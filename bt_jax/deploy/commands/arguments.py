@@ -11,6 +11,7 @@ import tyro
 
 from bt_jax._util.errors import UserError
 from bt_jax.deploy.execution.settings import TWIN_SECONDS, Limits
+from bt_jax.deploy.twin.settings import Realism
 
 __all__ = [
     "FASTEST",
@@ -126,6 +127,21 @@ class TwinArguments:
     """film the run: .mp4, .gif, or .png for six stills"""
     log: Path | None = None
     """where to write the log (default: runs/twin-DATE.jsonl; with --layouts, a folder)"""
+    perfect: bool = False
+    """a perfect cell: sharp images of 640 x 480, arms and grippers that follow at once, no limits"""
+    worse: float = 1.0
+    """how many times as bad as by default the cell is"""
+    realism: Realism = dataclasses.field(default_factory=Realism)
+    """how far the cell is from a perfect one; single values count before --perfect and --worse"""
+
+    def with_preset(self) -> TwinArguments:
+        """Return the arguments that are the defaults once --perfect or --worse was given. Raise UserError if both were."""
+        if self.perfect and self.worse != 1:
+            raise UserError("--perfect and --worse exclude each other; leave one out")
+        if not 0 < self.worse <= 10:
+            raise UserError(f"--worse is {self.worse}; choose a factor above 0 and up to 10")
+        preset = Realism.perfect() if self.perfect else Realism().scaled(self.worse)
+        return dataclasses.replace(self, realism=preset)
 
     def check(self) -> None:
         """Raise UserError for arguments that cannot work."""
@@ -133,6 +149,7 @@ class TwinArguments:
             raise UserError("--layouts and --touches start at 1 and --seed at 0; choose others")
         if not 0 < self.seconds <= 3600:
             raise UserError(f"--seconds is {self.seconds}; choose more than 0, and an hour at most")
+        self.realism.check()
         if self.render is not None:
             if self.layouts > 1:
                 raise UserError("a film shows one layout; leave out --layouts, or choose one with --seed")

@@ -24,6 +24,7 @@ from bt_jax.deploy.execution.program import Program, load_program
 from bt_jax.deploy.execution.settings import TWIN_SECONDS, Exit, Limits
 from bt_jax.deploy.twin.cell import FILM, build_scene
 from bt_jax.deploy.twin.run import TwinRun, TwinTick, run_twin
+from bt_jax.deploy.twin.settings import Realism
 from bt_jax.encoding.drawing.terminal import draw_text
 from bt_jax.encoding.status import Status
 from bt_jax.mjx_env.render.offscreen import View, write_film
@@ -54,6 +55,7 @@ def twin_command(arguments: TwinArguments, console: Console | None = None) -> in
             disturbances=touches,
             realtime=arguments.realtime,
             seconds=arguments.seconds,
+            realism=arguments.realism,
             folder=name,
             console=console,
         )
@@ -76,6 +78,7 @@ def survey(
     disturbances: int = 0,
     realtime: bool = False,
     seconds: float = TWIN_SECONDS,
+    realism: Realism | None = None,
     folder: Path | None = None,
     console: Console,
 ) -> list[TwinRun]:
@@ -83,7 +86,15 @@ def survey(
     runs = []
     for seed in seeds:
         log = None if folder is None else folder / f"layout-{seed}.jsonl"
-        run = run_twin(program, seed, disturbances=disturbances, realtime=realtime, log=log, limits=Limits(run=seconds))
+        run = run_twin(
+            program,
+            seed,
+            disturbances=disturbances,
+            realtime=realtime,
+            log=log,
+            limits=Limits(run=seconds),
+            realism=realism,
+        )
         runs.append(run)
         console.print(_line(run))
         if run.exit_code == Exit.INTERRUPTED:
@@ -115,6 +126,7 @@ def _single(program: Program, arguments: TwinArguments, log: Path, console: Cons
             log=log,
             limits=Limits(run=arguments.seconds),
             on_tick=tick,
+            realism=arguments.realism,
         )
     console.print(_verdict(program, run))
     console.print(f"log        {escape(str(log))}")

@@ -12,7 +12,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.deploy import yumi
 from bt_jax.deploy.twin.marker_scene import marker_scene
-from bt_jax.deploy.twin.rendered_camera import cell_camera
+from bt_jax.deploy.twin.rendered_camera import CameraPlacement, cell_camera
+from bt_jax.deploy.twin.settings import Realism
 from bt_jax.deploy.twin.simulated_robot import CellModel
 from bt_jax.deploy.yumi import Point
 from bt_jax.deploy.yumi_models import add_to_mjcf
@@ -32,16 +33,22 @@ SHELL = '<material name="shell" rgba=".88 .88 .86 1" specular=".3" shininess=".4
 
 @dataclasses.dataclass(frozen=True)
 class TwinScene:
-    """A cell for the twin's controller, its compiled model, and the pose of the kit in the world."""
+    """A cell for the twin's controller, its compiled model, and the pose of the kit in the world. `camera` is where the
+    camera is, in the world; `calibrated` is where our side believes it to be, in the robot's base frame."""
 
     task: Task
     cell: CellModel
     model: mujoco.MjModel
     kit: RigidTransform
+    realism: Realism
+    camera: CameraPlacement
+    calibrated: RigidTransform
 
 
-def build_scene(task: Task, seed: int | list[int]) -> TwinScene:
-    """Return the cell of a task with boxes at random places and turned at random; the same for the same seed."""
+def build_scene(task: Task, seed: int | list[int], realism: Realism | None = None) -> TwinScene:
+    """Return the cell of a task with boxes at random places and turned at random; the same for the same seed. It is as real
+    as `realism` says, by default as a real one."""
+    realism = realism or Realism()
     rng = np.random.default_rng(seed)
     table = task.tables[draw_kit_table(task, rng)]
     index = task.tables.index(table)
@@ -50,7 +57,11 @@ def build_scene(task: Task, seed: int | list[int]) -> TwinScene:
     turns = rng.uniform(-np.pi, np.pi, len(task.boxes))
     for name in task.layout.stack:
         turns[task.box_names.index(name)] = 0.0
-    files, text = _mjcf(task, kit)
+    installed = cell_camera(task, width=realism.width, height=realism.height)
+    camera = dataclasses.replace(
+        installed, pose=_shifted(installed.pose, np.array(realism.camera_moved), np.array(realism.camera_turned))
+    )
+    files, text = _mjcf(task, kit, camera)
     model = mujoco.MjModel.from_xml_string(text, files)
     qpos = model.qpos0.copy()
     for name, place, turn in zip(task.box_names, places, turns, strict=True):
@@ -71,10 +82,19 @@ def build_scene(task: Task, seed: int | list[int]) -> TwinScene:
         finger_actuators={arm: yumi.finger_names(arm) for arm in yumi.ARMS},
         flanges={arm: f"{arm}_tool0" for arm in yumi.ARMS},
     )
-    return TwinScene(task, cell, model, RigidTransform.from_translation(kit))
+    directions = np.random.default_rng([*np.ravel(seed), 2]).normal(size=(2, 3))
+    error, tilt = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    calibrated = _shifted(installed.pose, realism.camera_error * error, realism.camera_tilt * tilt)
+    to_base = RigidTransform.from_translation(task.robot_position).inv()
+    return TwinScene(task, cell, model, RigidTransform.from_translation(kit), realism, camera, to_base * calibrated)
 
 
-def _mjcf(task: Task, kit: Point) -> tuple[dict[str, bytes], str]:
+def _shifted(pose: RigidTransform, by: Point, turn: Point) -> RigidTransform:
+    """Return a pose shifted [m] and turned about its own place [rad], along and about fixed axes."""
+    return RigidTransform.from_components(pose.translation + by, Rotation.from_rotvec(turn) * pose.rotation)
+
+
+def _mjcf(task: Task, kit: Point, camera: CameraPlacement) -> tuple[dict[str, bytes], str]:
     """Return the files that the model names, and its text."""
     root, markers = ET.fromstring(build_mjcf(task)), marker_scene(task)
     _found(root, "compiler").set("angle", "radian")
@@ -91,7 +111,7 @@ def _mjcf(task: Task, kit: Point) -> tuple[dict[str, bytes], str]:
     body.extend(ET.fromstring(f"<body>{markers.kit_xml}</body>"))
     for box in task.boxes:
         _found(root, f".//geom[@name='{box.name}']").set("material", f"{box.name}_markers")
-    _found(root, "worldbody").append(ET.fromstring(cell_camera(task).mjcf(CAMERA)))
+    _found(root, "worldbody").append(ET.fromstring(camera.mjcf(CAMERA)))
     _found(root, "worldbody").append(ET.fromstring(_film_camera(task)))
     add_to_mjcf(root, task.robot_position)
     return markers.files, ET.tostring(root, encoding="unicode")

@@ -20,7 +20,7 @@ from bt_jax.deploy.link.loop_timing import LateRound, LoopTimer
 from bt_jax.deploy.link.protocol import ControllerGone
 from bt_jax.deploy.link.realtime import CONTEXT, Snapshot
 from bt_jax.deploy.twin.controller_process import PARTS, STATS, ControllerSpec, serve
-from bt_jax.deploy.twin.settings import TIMING
+from bt_jax.deploy.twin.settings import TIMING, Realism
 from bt_jax.deploy.twin.simulated_robot import CellModel
 
 __all__ = ["Controller", "ControllerStats"]
@@ -38,17 +38,24 @@ class ControllerStats:
 
 
 class Controller:
-    """Handle of the process. Use it as a context manager; `start` and `stop` otherwise."""
+    """Handle of the process. Arms, grippers and limits are as real as `realism` says, by default perfect. Use it as a
+    context manager; `start` and `stop` otherwise."""
 
     def __init__(
-        self, cell: CellModel, *, ports: Mapping[str, int] | None = None, rws_port: int = 0, realtime: bool = True
+        self,
+        cell: CellModel,
+        *,
+        ports: Mapping[str, int] | None = None,
+        rws_port: int = 0,
+        realtime: bool = True,
+        realism: Realism | None = None,
     ) -> None:
         ports = dict(ports or {"left": 6511, "right": 6512})
         self._state = Snapshot(1 + len(cell.qpos))
         self._stats = Snapshot(STATS)
         self._watch = LoopTimer(PARTS)
         self._pipe, theirs = CONTEXT.Pipe()
-        spec = ControllerSpec(cell, ports, rws_port, realtime)
+        spec = ControllerSpec(cell, ports, rws_port, realtime, realism or Realism.perfect())
         self._process = CONTEXT.Process(
             target=serve, args=(spec, self._state, self._stats, self._watch, theirs), daemon=True
         )

@@ -14,7 +14,7 @@ from bt_jax.deploy.link.egm import CYCLE, Mci
 from bt_jax.deploy.link.loop_timing import LoopTimer
 from bt_jax.deploy.link.realtime import Snapshot, sleep_until, take_priority
 from bt_jax.deploy.twin.rws_server import serve_rws
-from bt_jax.deploy.twin.settings import TIMING
+from bt_jax.deploy.twin.settings import TIMING, Realism
 from bt_jax.deploy.twin.simulated_robot import CellModel, SimulatedRobot
 from bt_jax.deploy.yumi import PoseRow
 
@@ -32,6 +32,7 @@ class ControllerSpec:
     ports: dict[str, int]
     rws_port: int
     realtime: bool
+    realism: Realism
 
 
 def serve(spec: ControllerSpec, state: Snapshot, stats: Snapshot, watch: LoopTimer, pipe: Connection) -> None:

@@ -13,6 +13,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.deploy.perception.arrays import Matrix3
 from bt_jax.deploy.perception.camera import CameraError, CameraFrame
+from bt_jax.deploy.twin.sensor import Sensor
+from bt_jax.deploy.twin.settings import Realism
 from bt_jax.mjx_env.render.offscreen import View
 from bt_jax.tasks import Task
 
@@ -21,6 +23,7 @@ __all__ = ["CameraPlacement", "RenderedCamera", "cell_camera"]
 WIDTH, HEIGHT = 640, 480
 DISTANCE = 0.95  # from the camera to the middle of the tables' tops, as a share of the row's length
 ELEVATION = math.radians(48)  # over the kit's wall, and flat enough to see the sides of a twisted stack
+EARLY = 0.05  # share of the time between two images by which one may come early
 ROOM = 1.06  # of the picture's width, for boxes that stand at an edge
 Indices = Int[np.ndarray, " n"]
 OPENCV = np.diag([1.0, -1.0, -1.0])  # MuJoCo's cameras look along -z with y up
@@ -50,9 +53,9 @@ class CameraPlacement:
         return f'<camera name="{name}" pos="{position}" xyaxes="{numbers}" fovy="{self.fovy:.9g}"/>'
 
 
-def cell_camera(task: Task) -> CameraPlacement:
-    """Return where a camera of 640 x 480 sees all tables of a robot cell as large as it can: across the tables from the
-    robot, and looking down at it, so that an arm that reaches for a box from above hides little."""
+def cell_camera(task: Task, *, width: int = WIDTH, height: int = HEIGHT) -> CameraPlacement:
+    """Return where a camera with images of that size [px] sees all tables of a robot cell as large as it can: across the
+    tables from the robot, and looking down at it, so that an arm that reaches for a box from above hides little."""
     positions = np.array([table.position for table in task.tables])
     halves = np.array([table.size for table in task.tables]) / 2
     low, high = (positions - halves).min(axis=0), (positions + halves).max(axis=0)
@@ -69,13 +72,14 @@ def cell_camera(task: Task) -> CameraPlacement:
     corners = np.array([[x, y, target[2]] for x in (low[0], high[0]) for y in (low[1], high[1])])
     seen = (corners - eye) @ rotation
     across = ROOM * np.abs(seen[:, 0] / seen[:, 2]).max()
-    fovy = math.degrees(2 * math.atan(across * HEIGHT / WIDTH))
-    return CameraPlacement(RigidTransform.from_components(eye, Rotation.from_matrix(rotation)), fovy)
+    fovy = math.degrees(2 * math.atan(across * height / width))
+    return CameraPlacement(RigidTransform.from_components(eye, Rotation.from_matrix(rotation)), fovy, width, height)
 
 
 class RenderedCamera:
     """Render a camera of a model; `state` returns time [s] and qpos, as they are now, from wherever the model is simulated.
-    Made and read in one thread, that of its OpenGL context. `freeze`, `lose` and `cover` are faults to be tried."""
+    Images are as good as `realism` says, by default perfect; `seed` draws what varies. Made and read in one thread, that of
+    its OpenGL context. `freeze`, `lose` and `cover` are faults to be tried."""
 
     def __init__(
         self,
@@ -83,32 +87,42 @@ class RenderedCamera:
         state: Callable[[], tuple[float, Float[np.ndarray, " nq"]]],
         name: str = "cell",
         *,
-        width: int = WIDTH,
-        height: int = HEIGHT,
+        realism: Realism | None = None,
+        seed: int | list[int] = 0,
     ) -> None:
+        self._realism = realism or Realism.perfect()
+        width, height = self._realism.width, self._realism.height
         self._model, self._state = model, state
         self._data = mujoco.MjData(model)
         self._view = View(model, name, width=width, height=height, shadows=False)  # they cost most of the time
         fovy = float(model.cam_fovy[model.camera(name).id])
         self._matrix = CameraPlacement(RigidTransform.identity(), fovy, width, height).matrix
-        self._frozen: CameraFrame | None = None
-        self._lost = False
+        self._sensor = Sensor(self._realism, seed)
+        self._newest: CameraFrame | None = None
+        self._frozen = self._lost = False
         self._covered: dict[str, tuple[Indices, Indices]] = {}  # body -> its geoms and their materials
 
     def read(self) -> CameraFrame:
-        """Return the scene as it is now. Raise CameraError after `lose`."""
+        """Return the newest image: the scene as it is now, unless the last one is so young that the camera has no other yet.
+        Raise CameraError after `lose`."""
         if self._lost:
             raise CameraError("the camera gives no more images")
-        if self._frozen is not None:
-            return self._frozen
-        time, self._data.qpos[:] = self._state()
+        if self._newest is not None and self._frozen:
+            return self._newest
+        time, qpos = self._state()
+        if self._newest is not None and time - self._newest.time < (1 - EARLY) / self._realism.rate:
+            return self._newest
+        self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
-        return CameraFrame(self._view(self._data), float(time), self._matrix, np.zeros(5))
+        image = self._sensor(self._view(self._data))
+        self._newest = CameraFrame(image, float(time), self._matrix, np.zeros(5))
+        return self._newest
 
     def freeze(self) -> None:
         """Keep the image as it is from now on."""
-        self._frozen = self.read()
+        self.read()
+        self._frozen = True
 
     def lose(self) -> None:
         """Send no image from now on."""

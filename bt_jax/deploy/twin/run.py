@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import RigidTransform
 
 from bt_jax._util.errors import UserError
 from bt_jax.deploy import yumi
@@ -37,7 +36,8 @@ from bt_jax.deploy.twin.cell import CAMERA, TwinScene, build_scene, solved, targ
 from bt_jax.deploy.twin.controller import Controller, ControllerStats
 from bt_jax.deploy.twin.network import free_ports
 from bt_jax.deploy.twin.person import Person, Touch, hands_of
-from bt_jax.deploy.twin.rendered_camera import RenderedCamera, cell_camera
+from bt_jax.deploy.twin.rendered_camera import RenderedCamera
+from bt_jax.deploy.twin.settings import Realism
 
 __all__ = ["TwinRun", "TwinTick", "run_twin"]
 
@@ -84,17 +84,19 @@ def run_twin(
     pace: Pace | None = None,
     on_tick: Callable[[TwinTick], None] | None = None,
     prepare: Callable[[Controller, Perceiving], None] | None = None,
+    realism: Realism | None = None,
 ) -> TwinRun:
-    """Run a tree in one layout. `prepare` may break things before the run begins.
+    """Run a tree in one layout, in a cell as real as `realism` says, by default as a real one. `prepare` may break things
+    before the run begins.
 
     Raise UserError if nothing can be rendered here, so that the camera would see nothing.
     """
     began = time.monotonic()
-    scene, ports = build_scene(program.task, seed), free_ports()
+    scene, ports = build_scene(program.task, seed, realism), free_ports()
     rng = np.random.default_rng([seed, 1])
     with contextlib.ExitStack() as stack:
-        controller = stack.enter_context(Controller(scene.cell, ports=ports, realtime=realtime))
-        perception = stack.enter_context(_perception(scene, controller, background=realtime))
+        controller = stack.enter_context(Controller(scene.cell, ports=ports, realtime=realtime, realism=scene.realism))
+        perception = stack.enter_context(_perception(scene, controller, seed, background=realtime))
         config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
         rules = yumi_rules(program.task)
         if not realtime:
@@ -130,7 +132,7 @@ def run_twin(
             ),
             log=log_file,
             limits=limits or Limits(run=TWIN_SECONDS),
-            settings=_settings(seed, realtime, disturbances),
+            settings=_settings(seed, realtime, disturbances, scene.realism),
             on_tick=tick,
             verify=verify,
         )
@@ -153,11 +155,10 @@ def run_twin(
 
 
 @contextlib.contextmanager
-def _perception(scene: TwinScene, controller: Controller, *, background: bool) -> Iterator[Perceiving]:
-    pose = RigidTransform.from_translation(scene.task.robot_position).inv() * cell_camera(scene.task).pose
-
+def _perception(scene: TwinScene, controller: Controller, seed: int, *, background: bool) -> Iterator[Perceiving]:
     def make() -> Perception:
-        return Perception(scene.task, RenderedCamera(scene.model, controller.state, CAMERA), pose)
+        camera = RenderedCamera(scene.model, controller.state, CAMERA, realism=scene.realism, seed=[seed, 3])
+        return Perception(scene.task, camera, scene.calibrated)
 
     if background:
         with BackgroundPerception(make, lambda made: made.camera.close()) as looking:
@@ -170,5 +171,11 @@ def _perception(scene: TwinScene, controller: Controller, *, background: bool) -
         perception.camera.close()
 
 
-def _settings(seed: int, realtime: bool, disturbances: int) -> dict[str, Any]:
-    return {"robot": "twin", "seed": seed, "realtime": realtime, "disturbances": disturbances}
+def _settings(seed: int, realtime: bool, disturbances: int, realism: Realism) -> dict[str, Any]:
+    return {
+        "robot": "twin",
+        "seed": seed,
+        "realtime": realtime,
+        "disturbances": disturbances,
+        "realism": realism.logged(),
+    }

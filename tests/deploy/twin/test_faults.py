@@ -15,6 +15,7 @@ from bt_jax.deploy.execution.program import Program
 from bt_jax.deploy.execution.settings import Exit, Limits
 from bt_jax.deploy.link.rws import GRIP_TARGET, Rws, symbol
 from bt_jax.deploy.twin.run import run_twin
+from bt_jax.deploy.twin.settings import Realism
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import prefix
@@ -38,6 +39,7 @@ class Twin:
             limits=Limits(run=seconds),
             on_tick=self.tick,
             prepare=self.prepare,
+            realism=Realism.perfect(),
         )
         self.entries = list(read_log(self.log))
         self.end = self.entries[-1]

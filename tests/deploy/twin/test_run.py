@@ -7,6 +7,7 @@ from bt_jax.deploy.execution.log_reader import read_log
 from bt_jax.deploy.execution.program import Program
 from bt_jax.deploy.execution.settings import Exit
 from bt_jax.deploy.twin.run import run_twin
+from bt_jax.deploy.twin.settings import Realism
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.mjx_env.render.offscreen import available
 from bt_jax.tasks import load_task
@@ -15,6 +16,7 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(available() is not True, reason=f"the twin's camera needs a renderer: {available()}"),
 ]
+PERFECT = Realism.perfect()
 STACK = """Sequence
   move(YellowBox, (0, 0, 0.022), KittingBox)
   move(GreenBox, (0, 0, 0.04), YellowBox)
@@ -23,7 +25,9 @@ STACK = """Sequence
 
 def test_the_twin_stacks_three_boxes_though_a_person_interferes_and_its_log_replays(tmp_path):
     log = tmp_path / "twin.jsonl"
-    run = run_twin(Program(load_task("yumi_stack"), parse_tree(STACK)), 0, disturbances=1, log=log)
+    run = run_twin(
+        Program(load_task("yumi_stack"), parse_tree(STACK)), 0, disturbances=1, log=log, realism=Realism.perfect()
+    )
     assert run.exit_code == Exit.DONE
     assert run.solved
     assert max(run.distances) < 0.005
@@ -48,7 +52,12 @@ def test_a_box_is_handed_over_where_no_arm_reaches_both_ends():
         if moment.shown.seen.holding == "YellowBox":
             hands.update(dict.fromkeys(arm for arm, gap in moment.shown.seen.opening.items() if gap < 0.045))
 
-    run = run_twin(Program(task, parse_tree("move(YellowBox, (0, 0, 0.022), KittingBox)")), 1, on_tick=look)
+    run = run_twin(
+        Program(task, parse_tree("move(YellowBox, (0, 0, 0.022), KittingBox)")),
+        1,
+        on_tick=look,
+        realism=Realism.perfect(),
+    )
     assert run.exit_code == Exit.DONE
     assert run.solved
     assert list(hands) == ["right", "left"]
