@@ -16,10 +16,10 @@ import tyro
 from scipy.spatial.transform import RigidTransform
 
 from benchmarks._report import report
-from bt_jax.deploy import yumi
-from bt_jax.deploy.planning.kinematics import arm_kinematics
+from bt_jax.deploy.planning.kinematics import ArmKinematics
 from bt_jax.deploy.planning.paths import Pace, timed
 from bt_jax.deploy.planning.planner import Planner, Surroundings, Unplannable
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.cell import TwinScene, box_poses, build_scene
 from bt_jax.tasks import load_task
 
@@ -36,16 +36,16 @@ class Arguments:
 
 def solve(arm: str, count: int) -> dict:
     """Random joints give poses that are reachable for certain; each is solved from the place of rest."""
-    kinematics, rng = arm_kinematics(arm), np.random.default_rng(0)
+    kinematics, rng = ArmKinematics(YUMI, arm), np.random.default_rng(0)
     solved, exact, seconds = 0, 0.0, []
     for seed in range(count):
-        target = yumi.forward(arm, rng.uniform(kinematics.lower, kinematics.upper))
+        target = YUMI.forward(arm, rng.uniform(kinematics.lower, kinematics.upper))
         start = time.perf_counter()
-        found = kinematics.solve(target, yumi.HOME[arm], seed=seed)
+        found = kinematics.solve(target, YUMI.home[arm], seed=seed)
         seconds.append(time.perf_counter() - start)
         if found is not None:
             solved += 1
-            exact = max(exact, float(np.abs(yumi.forward(arm, found).as_matrix() - target.as_matrix()).max()))
+            exact = max(exact, float(np.abs(YUMI.forward(arm, found).as_matrix() - target.as_matrix()).max()))
     median, slow = np.percentile(seconds, [50, 99]) * 1000
     return {
         "arm": arm,
@@ -60,14 +60,14 @@ def solve(arm: str, count: int) -> dict:
 def contacts(scene: TwinScene, arm: str, joints: np.ndarray, box: str) -> int:
     """Contacts of an arm with anything but the box that it grasps, in MuJoCo, along joints [n, 7]."""
     model, data, found = scene.model, mujoco.MjData(scene.model), 0
-    ids = [model.joint(name).qposadr[0] for name in yumi.joint_names(arm)]
+    ids = [model.joint(name).qposadr[0] for name in YUMI.arm(arm).joint_names]
     for row in joints:
         data.qpos[:] = scene.cell.qpos
         data.qpos[ids] = row
         mujoco.mj_forward(model, data)
         for k in range(data.ncon):
             names = [model.body(model.geom_bodyid[geom]).name for geom in data.contact[k].geom]
-            if any(name.startswith(yumi.ARMS) for name in names) and box not in names:
+            if any(name.startswith(YUMI.arm_names) for name in names) and box not in names:
                 found += 1
     return found
 
@@ -75,7 +75,7 @@ def contacts(scene: TwinScene, arm: str, joints: np.ndarray, box: str) -> int:
 def plan(count: int) -> dict:
     """Ways to a random box in random layouts, replayed in MuJoCo."""
     task, planned, colliding, seconds = load_task("yumi_stack"), 0, 0, []
-    planner = Planner(task)
+    planner = Planner(YUMI, task)
     for seed in range(count):
         scene = build_scene(task, [7, seed])
         poses = box_poses(scene, scene.cell.qpos) | {task.kit.name: scene.kit}
@@ -84,13 +84,13 @@ def plan(count: int) -> dict:
         box = task.box_names[seed % len(task.boxes)]
         start = time.perf_counter()
         try:
-            reach = planner.pick(box, Surroundings(poses, yumi.HOME), yumi.ARMS)
+            reach = planner.pick(box, Surroundings(poses, YUMI.home), YUMI.arm_names)
         except Unplannable:
             continue
         finally:
             seconds.append(time.perf_counter() - start)
         planned += 1
-        ways = planner.timed(reach.approach, Pace()), timed(reach.line, Pace(), reach.arm)
+        ways = planner.timed(reach.approach, Pace()), timed(reach.line, Pace(), YUMI.arm(reach.arm))
         colliding += any(contacts(scene, reach.arm, way.joints[::2], box) for way in ways)
     median, slow = np.percentile(seconds, [50, 99])
     return {
@@ -103,7 +103,7 @@ def plan(count: int) -> dict:
 
 
 def main(arguments: Arguments) -> None:
-    rows = [solve(arm, arguments.poses) for arm in yumi.ARMS]
+    rows = [solve(arm, arguments.poses) for arm in YUMI.arm_names]
     report("deploy_ik", "inverse kinematics of one arm", rows, out=arguments.out, plans=plan(arguments.plans))
 
 

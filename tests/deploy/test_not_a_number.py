@@ -16,6 +16,7 @@ from bt_jax.deploy.perception.tracker import Tracker
 from bt_jax.deploy.planning.clearance import Carried
 from bt_jax.deploy.planning.planner import Planner, Surroundings, Unplannable
 from bt_jax.deploy.planning.trajectory import Trajectory
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.tasks import load_task
 from tests.helpers.ideal import IdealCell
 
@@ -108,7 +109,7 @@ def test_nothing_is_planned_among_it(value, at):
 
 
 def test_no_place_is_planned_to():
-    planner, hand = Planner(load_task("yumi_stack")), Carried("left", "YellowBox", RigidTransform.identity())
+    planner, hand = Planner(YUMI, load_task("yumi_stack")), Carried("left", "YellowBox", RigidTransform.identity())
     among = Surroundings({}, {"left": REST, "right": REST})
     for position, yaw in (([0.3, np.nan, 0.1], 0.0), ([0.3, 0.0, 0.1], np.inf)):
         with pytest.raises(Unplannable, match="not a number"):

@@ -3,11 +3,11 @@
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from bt_jax.deploy import yumi
 from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.skills import YumiSkills
 from bt_jax.deploy.link.protocol import ArmState
 from bt_jax.deploy.planning.trajectory import Trajectory
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.encoding.status import Status
 from bt_jax.tasks import Task
 from tests.helpers.ideal import SimulatedTime
@@ -23,10 +23,10 @@ class FollowingLink(SimulatedTime):
     def __init__(self, task: Task, boxes: dict[str, RigidTransform]) -> None:
         super().__init__()
         self.boxes, self.size = dict(boxes), task.boxes[0].size
-        self.joints = {arm: yumi.HOME[arm].copy() for arm in self.arms}
+        self.joints = {arm: YUMI.home[arm].copy() for arm in self.arms}
         self.paths: dict[str, tuple[float, Trajectory] | None] = dict.fromkeys(self.arms)
         self.motions = dict.fromkeys(self.arms, 0)
-        self.openings = dict.fromkeys(self.arms, yumi.OPENING)
+        self.openings = {arm: YUMI.arm(arm).gripper.opening for arm in self.arms}
         self.targets = dict(self.openings)
         self.held: dict[str, tuple[str, RigidTransform]] = {}
         self.hidden: set[str] = set()
@@ -65,11 +65,11 @@ class FollowingLink(SimulatedTime):
                     self.paths[arm] = None
             if arm in self.held:
                 box, pose = self.held[arm]
-                self.boxes[box] = yumi.forward(arm, self.joints[arm]) * pose
+                self.boxes[box] = YUMI.forward(arm, self.joints[arm]) * pose
             self._move_fingers(arm)
 
     def _move_fingers(self, arm: str) -> None:
-        tcp, target = yumi.forward(arm, self.joints[arm]), self.targets[arm]
+        tcp, target = YUMI.forward(arm, self.joints[arm]), self.targets[arm]
         if target < self.size - 0.001:
             between = [n for n, p in self.boxes.items() if np.linalg.norm(p.translation - tcp.translation) < NEAR]
             if between and arm not in self.held and self.openings[arm] <= self.size + 0.006:

@@ -19,8 +19,8 @@ from bt_jax._util.files import write_atomic
 from bt_jax.deploy.commands.arguments import MarkersArguments
 from bt_jax.deploy.perception.calibration import BOARD, SQUARE, charuco_board
 from bt_jax.deploy.perception.markers import MODULES, Marker, marker_image, task_markers
+from bt_jax.deploy.robot.arrays import Point
 from bt_jax.deploy.twin.marker_scene import tint
-from bt_jax.deploy.yumi import Point
 from bt_jax.tasks import Task, load_task
 
 __all__ = ["markers_command", "sheet_pages"]

@@ -6,7 +6,6 @@ import contextlib
 import dataclasses
 from collections.abc import Iterator
 
-from bt_jax.deploy import yumi
 from bt_jax.deploy.commands.arguments import RealCellArguments
 from bt_jax.deploy.execution.preflight import Equipment
 from bt_jax.deploy.execution.program import Program, load_program
@@ -19,6 +18,7 @@ from bt_jax.deploy.perception.camera_file import load_camera
 from bt_jax.deploy.perception.pipeline import Perception
 from bt_jax.deploy.perception.threaded import BackgroundPerception
 from bt_jax.deploy.planning.process import PlanningProcess
+from bt_jax.deploy.robot.yumi import YUMI
 
 __all__ = ["RealCell", "open_real_cell"]
 
@@ -47,7 +47,7 @@ def open_real_cell(arguments: RealCellArguments, *, motion: bool, override: floa
         intrinsics, placed = load_camera(arguments.calibration)
     config = LinkConfig(
         host=arguments.robot,
-        ports=dict(zip(yumi.ARMS, arguments.ports, strict=True)),
+        ports=dict(zip(YUMI.arm_names, arguments.ports, strict=True)),
         rws_port=arguments.rws_port,
         user=arguments.user,
         password=arguments.password,
@@ -58,12 +58,12 @@ def open_real_cell(arguments: RealCellArguments, *, motion: bool, override: floa
         if arguments.camera is not None and intrinsics is not None and placed is not None:
             perception = stack.enter_context(_perception(program, arguments.camera, intrinsics, placed))
         link = stack.enter_context(YumiLink(config, yumi_rules(program.task, override=override)))
-        planning = stack.enter_context(PlanningProcess(program.task)) if motion else None
+        planning = stack.enter_context(PlanningProcess(YUMI, program.task)) if motion else None
         skills = YumiSkills(program.task, link, background=planning)
         equipment = Equipment(
             program=program,
             link=link,
-            flange=yumi.flange,
+            flange=YUMI.flange,
             perception=perception,
             intrinsics_error=None if intrinsics is None else intrinsics.error,
             camera_residual=None if placed is None else placed.residual,

@@ -19,7 +19,6 @@ from rich.console import Console
 from rich.markup import escape
 
 from bt_jax._util.errors import UserError
-from bt_jax.deploy import yumi
 from bt_jax.deploy.commands.arguments import RunArguments
 from bt_jax.deploy.commands.check import print_preflight
 from bt_jax.deploy.commands.real_cell import RealCell, open_real_cell
@@ -30,6 +29,7 @@ from bt_jax.deploy.execution.observer import Observer, Perceiving
 from bt_jax.deploy.execution.outcome import TickReport
 from bt_jax.deploy.execution.preflight import CheckResult, passed
 from bt_jax.deploy.execution.settings import Exit
+from bt_jax.deploy.robot.yumi import YUMI
 
 __all__ = ["confirm", "last_stop", "run_command"]
 
@@ -120,7 +120,7 @@ def _executor(
         link=cell.link,
         perception=perception,
         grasped=lambda: cell.skills.grasped,
-        tcp=yumi.forward,
+        tcp=YUMI.forward,
     )
     settings = {"arguments": _logged(arguments), "preflight": [dataclasses.asdict(item) for item in items]}
     return Executor(

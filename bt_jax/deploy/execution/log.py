@@ -26,7 +26,7 @@ from bt_jax.deploy.execution.program import Program
 from bt_jax.deploy.execution.settings import Limits
 from bt_jax.deploy.execution.statuses import Context
 from bt_jax.deploy.link.protocol import Records, RobotLink
-from bt_jax.deploy.yumi import JointRows
+from bt_jax.deploy.robot.arrays import JointRows
 from bt_jax.encoding.formats.text import one_line
 
 __all__ = ["FORMAT", "Log", "RunLog", "TickEntry", "versions"]

@@ -15,7 +15,6 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax._util.errors import UserError
-from bt_jax.deploy import yumi
 from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.settings import GraspSettings, MotionSettings
 from bt_jax.deploy.link.protocol import RobotLink
@@ -24,7 +23,8 @@ from bt_jax.deploy.planning.paths import Pace, timed
 from bt_jax.deploy.planning.planner import JointPath, Planner, Surroundings
 from bt_jax.deploy.planning.process import PlanningProcess
 from bt_jax.deploy.planning.trajectory import Trajectory
-from bt_jax.deploy.yumi import JointRows, Joints
+from bt_jax.deploy.robot.arrays import JointRows, Joints
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.tasks import Task
 
 __all__ = ["Failed", "Moved", "Movements", "Poses", "Routine"]
@@ -54,7 +54,7 @@ class Movements:
         motion: MotionSettings,
         background: PlanningProcess | None,
     ) -> None:
-        self.link, self.planner = link, Planner(task)
+        self.link, self.planner = link, Planner(YUMI, task)
         self.sizes = {box.name: box.size for box in task.boxes}
         self.seen = Observation(-math.inf, {}, {}, None)  # nothing, yet
         self.known: dict[str, RigidTransform] = {}
@@ -96,7 +96,7 @@ class Movements:
     def go_home(self, arms: Iterable[str]) -> Routine:
         for arm in arms:
             plans = 0
-            while np.abs((joints := self.joints())[arm] - yumi.HOME[arm]).max() > self.motion.at_home:
+            while np.abs((joints := self.joints())[arm] - YUMI.home[arm]).max() > self.motion.at_home:
                 if plans == self.motion.replans:
                     raise Failed(f"things do not stay where they are on the {arm} arm's way home")
                 among = Surroundings(self.obstacles(), joints, next(iter(self.carried.values()), None))
@@ -120,7 +120,8 @@ class Movements:
         self, arm: str, line: JointRows, *, watch: Poses = NOWHERE, aim: str = "", held: str | None = None
     ) -> Moved:
         """Move in the same way, slowly, along a straight line of the tool."""
-        return (yield from self._move(arm, timed(line, self._pace.slowed(self.motion.straight), arm), watch, aim, held))
+        trajectory = timed(line, self._pace.slowed(self.motion.straight), YUMI.arm(arm))
+        return (yield from self._move(arm, trajectory, watch, aim, held))
 
     def back(self, arm: str, line: JointRows) -> Routine:
         """Move to the top of a straight line down, from wherever on it the arm was halted."""
@@ -173,7 +174,7 @@ class Movements:
         """
         if name in self.seen.poses:
             return
-        yield from self.go_home(yumi.ARMS)
+        yield from self.go_home(YUMI.arm_names)
         end = self.link.now() + self.motion.sight
         while name not in self.seen.poses:
             if not self.link.now() <= end:
@@ -222,4 +223,4 @@ class Movements:
 
 def _height(arm: str, joints: Joints) -> float:
     """Return the height of the tool over the base, m."""
-    return float(yumi.forward(arm, joints).translation[2])
+    return float(YUMI.forward(arm, joints).translation[2])

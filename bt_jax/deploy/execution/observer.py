@@ -12,7 +12,7 @@ from scipy.spatial.transform import RigidTransform
 from bt_jax.deploy.execution.observation import Finding, Observation
 from bt_jax.deploy.execution.settings import GraspSettings
 from bt_jax.deploy.link.protocol import RobotLink
-from bt_jax.deploy.yumi import Joints, Point
+from bt_jax.deploy.robot.arrays import Joints, Point
 from bt_jax.tasks import Task
 
 __all__ = ["Observer", "Perceiving"]

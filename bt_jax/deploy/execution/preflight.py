@@ -29,7 +29,7 @@ from bt_jax.deploy.link.reception import Reception, complaint
 from bt_jax.deploy.link.rws import ControllerState
 from bt_jax.deploy.link.safety import Rules
 from bt_jax.deploy.link.settings import LinkConfig
-from bt_jax.deploy.yumi import Joints
+from bt_jax.deploy.robot.arrays import Joints
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import prefix
 

@@ -14,7 +14,6 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax.behaviors import Behavior
-from bt_jax.deploy import yumi
 from bt_jax.deploy.execution.movements import Failed, Moved, Movements, Routine
 from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.settings import GraspSettings, MotionSettings
@@ -25,7 +24,8 @@ from bt_jax.deploy.planning.grasps import carried_pose, grasp_poses, put_poses, 
 from bt_jax.deploy.planning.paths import Pace
 from bt_jax.deploy.planning.planner import Reach, Unplannable
 from bt_jax.deploy.planning.process import PlanningProcess
-from bt_jax.deploy.yumi import Point
+from bt_jax.deploy.robot.arrays import Point
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.encoding.status import Status
 from bt_jax.tasks import Task
 
@@ -87,7 +87,7 @@ class YumiSkills:
         """Begin to take both arms home."""
         if math.isfinite(self._moves.seen.time):
             self._moves.forget_lost()
-        self._begin(self._moves.go_home(yumi.ARMS))
+        self._begin(self._moves.go_home(YUMI.arm_names))
 
     def poll(self, seen: Observation) -> Status:
         """Continue what was begun."""
@@ -115,7 +115,7 @@ class YumiSkills:
         if name not in self._moves.known:
             return False
         poses = grasp_poses(self._moves.known[name])
-        return any(self._moves.planner.can_reach(arm, pose) for arm in yumi.ARMS for pose in poses)
+        return any(self._moves.planner.can_reach(arm, pose) for arm in YUMI.arm_names for pose in poses)
 
     def _begin(self, routine: Routine) -> None:
         self.reason, self.committed, self._routine = "", False, routine
@@ -134,7 +134,7 @@ class YumiSkills:
         yield from self._moves.found(box)
         for _ in range(self._motion.replans):
             reach = yield from self._plan_pick(box)
-            self.link.grip(reach.arm, yumi.OPENING, self._grasping.force)
+            self.link.grip(reach.arm, YUMI.arm(reach.arm).gripper.opening, self._grasping.force)
             moved = yield from self._moves.follow(reach.approach, aim=box)
             if moved:
                 continue
@@ -148,7 +148,7 @@ class YumiSkills:
         """Plan for the arm on the box's side, else for the other; one that should not take it comes last."""
         last = self._avoid.get(box)
         side = "left" if self._moves.known[box].translation[1] > 0 else "right"
-        order = sorted(yumi.ARMS, key=lambda arm: (arm == last, arm != side))
+        order = sorted(YUMI.arm_names, key=lambda arm: (arm == last, arm != side))
         problem: Unplannable | None = None
         for arm in order:
             try:
@@ -172,12 +172,12 @@ class YumiSkills:
             return True
         self.committed = True
         self.link.grip(arm, size - self._grasping.overclose, self._grasping.force)
-        tcp = yumi.forward(arm, self.link.arm(arm).commanded)
+        tcp = YUMI.forward(arm, self.link.arm(arm).commanded)
         self._moves.carried[arm] = Carried(arm, box, carried_pose(tcp, pose))
         yield from self._moves.fingers(arm)
         if not self._moves.holds(arm, size):
             self._avoid[box] = arm
-            self.link.grip(arm, yumi.OPENING, self._grasping.force)
+            self.link.grip(arm, YUMI.arm(arm).gripper.opening, self._grasping.force)
             del self._moves.carried[arm]
             yield from self._moves.fingers(arm)
             yield from self._moves.straight(arm, reach.line[::-1])
@@ -220,9 +220,9 @@ class YumiSkills:
         if moved:
             return True
         self.committed = True
-        self.link.grip(arm, yumi.OPENING, self._grasping.force)
+        self.link.grip(arm, YUMI.arm(arm).gripper.opening, self._grasping.force)
         del self._moves.carried[arm]
-        self._moves.known[carried.box] = yumi.forward(arm, self.link.arm(arm).commanded) * carried.pose
+        self._moves.known[carried.box] = YUMI.forward(arm, self.link.arm(arm).commanded) * carried.pose
         yield from self._moves.fingers(arm, at_least=self._moves.sizes[carried.box] + self._grasping.fit)
         yield from self._moves.straight(arm, reach.line[::-1])
         self.committed = False
@@ -230,7 +230,7 @@ class YumiSkills:
 
     def _hand_over(self, box: str, arm: str, goal: Point, yaw: float) -> Routine:
         """Set the box down where both arms reach it, for the tree to have it picked again: by the other one then."""
-        other = next(name for name in yumi.ARMS if name != arm)
+        other = next(name for name in YUMI.arm_names if name != arm)
         if not self._reaches(other, goal, yaw, self._moves.carried[arm].pose):
             raise Failed(f"neither arm reaches the place for {box}")
         self._avoid[box] = arm
@@ -239,10 +239,10 @@ class YumiSkills:
     def _set_down(self, arm: str, *, both: bool = False) -> Routine:
         """Put what an arm holds on a free place of a table, one that both arms reach where asked for."""
         carried = self._moves.carried[arm]
-        near = yumi.forward(arm, self.link.arm(arm).commanded).translation
+        near = YUMI.forward(arm, self.link.arm(arm).commanded).translation
         if both:  # in the middle: at the edge of its reach an arm has joints for a pose, but no straight way to it
             near = near * np.array([1, 0, 1])
-        arms = yumi.ARMS if both else (arm,)
+        arms = YUMI.arm_names if both else (arm,)
         tables = [table.name for table in self.task.tables]
         tried = 0
         for spot in self._moves.planner.spots(carried.box, self._moves.obstacles(), near):
@@ -264,9 +264,9 @@ class YumiSkills:
             else:
                 del self._moves.carried[arm]
         for arm in self.link.arms:
-            self.link.grip(arm, yumi.OPENING, self._grasping.force)
+            self.link.grip(arm, YUMI.arm(arm).gripper.opening, self._grasping.force)
         for arm in self.link.arms:
-            yield from self._moves.fingers(arm, at_least=0.95 * yumi.OPENING)
+            yield from self._moves.fingers(arm, at_least=0.95 * YUMI.arm(arm).gripper.opening)
 
     def _close_all(self) -> Routine:
         self.committed = True

@@ -14,7 +14,7 @@ import numpy as np
 from google.protobuf.message import DecodeError
 
 from bt_jax.deploy.link.egm_messages import EgmRobot, EgmSensor
-from bt_jax.deploy.yumi import Joints, PoseRow
+from bt_jax.deploy.robot.arrays import Joints, PoseRow
 
 __all__ = ["CYCLE", "EXTERNAL", "Feedback", "Mci", "Setpoint", "WrongAxes"]
 

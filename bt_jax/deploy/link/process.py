@@ -20,7 +20,7 @@ from bt_jax.deploy.link.safety import Rules, Supervisor
 from bt_jax.deploy.link.settings import LinkTiming
 from bt_jax.deploy.link.shared_state import MotionState, SharedState
 from bt_jax.deploy.planning.trajectory import Follower, Trajectory
-from bt_jax.deploy.yumi import JointRows, Joints
+from bt_jax.deploy.robot.arrays import JointRows, Joints
 
 __all__ = ["LinkStart", "serve"]
 

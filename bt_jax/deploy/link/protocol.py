@@ -10,7 +10,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy.planning.trajectory import Trajectory
-from bt_jax.deploy.yumi import Joints
+from bt_jax.deploy.robot.arrays import Joints
 
 __all__ = ["ArmState", "ControllerGone", "Counters", "Records", "RobotLink", "SimulatedController"]
 

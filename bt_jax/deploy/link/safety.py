@@ -15,7 +15,7 @@ import numpy as np
 
 from bt_jax.deploy.link.egm import CYCLE, Feedback
 from bt_jax.deploy.planning.trajectory import Trajectory
-from bt_jax.deploy.yumi import Joints, Point
+from bt_jax.deploy.robot.arrays import Joints, Point
 
 __all__ = ["Clearance", "Points", "Rejected", "Rules", "Supervisor", "check_setpoint", "check_trajectory"]
 
@@ -92,6 +92,8 @@ def check_trajectory(
     `commanded` [7] is where the arm is sent now, `others` where each other arm is. Raise Rejected if any point
     breaks a rule: it is not entered, not even in part.
     """
+    if trajectory.joints.shape[1] != len(commanded):
+        raise Rejected(f"{arm}: the path is of {trajectory.joints.shape[1]} joints, the arm has {len(commanded)}")
     if not np.all(np.isfinite(trajectory.joints)) or not np.all(np.isfinite(trajectory.times)):
         raise Rejected(f"{arm}: a joint is not a number")
     away = float(np.max(np.abs(trajectory.joints[0] - commanded)))

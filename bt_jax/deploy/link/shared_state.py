@@ -12,7 +12,7 @@ from bt_jax.deploy.link.loop_timing import LoopTimer
 from bt_jax.deploy.link.protocol import ArmState, Records
 from bt_jax.deploy.link.realtime import CONTEXT, Snapshot
 from bt_jax.deploy.link.reception import Reception
-from bt_jax.deploy.yumi import Joints, PoseRow
+from bt_jax.deploy.robot.arrays import Joints, PoseRow
 
 __all__ = ["COUNTERS", "MotionState", "SharedState"]
 

@@ -14,7 +14,6 @@ import time
 import numpy as np
 
 from bt_jax._util.errors import UserError
-from bt_jax.deploy import yumi
 from bt_jax.deploy.link.egm import CYCLE
 from bt_jax.deploy.link.loop_timing import LateRound
 from bt_jax.deploy.link.process import LinkStart, serve
@@ -28,6 +27,7 @@ from bt_jax.deploy.link.settings import LinkConfig
 from bt_jax.deploy.link.shared_state import COUNTERS, SharedState
 from bt_jax.deploy.planning.clearance import SafetyClearance
 from bt_jax.deploy.planning.trajectory import Trajectory
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.tasks import Task
 
 __all__ = ["YumiLink", "yumi_rules"]
@@ -309,12 +309,12 @@ class YumiLink:
 def yumi_rules(task: Task, *, override: float = float("inf")) -> Rules:
     """Return what a YuMi may do in a task's cell; `override` is the largest joint speed, rad/s."""
     return Rules(
-        lower=tuple(map(float, yumi.LOWER)),
-        upper=tuple(map(float, yumi.UPPER)),
-        speed=tuple(map(float, yumi.SPEED)),
+        lower=tuple(map(float, YUMI.arm("left").lower)),
+        upper=tuple(map(float, YUMI.arm("left").upper)),
+        speed=tuple(map(float, YUMI.arm("left").speed)),
         override=override,
-        points=yumi.points,
-        clearance_of=SafetyClearance(task),
+        points=YUMI.points,
+        clearance_of=SafetyClearance(YUMI, task),
     )
 
 

@@ -19,7 +19,7 @@ from jaxtyping import Float
 
 from bt_jax.deploy.perception.arrays import Matrix3, PixelRows, PointRows, Print
 from bt_jax.deploy.perception.markers import MODULES, Marker, marker_image
-from bt_jax.deploy.yumi import Point
+from bt_jax.deploy.robot.arrays import Point
 
 __all__ = ["Alignment", "ImageSampler", "align", "correlations"]
 

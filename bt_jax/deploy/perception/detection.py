@@ -20,7 +20,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from bt_jax.deploy.perception.alignment import ImageSampler, align, correlations
 from bt_jax.deploy.perception.arrays import ColorImage, Corners, Distortion, GrayImage, Matrix3
 from bt_jax.deploy.perception.markers import Marker, marker_dictionary, square
-from bt_jax.deploy.yumi import Point
+from bt_jax.deploy.robot.arrays import Point
 
 __all__ = ["Detection", "Detector", "Gates"]
 

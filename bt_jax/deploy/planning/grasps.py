@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from bt_jax.deploy.yumi import Point
+from bt_jax.deploy.robot.arrays import Point
 
 __all__ = ["carried_pose", "grasp_poses", "put_poses", "raised", "yaw_of"]
 

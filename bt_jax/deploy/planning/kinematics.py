@@ -1,23 +1,22 @@
 """Inverse kinematics of one arm: damped least squares from many starts, since a single one finds only part of what is there.
 
-Seven joints leave a freedom for every pose of the tool: of the solutions found, the one that is near where the arm is and
-away from the joints' limits is best.
+A pose of the tool has several solutions, for a redundant arm infinitely many: of those found, the one that is near where the
+arm is and away from the joints' limits is best.
 """
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterator
 
 import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import RigidTransform
 
-from bt_jax.deploy import yumi
-from bt_jax.deploy.yumi import JointRows, Joints
-from bt_jax.deploy.yumi_models import urdf
+from bt_jax.deploy.robot.arrays import JointRows, Joints
+from bt_jax.deploy.robot.model import RobotModel
+from bt_jax.deploy.robot.urdf import urdf
 
-__all__ = ["MARGIN", "ArmKinematics", "arm_kinematics"]
+__all__ = ["MARGIN", "ArmKinematics"]
 
 MARGIN = np.radians(3.0)  # kept from the limits of the joints
 ITERATIONS = 60
@@ -25,17 +24,16 @@ STARTS = 30
 EXACT = 1e-5  # m and rad
 DAMPING = 1e-6
 STEP = 0.4  # rad a joint may turn in one iteration
-WEIGHTS = np.array([1.0, 1.0, 0.8, 0.8, 0.3, 0.4, 0.2])  # of the joints in the distance between configurations
 LIMITS = 0.3  # weight of nearness to limits against distance
 
 
 class ArmKinematics:
-    """Kinematics of the TCP of one arm in the robot's base frame; joints [7] in chain order, rad."""
+    """Kinematics of the TCP of one arm in the robot's base frame; joints in chain order, rad."""
 
-    def __init__(self, arm: str) -> None:
-        self.arm = arm
-        self.lower, self.upper = yumi.LOWER + MARGIN, yumi.UPPER - MARGIN
-        self._model = pin.buildModelFromXML(urdf((arm,), fingers=False))
+    def __init__(self, robot: RobotModel, arm: str) -> None:
+        self.arm = robot.arm(arm)
+        self.lower, self.upper = self.arm.lower + MARGIN, self.arm.upper - MARGIN
+        self._model = pin.buildModelFromXML(urdf(robot, (arm,), fingers=False))
         self._data = self._model.createData()
         self._tcp = self._model.getFrameId(f"{arm}_tcp")
         self._middle, self._half = (self.lower + self.upper) / 2, (self.upper - self.lower) / 2
@@ -87,12 +85,12 @@ class ArmKinematics:
     def cost(self, joints: Joints, near: Joints) -> float:
         """Return how undesirable a solution is: weighted distance [rad] from `near`, and nearness to the limits."""
         share = np.abs(joints - self._middle) / self._half
-        return float(np.linalg.norm(WEIGHTS * (joints - near)) + LIMITS * np.sum(share**8))
+        return float(np.linalg.norm(self.arm.weights * (joints - near)) + LIMITS * np.sum(share**8))
 
     def line(self, target: RigidTransform, start: Joints, steps: int) -> JointRows | None:
         """Return steps + 1 configurations along which the TCP moves straight from where it is at `start` to `target`,
         turning evenly; None if it cannot."""
-        here = yumi.forward(self.arm, start)
+        here = self.arm.forward(start)
         turn = (here.rotation.inv() * target.rotation).as_rotvec()
         rows = [np.asarray(start, float)]
         for part in np.linspace(0, 1, steps + 1)[1:]:
@@ -103,9 +101,3 @@ class ArmKinematics:
                 return None
             rows.append(found)
         return np.array(rows)
-
-
-@functools.lru_cache(maxsize=2)
-def arm_kinematics(arm: str) -> ArmKinematics:
-    """Return the kinematics of the "left" or "right" arm; the same object at every call."""
-    return ArmKinematics(arm)

@@ -14,9 +14,9 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from bt_jax.deploy import yumi
 from bt_jax.deploy.planning.trajectory import Trajectory
-from bt_jax.deploy.yumi import JointRows, Joints
+from bt_jax.deploy.robot.arrays import JointRows, Joints
+from bt_jax.deploy.robot.model import ArmModel
 
 __all__ = ["Pace", "connect", "densified", "timed"]
 
@@ -45,7 +45,7 @@ class Pace:
         return Pace(self.share * factor, self.acceleration * factor, self.tool * factor)
 
 
-def timed(path: JointRows, pace: Pace, arm: str) -> Trajectory:
+def timed(path: JointRows, pace: Pace, arm: ArmModel) -> Trajectory:
     """Return a path as a trajectory that starts and ends at rest and keeps the pace at every point."""
     path = np.asarray(path, float)
     steps = np.abs(np.diff(path, axis=0))
@@ -53,9 +53,9 @@ def timed(path: JointRows, pace: Pace, arm: str) -> Trajectory:
     if len(path) == 1:
         return Trajectory(np.array([0.0]), path)
     steps = np.diff(path, axis=0)
-    limit = pace.share * yumi.SPEED
+    limit = pace.share * arm.speed
     seconds = (np.abs(steps) / limit).max(axis=1)
-    tips = np.array([yumi.link_poses(arm, joints)[7, :3, 3] for joints in path])
+    tips = np.array([arm.link_poses(joints)[-1, :3, 3] for joints in path])
     seconds = np.maximum(seconds, np.linalg.norm(np.diff(tips, axis=0), axis=1) / pace.tool)
     speed = np.abs(steps / seconds[:, None]).max()
     window = max(2, round(2 * speed / pace.acceleration / PERIOD))
@@ -66,19 +66,19 @@ def timed(path: JointRows, pace: Pace, arm: str) -> Trajectory:
     for width in windows:
         rows = _averaged(rows, width)
     rows[0], rows[-1] = path[0], path[-1]
-    tips = np.array([yumi.link_poses(arm, joints)[7, :3, 3] for joints in rows])
+    tips = np.array([arm.link_poses(joints)[-1, :3, 3] for joints in rows])
     fastest = np.linalg.norm(np.diff(tips, axis=0), axis=1).max() / PERIOD
     return Trajectory(PERIOD * np.arange(len(rows)), rows).slowed(max(1.0, fastest / pace.tool))
 
 
-def _averaged(rows: JointRows, width: int) -> Float[np.ndarray, "m 7"]:
+def _averaged(rows: JointRows, width: int) -> Float[np.ndarray, "m joints"]:
     """Return the moving average of rows that rest at both ends before and after; `width` - 1 rows longer."""
     padded = np.concatenate([np.repeat(rows[:1], width - 1, 0), rows, np.repeat(rows[-1:], width - 1, 0)])
-    sums = np.cumsum(np.concatenate([np.zeros((1, 7)), padded]), axis=0)
+    sums = np.cumsum(np.concatenate([np.zeros((1, rows.shape[1])), padded]), axis=0)
     return (sums[width:] - sums[:-width]) / width
 
 
-def densified(path: JointRows, resolution: float = RESOLUTION) -> Float[np.ndarray, "m 7"]:
+def densified(path: JointRows, resolution: float = RESOLUTION) -> Float[np.ndarray, "m joints"]:
     """Return the same path with no joint step above `resolution`."""
     rows = [path[:1]]
     for a, b in itertools.pairwise(path):
@@ -87,7 +87,9 @@ def densified(path: JointRows, resolution: float = RESOLUTION) -> Float[np.ndarr
     return np.concatenate(rows)
 
 
-def connect(start: Joints, goal: Joints, free: Free, *, seed: int = 0, tries: int = TRIES) -> JointRows | None:
+def connect(
+    start: Joints, goal: Joints, free: Free, arm: ArmModel, *, seed: int = 0, tries: int = TRIES
+) -> JointRows | None:
     """Return a free polyline from `start` to `goal`: straight if that is free, else by RRT-Connect (Kuffner and LaValle
     2000) and shortcuts; None if none was found."""
     direct = np.stack([start, goal])
@@ -101,7 +103,7 @@ def connect(start: Joints, goal: Joints, free: Free, *, seed: int = 0, tries: in
         a, b = trees[i % 2], trees[1 - i % 2]
         reach = rng.uniform(0.3, 1.0)
         middle = (start + goal) / 2
-        sample = np.clip(middle + reach * rng.uniform(-2.0, 2.0, 7), yumi.LOWER + 0.1, yumi.UPPER - 0.1)
+        sample = np.clip(middle + reach * rng.uniform(-2.0, 2.0, len(start)), arm.lower + 0.1, arm.upper - 0.1)
         new = _grow(a, sample, free)
         if new is None:
             continue
@@ -140,7 +142,7 @@ def _branch(tree: Tree, node: int) -> list[Joints]:
     return rows
 
 
-def _shortened(path: JointRows, free: Free, rng: np.random.Generator) -> Float[np.ndarray, "m 7"]:
+def _shortened(path: JointRows, free: Free, rng: np.random.Generator) -> Float[np.ndarray, "m joints"]:
     for _ in range(SHORTCUTS):
         if len(path) < 3:
             break

@@ -13,13 +13,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform
 
-from bt_jax.deploy import yumi
 from bt_jax.deploy.planning.clearance import Carried, CellClearance
 from bt_jax.deploy.planning.grasps import grasp_poses, put_poses, raised
-from bt_jax.deploy.planning.kinematics import arm_kinematics
+from bt_jax.deploy.planning.kinematics import ArmKinematics
 from bt_jax.deploy.planning.paths import Pace, connect, timed
 from bt_jax.deploy.planning.trajectory import Trajectory
-from bt_jax.deploy.yumi import JointRows, Joints, Point
+from bt_jax.deploy.robot.arrays import JointRows, Joints, Point
+from bt_jax.deploy.robot.model import RobotModel
 from bt_jax.tasks import Task
 
 __all__ = ["JointPath", "Planner", "Reach", "Surroundings", "Unplannable"]
@@ -79,11 +79,12 @@ def _require_numbers(what: str, values: Float[np.ndarray, "..."]) -> None:
 
 
 class Planner:
-    """Plans for one cell. Poses are in the base frame."""
+    """Plans for a robot in one cell. Poses are in the base frame."""
 
-    def __init__(self, task: Task) -> None:
-        self.task = task
-        self._clearance = CellClearance(task)
+    def __init__(self, robot: RobotModel, task: Task) -> None:
+        self.robot, self.task = robot, task
+        self._kinematics = {arm: ArmKinematics(robot, arm) for arm in robot.arm_names}
+        self._clearance = CellClearance(robot, task)
         self._seed, self._looks = 0, 0
 
     def pick(self, box: str, among: Surroundings, arms: Iterable[str]) -> Reach:
@@ -105,7 +106,7 @@ class Planner:
         """Plan to the arm's place of rest. Raise Unplannable."""
         self._looks = 0
         free = self._free(arm, among)
-        rows = connect(among.joints[arm], yumi.HOME[arm], free, seed=self._next())
+        rows = connect(among.joints[arm], self.robot.home[arm], free, self.robot.arm(arm), seed=self._next())
         if rows is None:
             raise Unplannable(f"the {arm} arm finds no way home")
         return JointPath(arm, rows, among)
@@ -114,19 +115,20 @@ class Planner:
         """Are there joints for a pose and for the one above it?"""
         if not np.isfinite(tcp.as_matrix()).all():
             return False
-        kinematics = arm_kinematics(arm)
-        return all(kinematics.solve(pose, yumi.HOME[arm]) is not None for pose in (tcp, raised(tcp, ABOVE)))
+        kinematics = self._kinematics[arm]
+        return all(kinematics.solve(pose, self.robot.home[arm]) is not None for pose in (tcp, raised(tcp, ABOVE)))
 
     def timed(self, path: JointPath, pace: Pace) -> Trajectory:
         """Return a path as a trajectory; corners are only cut where there is room for it."""
-        trajectory = timed(path.rows, pace, path.arm)
+        arm = self.robot.arm(path.arm)
+        trajectory = timed(path.rows, pace, arm)
         if len(path.rows) <= 2:
             return trajectory
         self._looks = 0
         free = self._free(path.arm, path.among)
         if all(free(row) for row in trajectory.joints[::4]):
             return trajectory
-        pieces = [timed(path.rows[i : i + 2], pace, path.arm) for i in range(len(path.rows) - 1)]
+        pieces = [timed(path.rows[i : i + 2], pace, arm) for i in range(len(path.rows) - 1)]
         times, rows, end = [np.array([0.0])], [pieces[0].joints[:1]], 0.0
         for piece in pieces:
             times.append(piece.times[1:] + end)
@@ -171,7 +173,7 @@ class Planner:
         candidates: list[tuple[float, str, JointRows, RigidTransform]] = []
         blocked = ""
         for arm, tcp in targets:
-            kinematics = arm_kinematics(arm)
+            kinematics = self._kinematics[arm]
             above = raised(tcp, ABOVE)
             found = 0
             for top in kinematics.solutions(above, joints[arm], seed=self._next(), starts=6):
@@ -190,7 +192,7 @@ class Planner:
                 blocked = blocked or self._clearance.nearest({**joints, arm: hit})
                 continue
             free = self._free(arm, among)
-            path = connect(joints[arm], line[0], free, seed=self._next(), tries=TRIES)
+            path = connect(joints[arm], line[0], free, self.robot.arm(arm), seed=self._next(), tries=TRIES)
             if path is not None:
                 return Reach(arm, JointPath(arm, path, among), line, tcp)
             blocked = blocked or "no path"

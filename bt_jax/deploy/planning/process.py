@@ -10,6 +10,7 @@ from typing import Any
 
 from bt_jax._util.errors import UserError
 from bt_jax.deploy.planning.planner import Planner
+from bt_jax.deploy.robot.model import RobotModel
 from bt_jax.tasks import Task
 
 __all__ = ["PlanningProcess"]
@@ -21,8 +22,8 @@ _planners: list[Planner] = []  # of the worker: one
 class PlanningProcess:
     """Makes plans for one cell, one after the other. Use it as a context manager."""
 
-    def __init__(self, task: Task) -> None:
-        self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin, (task,))
+    def __init__(self, robot: RobotModel, task: Task) -> None:
+        self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin, (robot, task))
         self._ready = self._pool.submit(_nothing)
 
     def __enter__(self) -> PlanningProcess:
@@ -41,9 +42,9 @@ class PlanningProcess:
         return self._pool.submit(_plan, plan, arguments)
 
 
-def _begin(task: Task) -> None:
+def _begin(robot: RobotModel, task: Task) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the executor, which ends this process
-    _planners.append(Planner(task))
+    _planners.append(Planner(robot, task))
 
 
 def _nothing() -> None:

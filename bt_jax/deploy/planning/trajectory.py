@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bt_jax._util.errors import UserError
-from bt_jax.deploy.yumi import JointRows, Joints
+from bt_jax.deploy.robot.arrays import JointRows, Joints
 
 __all__ = ["HALT", "Follower", "Trajectory"]
 
@@ -20,13 +20,13 @@ class Trajectory:
     """Where the joints of one arm are at which time; straight in joint space in between."""
 
     times: Float[np.ndarray, " n"]  # ascending from 0, s
-    joints: Float[np.ndarray, "n 7"]  # chain order, rad
+    joints: JointRows  # chain order, rad
 
     def __post_init__(self) -> None:
         times, joints = np.asarray(self.times, float), np.asarray(self.joints, float)
-        if joints.ndim != 2 or joints.shape[1:] != (7,) or times.shape != joints.shape[:1] or len(times) < 1:
+        if joints.ndim != 2 or times.shape != joints.shape[:1] or len(times) < 1:
             raise UserError(
-                f"a trajectory has times [n] and joints [n, 7], found {times.shape}, {joints.shape}; "
+                f"a trajectory has times [n] and joints [n, joints of the arm], found {times.shape}, {joints.shape}; "
                 "give one time for each row of joints"
             )
         if times[0] != 0 or not np.all(np.diff(times) > 0):

@@ -10,13 +10,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from bt_jax.deploy import yumi
+from bt_jax.deploy.robot.arrays import Point
+from bt_jax.deploy.robot.mjcf import add_to_mjcf
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.marker_scene import marker_scene
 from bt_jax.deploy.twin.rendered_camera import CameraPlacement, cell_camera
 from bt_jax.deploy.twin.settings import Realism
 from bt_jax.deploy.twin.simulated_robot import CellModel
-from bt_jax.deploy.yumi import Point
-from bt_jax.deploy.yumi_models import add_to_mjcf
 from bt_jax.mjx_env.scene.mjcf import build_mjcf
 from bt_jax.mjx_env.scene.placement import draw_kit_table, draw_places
 from bt_jax.tasks import Task
@@ -67,20 +67,20 @@ def build_scene(task: Task, seed: int | list[int], realism: Realism | None = Non
     for name, place, turn in zip(task.box_names, places, turns, strict=True):
         at = model.jnt_qposadr[model.body(name).jntadr[0]]
         qpos[at : at + 7] = [*place, *Rotation.from_euler("z", turn).as_quat(scalar_first=True)]
-    for arm in yumi.ARMS:
-        for joint, angle in zip(yumi.joint_names(arm), yumi.HOME[arm], strict=True):
+    for arm in YUMI.arm_names:
+        for joint, angle in zip(YUMI.arm(arm).joint_names, YUMI.home[arm], strict=True):
             qpos[model.joint(joint).qposadr[0]] = angle
-        for finger in yumi.finger_names(arm):
-            qpos[model.joint(finger).qposadr[0]] = yumi.STROKE
+        for finger in YUMI.arm(arm).finger_names:
+            qpos[model.joint(finger).qposadr[0]] = YUMI.arm(arm).gripper.stroke
     cell = CellModel(
         xml=text,
         assets=files,
         qpos=qpos,
-        joints={arm: yumi.joint_names(arm) for arm in yumi.ARMS},
-        actuators={arm: yumi.actuator_names(arm) for arm in yumi.ARMS},
-        finger_joints={arm: yumi.finger_names(arm) for arm in yumi.ARMS},
-        finger_actuators={arm: yumi.finger_names(arm) for arm in yumi.ARMS},
-        flanges={arm: f"{arm}_tool0" for arm in yumi.ARMS},
+        joints={arm: YUMI.arm(arm).joint_names for arm in YUMI.arm_names},
+        actuators={arm: YUMI.arm(arm).actuator_names for arm in YUMI.arm_names},
+        finger_joints={arm: YUMI.arm(arm).finger_names for arm in YUMI.arm_names},
+        finger_actuators={arm: YUMI.arm(arm).finger_names for arm in YUMI.arm_names},
+        flanges={arm: f"{arm}_tool0" for arm in YUMI.arm_names},
     )
     directions = np.random.default_rng([*np.ravel(seed), 2]).normal(size=(2, 3))
     error, tilt = directions / np.linalg.norm(directions, axis=1, keepdims=True)
@@ -113,7 +113,7 @@ def _mjcf(task: Task, kit: Point, camera: CameraPlacement) -> tuple[dict[str, by
         _found(root, f".//geom[@name='{box.name}']").set("material", f"{box.name}_markers")
     _found(root, "worldbody").append(ET.fromstring(camera.mjcf(CAMERA)))
     _found(root, "worldbody").append(ET.fromstring(_film_camera(task)))
-    add_to_mjcf(root, task.robot_position)
+    add_to_mjcf(YUMI, root, task.robot_position)
     return markers.files, ET.tostring(root, encoding="unicode")
 
 

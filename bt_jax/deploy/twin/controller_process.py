@@ -13,10 +13,10 @@ from jaxtyping import Float
 from bt_jax.deploy.link.egm import CYCLE, Mci
 from bt_jax.deploy.link.loop_timing import LoopTimer
 from bt_jax.deploy.link.realtime import Snapshot, sleep_until, take_priority
+from bt_jax.deploy.robot.arrays import PoseRow
 from bt_jax.deploy.twin.rws_server import serve_rws
 from bt_jax.deploy.twin.settings import TIMING, Realism
 from bt_jax.deploy.twin.simulated_robot import CellModel, SimulatedRobot
-from bt_jax.deploy.yumi import PoseRow
 
 __all__ = ["PARTS", "STATS", "ControllerSpec", "serve"]
 

@@ -7,7 +7,7 @@ import random
 import socket
 
 from bt_jax._util.errors import UserError
-from bt_jax.deploy.yumi import ARMS
+from bt_jax.deploy.robot.yumi import YUMI
 
 __all__ = ["Network", "free_ports"]
 
@@ -24,8 +24,8 @@ def free_ports() -> dict[str, int]:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):
             probe.bind(("", port))
             found.append(port)
-        if len(found) == len(ARMS):
-            return dict(zip(ARMS, found, strict=True))
+        if len(found) == len(YUMI.arm_names):
+            return dict(zip(YUMI.arm_names, found, strict=True))
     raise UserError("no UDP port is free; end programs that use the network")
 
 

@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from bt_jax.deploy import yumi
+from bt_jax.deploy.robot.arrays import Point
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.cell import TwinScene, box_poses
 from bt_jax.deploy.twin.controller import Controller
-from bt_jax.deploy.yumi import Point
 
 __all__ = ["Person", "Touch", "hands_of"]
 
@@ -121,7 +121,8 @@ def hands_of(scene: TwinScene, qpos: Float[np.ndarray, " nq"]) -> list[Point]:
     base = RigidTransform.from_translation(scene.task.robot_position)
     return [
         (
-            base * yumi.forward(arm, np.array([qpos[scene.model.joint(j).qposadr[0]] for j in yumi.joint_names(arm)]))
+            base
+            * YUMI.forward(arm, np.array([qpos[scene.model.joint(j).qposadr[0]] for j in YUMI.arm(arm).joint_names]))
         ).translation
-        for arm in yumi.ARMS
+        for arm in YUMI.arm_names
     ]

@@ -17,7 +17,6 @@ import numpy as np
 from jaxtyping import Float
 
 from bt_jax._util.errors import UserError
-from bt_jax.deploy import yumi
 from bt_jax.deploy.execution.executor import Executor
 from bt_jax.deploy.execution.log import Log
 from bt_jax.deploy.execution.observer import Observer, Perceiving
@@ -32,6 +31,7 @@ from bt_jax.deploy.perception.pipeline import Perception
 from bt_jax.deploy.perception.threaded import BackgroundPerception
 from bt_jax.deploy.planning.paths import Pace
 from bt_jax.deploy.planning.process import PlanningProcess
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.cell import CAMERA, TwinScene, build_scene, solved, target_distances
 from bt_jax.deploy.twin.controller import Controller, ControllerStats
 from bt_jax.deploy.twin.network import free_ports
@@ -103,7 +103,7 @@ def run_twin(
             rules = dataclasses.replace(rules, idle=WAITING)
         link = stack.enter_context(YumiLink(config, rules, controller))
         log_file = stack.enter_context(Log(log))
-        planning = stack.enter_context(PlanningProcess(program.task)) if realtime else None
+        planning = stack.enter_context(PlanningProcess(YUMI, program.task)) if realtime else None
         skills = YumiSkills(program.task, link, pace=pace, background=planning)
         first = link.now()
         times = [first + float(t) for t in rng.uniform(*DISTURBED, disturbances)]
@@ -128,7 +128,7 @@ def run_twin(
             skills=skills,
             link=link,
             observe=Observer(
-                program.task, link=link, perception=perception, grasped=lambda: skills.grasped, tcp=yumi.forward
+                program.task, link=link, perception=perception, grasped=lambda: skills.grasped, tcp=YUMI.forward
             ),
             log=log_file,
             limits=limits or Limits(run=TWIN_SECONDS),

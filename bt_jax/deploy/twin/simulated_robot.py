@@ -14,9 +14,9 @@ from jaxtyping import Float
 
 from bt_jax.deploy.link.egm import CYCLE, Feedback, Mci, Setpoint
 from bt_jax.deploy.link.rws import EGM_MOTION, GRIP_ACTUAL, GRIP_FORCE, GRIP_TARGET, Motion, symbol
+from bt_jax.deploy.robot.arrays import PoseRow
 from bt_jax.deploy.twin.network import Network
 from bt_jax.deploy.twin.settings import TIMING
-from bt_jax.deploy.yumi import PoseRow
 
 __all__ = ["CellModel", "SimulatedArm", "SimulatedRobot"]
 

@@ -5,9 +5,9 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.behaviors import parse_behavior
-from bt_jax.deploy import yumi
 from bt_jax.deploy.execution.skills import YumiSkills
 from bt_jax.deploy.planning.planner import Unplannable
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.encoding.status import Status
 from bt_jax.tasks import load_task
 from tests.helpers.following import FollowingLink, carried_out
@@ -100,14 +100,14 @@ def test_what_was_out_of_sight_is_waited_for_and_looked_at_again(link, skills):
     link.hidden.add(TASK.kit.name)
     moved = RigidTransform.from_translation([0.31, 0.06, 0.001])
     link.boxes[TASK.kit.name] = moved
-    at_home = lambda: np.abs(link.joints["left"] - yumi.HOME["left"]).max() < 0.05  # noqa: E731
+    at_home = lambda: np.abs(link.joints["left"] - YUMI.home["left"]).max() < 0.05  # noqa: E731
     assert carried_out(skills, link, PLACE, each=once(at_home, link.hidden.clear)) == Status.SUCCESS, skills.reason
     assert np.linalg.norm(link.boxes["YellowBox"].translation - moved.apply([0, 0, 0.022])) < 0.0015
 
 
 def descends(link, place):
     """Is the left hand straight above a place, and low?"""
-    tip = yumi.forward("left", link.joints["left"]).translation
+    tip = YUMI.forward("left", link.joints["left"]).translation
     return link.arm("left").moving and np.linalg.norm(tip[:2] - place) < 0.003 and tip[2] < 0.08
 
 
@@ -115,7 +115,8 @@ def test_a_box_that_leaves_under_the_descending_hand_is_followed(link, skills):
     each = once(lambda: descends(link, [0.3, 0.24]), lambda: link.boxes.update(YellowBox=at(0.3, 0.21, 0.3)))
     assert carried_out(skills, link, PICK, each=each) == Status.SUCCESS, skills.reason
     assert "left" in link.halted
-    assert link.grips.count(("left", yumi.OPENING)) == 2, "one approach was broken off before the fingers closed"
+    opened = ("left", YUMI.arm("left").gripper.opening)
+    assert link.grips.count(opened) == 2, "one approach was broken off before the fingers closed"
 
 
 def test_a_box_that_seems_to_wander_under_the_hand_is_grasped(link, skills):
@@ -125,7 +126,7 @@ def test_a_box_that_seems_to_wander_under_the_hand_is_grasped(link, skills):
 
 
 def test_the_way_home_is_planned_again_around_what_comes_into_it(link, skills):
-    link.joints["left"] = yumi.HOME["left"] + 0.3
+    link.joints["left"] = YUMI.home["left"] + 0.3
     skills.look()
     for _ in range(200):
         if skills.poll(link.seen()) != Status.RUNNING:
@@ -134,7 +135,7 @@ def test_the_way_home_is_planned_again_around_what_comes_into_it(link, skills):
             link.boxes["GreenBox"] = at(0.3, 0.1)
         link.wait(link.time + 0.1)
     assert link.halted == ["left"]
-    assert np.abs(link.joints["left"] - yumi.HOME["left"]).max() < 0.05
+    assert np.abs(link.joints["left"] - YUMI.home["left"]).max() < 0.05
 
 
 def test_a_box_that_slipped_out_is_no_longer_carried_after_a_look(link, skills):
@@ -201,7 +202,7 @@ def test_fingers_that_close_on_nothing_are_a_failure(link, skills):
     gone = once(lambda: skills.committed, vanish)
     assert carried_out(skills, link, PICK, each=gone) == Status.FAILURE
     assert "nothing" in skills.reason
-    assert link.openings["left"] == pytest.approx(yumi.OPENING, abs=0.002)
+    assert link.openings["left"] == pytest.approx(YUMI.arm("left").gripper.opening, abs=0.002)
 
 
 def test_slow_readings_of_the_fingers_are_no_grasp(link, skills, monkeypatch):

@@ -218,3 +218,9 @@ def test_holding_is_allowed_outside_the_limits():
     outside = np.full(7, 0.95)
     np.testing.assert_array_equal(supervisor.admit("left", outside, commanded=outside, measured=outside), outside)
     assert supervisor.reason is None
+
+
+def test_a_path_of_another_arms_joints_is_rejected():
+    path = Trajectory(np.array([0.0, 1.0]), np.zeros((2, 6)))
+    with pytest.raises(Rejected, match="6 joints, the arm has 7"):
+        check_trajectory(RULES, "left", path, commanded=np.zeros(7), others={"right": np.zeros(7)}, clearance=None)

@@ -2,10 +2,10 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from bt_jax.deploy import yumi
 from bt_jax.deploy.planning.clearance import Carried, CellClearance, SafetyClearance
 from bt_jax.deploy.planning.grasps import grasp_poses
-from bt_jax.deploy.planning.kinematics import arm_kinematics
+from bt_jax.deploy.planning.kinematics import ArmKinematics
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.cell import box_poses, build_scene
 from bt_jax.tasks import load_task
 
@@ -16,14 +16,14 @@ def touching(scene, joints):
     """Does MuJoCo find the robot in contact with anything but the floor, with open grippers?"""
     model, data = scene.model, mujoco.MjData(scene.model)
     data.qpos[:] = scene.cell.qpos
-    for arm in yumi.ARMS:
-        for name, angle in zip(yumi.joint_names(arm), joints[arm], strict=True):
+    for arm in YUMI.arm_names:
+        for name, angle in zip(YUMI.arm(arm).joint_names, joints[arm], strict=True):
             data.qpos[model.joint(name).qposadr[0]] = angle
     mujoco.mj_forward(model, data)
     for k in range(data.ncon):
         geoms = data.contact[k].geom
         bodies = [model.body(model.geom_bodyid[geom]).name for geom in geoms]
-        robot = any(name.startswith(yumi.ARMS) for name in bodies)
+        robot = any(name.startswith(YUMI.arm_names) for name in bodies)
         if robot and data.contact[k].dist < 0 and model.geom("floor").id not in geoms:
             return True
     return False
@@ -31,13 +31,14 @@ def touching(scene, joints):
 
 def test_what_is_clear_here_has_no_contact_in_mujoco():
     scene, rng = build_scene(TASK, 3), np.random.default_rng(0)
-    clearance = CellClearance(TASK)
+    clearance = CellClearance(YUMI, TASK)
     clearance.place(box_poses(scene, scene.cell.qpos) | {TASK.kit.name: scene.kit})
     found = []
     for _ in range(300):
         spread = rng.uniform(0, 0.5)
         joints = {
-            arm: (1 - spread) * yumi.HOME[arm] + spread * rng.uniform(yumi.LOWER, yumi.UPPER) for arm in yumi.ARMS
+            arm: (1 - spread) * YUMI.home[arm] + spread * rng.uniform(YUMI.arm(arm).lower, YUMI.arm(arm).upper)
+            for arm in YUMI.arm_names
         }
         distance, contact = clearance.distance(joints), touching(scene, joints)
         found.append(contact)
@@ -47,28 +48,28 @@ def test_what_is_clear_here_has_no_contact_in_mujoco():
 
 
 def test_at_home_everything_is_clear():
-    assert CellClearance(TASK).slack(yumi.HOME) > 0
-    assert SafetyClearance(TASK)()(yumi.HOME) > 0.005
+    assert CellClearance(YUMI, TASK).slack(YUMI.home) > 0
+    assert SafetyClearance(YUMI, TASK)()(YUMI.home) > 0.005
 
 
 def test_a_carried_box_hangs_where_the_hand_has_it():
     tcp = grasp_poses(RigidTransform.from_translation([0.3, 0.0, 0.2]))[0]
-    joints = arm_kinematics("left").solve(tcp, yumi.HOME["left"])
+    joints = ArmKinematics(YUMI, "left").solve(tcp, YUMI.home["left"])
     below = RigidTransform.from_translation([0.3, 0.0, 0.1])
-    clearance = CellClearance(TASK)
+    clearance = CellClearance(YUMI, TASK)
     for drop in (0.0, 0.02, 0.05):
         held = RigidTransform.from_translation([0.0, 0.0, drop])
         clearance.place({"YellowBox": below}, carried=Carried("left", "GreenBox", held))
         gap = 0.1 - drop - 0.04
-        assert abs(clearance.distance({**yumi.HOME, "left": joints}) - min(gap, 0.0251459)) < 1e-3
+        assert abs(clearance.distance({**YUMI.home, "left": joints}) - min(gap, 0.0251459)) < 1e-3
 
 
 def test_what_may_be_touched_is_not_in_the_way():
     box = RigidTransform.from_translation([0.3, 0.1, 0.02])
     tcp = RigidTransform.from_components(box.translation + np.array([0.025, 0, 0]), grasp_poses(box)[0].rotation)
-    joints = arm_kinematics("left").solve(tcp, yumi.HOME["left"])
-    clearance = CellClearance(TASK)
+    joints = ArmKinematics(YUMI, "left").solve(tcp, YUMI.home["left"])
+    clearance = CellClearance(YUMI, TASK)
     clearance.place({"BlueBox": box})
-    assert clearance.slack({**yumi.HOME, "left": joints}) < 0
+    assert clearance.slack({**YUMI.home, "left": joints}) < 0
     clearance.place({"BlueBox": box}, gripped="BlueBox")
-    assert clearance.slack({**yumi.HOME, "left": joints}) > 0
+    assert clearance.slack({**YUMI.home, "left": joints}) > 0

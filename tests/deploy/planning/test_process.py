@@ -9,11 +9,11 @@ from scipy.spatial.transform import RigidTransform
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import parse_behavior
-from bt_jax.deploy import yumi
 from bt_jax.deploy.execution.skills import YumiSkills
 from bt_jax.deploy.planning.paths import Pace
 from bt_jax.deploy.planning.planner import JointPath, Planner, Surroundings, Unplannable
 from bt_jax.deploy.planning.process import PlanningProcess
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.encoding.status import Status
 from bt_jax.tasks import load_task
 from tests.helpers.following import FollowingLink
@@ -23,7 +23,7 @@ TASK = load_task("yumi_stack")
 
 def away() -> dict[str, np.ndarray]:
     """Both arms at home but for a turn of the left one's last joint."""
-    joints = {arm: yumi.HOME[arm].copy() for arm in yumi.ARMS}
+    joints = {arm: YUMI.home[arm].copy() for arm in YUMI.arm_names}
     joints["left"][-1] += 0.4
     return joints
 
@@ -36,17 +36,17 @@ def polled_until_done(skills: YumiSkills, link: FollowingLink) -> Status:
 
 @pytest.fixture(scope="module")
 def process():
-    with PlanningProcess(TASK) as process:
+    with PlanningProcess(YUMI, TASK) as process:
         yield process
 
 
 def test_it_plans_what_a_planner_plans(process):
     planned = process.submit("home", "left", Surroundings({}, away())).result(30)
-    np.testing.assert_allclose(planned.rows, Planner(TASK).home("left", Surroundings({}, away())).rows)
+    np.testing.assert_allclose(planned.rows, Planner(YUMI, TASK).home("left", Surroundings({}, away())).rows)
 
 
 def test_what_cannot_be_planned_is_raised_here(process):
-    inside = {"YellowBox": yumi.forward("left", yumi.HOME["left"])}
+    inside = {"YellowBox": YUMI.forward("left", YUMI.home["left"])}
     among = Surroundings({**inside, "GreenBox": inside["YellowBox"]}, away())
     with pytest.raises(Unplannable):
         process.submit("pick", "YellowBox", among, ["right"]).result(60)
@@ -55,7 +55,7 @@ def test_what_cannot_be_planned_is_raised_here(process):
 @pytest.mark.parametrize("noticed", [False, True])
 def test_a_dead_process_is_told(noticed):
     link = FollowingLink(TASK, {"YellowBox": RigidTransform.from_translation([0.3, 0.24, 0.02])})
-    with PlanningProcess(TASK) as process:
+    with PlanningProcess(YUMI, TASK) as process:
         skills = YumiSkills(TASK, link, background=process)
         for worker in process._pool._processes.values():
             os.kill(worker.pid, signal.SIGKILL)
@@ -83,11 +83,11 @@ def test_ticks_go_on_while_a_plan_is_made(process):
 
 def test_a_path_is_timed_among_what_it_was_planned_among():
     """Whatever was planned in between: a corner that has no room stays a stop."""
-    planner, among = Planner(TASK), Surroundings({}, {arm: yumi.HOME[arm].copy() for arm in yumi.ARMS})
-    bend = yumi.HOME["left"] + 0.3 * np.array([[0, 0, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0, 0], [1, 0, 0, 0, 1, 0, 0]])
+    planner, among = Planner(YUMI, TASK), Surroundings({}, {arm: YUMI.home[arm].copy() for arm in YUMI.arm_names})
+    bend = YUMI.home["left"] + 0.3 * np.array([[0, 0, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0, 0], [1, 0, 0, 0, 1, 0, 0]])
     path = JointPath("left", bend, among)
     expected = planner.timed(path, Pace())
-    crowd = {box: yumi.forward("left", bend[1]) for box in TASK.box_names}
+    crowd = {box: YUMI.forward("left", bend[1]) for box in TASK.box_names}
     crowded = planner.timed(JointPath("left", bend, Surroundings(crowd, among.joints)), Pace())
     assert crowded.duration > expected.duration, "boxes at the corner leave no room to cut it"
     assert planner.timed(path, Pace()).duration == expected.duration

@@ -61,7 +61,7 @@ def test_slowing_changes_the_time_not_the_path(trajectory, factor):
 
 @pytest.mark.parametrize(
     ("times", "joints"),
-    [([0, 1], np.zeros((2, 6))), ([0], np.zeros((2, 7))), ([1, 2], np.zeros((2, 7))), ([0, 0], np.zeros((2, 7)))],
+    [([0, 1], np.zeros(2)), ([0], np.zeros((2, 7))), ([1, 2], np.zeros((2, 7))), ([0, 0], np.zeros((2, 7)))],
 )
 def test_what_is_no_trajectory_is_refused(times, joints):
     with pytest.raises((UserError, TypeCheckError), match="trajectory"):  # checked types refuse a shape first
