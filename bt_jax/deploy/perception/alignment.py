@@ -2,14 +2,15 @@
 
 Direct alignment by Gauss-Newton (Lucas and Kanade 1981; Baker and Matthews 2004): points of the printed pattern are
 projected into the image, and the pose changes until the brightness there is that of the print, up to a gain and an
-offset of each marker's own. On renderings this leaves a fraction of the error of refined corners; and how well pattern
-and image correlate tells whether the marker is there at all, whole and not mistaken for another.
+offset of each marker's own. The print is compared as the lens shows it: the blur, a Gaussian in the image, is fitted
+together with the pose, since a print that is sharper than its image would be pulled towards the camera. On renderings
+this leaves a fraction of the error of refined corners; and how well pattern and image correlate tells whether the marker
+is there at all, whole and not mistaken for another.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
 from collections.abc import Sequence
 
@@ -17,18 +18,25 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
-from bt_jax.deploy.perception.arrays import Matrix3, PixelRows, PointRows, Print
-from bt_jax.deploy.perception.markers import MODULES, Marker, marker_image
+from bt_jax.deploy.perception.arrays import Matrix3, PixelRows, PointRows
+from bt_jax.deploy.perception.markers import Marker
+from bt_jax.deploy.perception.prints import (
+    BlurredPrints,
+    blur_in_modules,
+    blurred_prints,
+    metric,
+    print_points,
+    print_with,
+    turned_prints,
+)
 from bt_jax.deploy.robot.arrays import Point
 
-__all__ = ["Alignment", "ImageSampler", "align", "correlations"]
+__all__ = ["SHARP", "Alignment", "ImageSampler", "align", "correlations"]
 
-PER_MODULE = 3  # points along a module's edge
-MARGIN = (
-    0.5  # of the bright margin that is looked at, modules: as much on both sides of the border, for the blur's sake
-)
-BLUR = (0.3, 0.12)  # of the pattern, modules: first to be caught, then to be exact
-ITERATIONS = (4, 6)
+CAUGHT = 0.3  # standard deviation of the pattern's blur while the pose is only caught, modules
+ITERATIONS = (4, 8)  # to catch it, and to be exact
+SHARP, SOFTEST = 0.5, 4.0  # px, of the lens's blur: where its search begins, and the most that is tried
+SETTLED = 0.02  # px^2 by which the variance of the blur may still change at the end
 DAMPING = 1e-9  # keeps a motion that the image does not tell from being singular
 EDGELESS = 1e-6  # trace of the normal equations below which there is nothing in the image to align with
 PRECISION = 2e-5  # rad and m
@@ -49,6 +57,7 @@ class Alignment:
     sigma: (
         float  # standard deviation of the position, from the residual of independent points and from coarse pixels, m
     )
+    blur: float = SHARP  # standard deviation of the lens's blur, px
 
 
 class ImageSampler:
@@ -88,28 +97,43 @@ def align(
 ) -> Alignment:
     """Return the pose, near a given one of a body in the camera's frame, at which its `markers` look most like the image;
     `near` says that the given one is off by less than a pixel or so."""
-    points = np.concatenate([_points(marker) for marker in markers])
-    for blur, iterations in list(zip(BLUR, ITERATIONS, strict=True))[near:]:
-        patterns = np.stack([_pattern(marker.id, blur) for marker in markers])
-        weights = np.ones(patterns.size)
-        for turn in range(iterations):
+    points = np.concatenate([print_points(marker) for marker in markers])
+    variance = SHARP**2
+    for exact in (False, True)[near:]:
+        weights, free = np.ones(len(points)), slice(None) if exact else slice(6)
+        for turn in range(ITERATIONS[exact]):
             arms = points @ rotation.T
-            residuals, jacobian = _normalized(*view.linearized(arms + position, arms), patterns, weights)
-            if blur == BLUR[-1] and turn > 0:
+            prints = _prints(view, rotation, position, markers, variance if exact else None)
+            residuals, jacobian = _normalized(*view.linearized(arms + position, arms), prints, weights)
+            if exact and turn > 0:
                 weights = np.maximum(1 - (residuals / HIDDEN) ** 2, 0) ** 2
             else:
                 weights = np.minimum(1, ROBUST / np.maximum(np.abs(residuals), 1e-9))
-            weighted = weights[:, None] * jacobian
-            hessian = jacobian.T @ weighted
-            if not np.trace(hessian) >= EDGELESS:
+            weights = weights * prints.own.ravel()
+            weighted = weights[:, None] * jacobian[:, free]
+            hessian = jacobian[:, free].T @ weighted
+            if not np.trace(hessian[:6, :6]) >= EDGELESS:
                 return Alignment(rotation, position, math.inf, math.inf)
-            step = -np.linalg.solve(hessian + DAMPING * np.eye(6) * np.trace(hessian), weighted.T @ residuals)
-            rotation, position = cv2.Rodrigues(step[:3])[0] @ rotation, position + step[3:]
-            if np.abs(step).max() < PRECISION:
+            damped = hessian + DAMPING * np.eye(len(hessian)) * np.trace(hessian)
+            step = -np.linalg.solve(damped, weighted.T @ residuals)
+            rotation, position = cv2.Rodrigues(step[:3])[0] @ rotation, position + step[3:6]
+            before, variance = variance, float(np.clip(variance + step[6:].sum(), 0.0, SOFTEST**2))
+            if np.abs(step[:6]).max() < PRECISION and abs(variance - before) < SETTLED:
                 break
     residual = float(np.sqrt(np.sum(weights * residuals**2) / max(float(weights.sum()), 1.0)))
-    covariance = residual**2 * np.linalg.pinv(hessian) + _coarseness(view, rotation, position, markers)
-    return Alignment(rotation, position, residual, float(np.sqrt(np.trace(covariance[3:, 3:]))))
+    covariance = residual**2 * np.linalg.pinv(hessian[:6, :6]) + _coarseness(view, rotation, position, markers)
+    sigma = float(np.sqrt(np.trace(covariance[3:, 3:])))
+    return Alignment(rotation, position, residual, sigma, math.sqrt(variance))
+
+
+def _prints(
+    view: ImageSampler, rotation: Matrix3, position: Point, markers: Sequence[Marker], variance: float | None
+) -> BlurredPrints:
+    """Return the prints through a lens whose blur has this `variance` [px^2]; blurred by CAUGHT themselves for None."""
+    if variance is None:
+        brightness = np.stack([print_with(marker.id, CAUGHT) for marker in markers])
+        return BlurredPrints(brightness, np.zeros_like(brightness), np.ones(brightness.shape, bool))
+    return blurred_prints(markers, [metric(view.focal, rotation, position, marker) for marker in markers], variance)
 
 
 def _coarseness(
@@ -127,16 +151,23 @@ def _coarseness(
 
 
 def correlations(
-    view: ImageSampler, rotation: Matrix3, position: Point, markers: Sequence[Marker], ids: Sequence[int]
+    view: ImageSampler,
+    rotation: Matrix3,
+    position: Point,
+    markers: Sequence[Marker],
+    ids: Sequence[int],
+    blur: float = SHARP,
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
     """Return how the image correlates with each marker's pattern where the pose has it, and at most with another pattern:
     that of any of the `ids`, turned by any quarter. Both are in -1..1; the first is -1 for a marker out of the image."""
-    points = np.concatenate([_points(marker) for marker in markers])
+    points = np.concatenate([print_points(marker) for marker in markers])
     pixels = view.project(points @ rotation.T + position).reshape(len(markers), -1, 2)
     seen = view.brightness(pixels)
     seen = seen - seen.mean(axis=1, keepdims=True)
     seen /= np.maximum(np.linalg.norm(seen, axis=1, keepdims=True), 1e-6)
-    values = (seen @ _turned(tuple(ids)).T).reshape(len(markers), len(ids), 4)
+    spreads = [blur_in_modules(metric(view.focal, rotation, position, marker), blur) for marker in markers]
+    prints = [turned_prints(tuple(ids), spread) for spread in spreads]
+    values = np.stack([turned @ row for turned, row in zip(prints, seen, strict=True)]).reshape(-1, len(ids), 4)
     rows, columns = np.arange(len(markers)), [ids.index(marker.id) for marker in markers]
     own = values[rows, columns, 0].copy()
     values[rows, columns, 0] = -1.0
@@ -148,12 +179,15 @@ def correlations(
 def _normalized(
     seen: Float[np.ndarray, " n"],
     jacobian: Float[np.ndarray, "n 6"],
-    patterns: Float[np.ndarray, "m p"],
+    prints: BlurredPrints,
     weights: Float[np.ndarray, " n"],
-) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 6"]]:
-    """Return the residuals of n = m * p points, as shares of each marker's contrast, and their derivatives, both without
-    what gain and offset explain of the points that count by `weights`."""
-    values = np.concatenate([seen[:, None], jacobian], axis=1).reshape(*patterns.shape, 7)
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 7"]]:
+    """Return the residuals of n = m * p points, as shares of each marker's contrast, and their derivatives by pose and by
+    the variance of the blur, all without what gain and offset explain of the points that count by `weights`."""
+    patterns = prints.brightness
+    values = np.concatenate([seen[:, None], jacobian, prints.softer.reshape(-1, 1)], axis=1)
+    values = values.reshape(*patterns.shape, 8)
+    weights = weights * prints.own.ravel()
     shares = weights.reshape(patterns.shape)
     shares = shares / np.maximum(shares.sum(axis=1, keepdims=True), 1e-9)
     values = values - np.einsum("mn,mnk->mk", shares, values)[:, None]
@@ -161,8 +195,9 @@ def _normalized(
     along = shares * centred
     gains = np.einsum("mn,mnk->mk", along, values) / np.maximum(np.sum(along * centred, axis=1, keepdims=True), 1e-9)
     values -= centred[:, :, None] * gains[:, None]
-    values /= np.maximum(gains[:, :1], 1.0)[:, None]
-    values = values.reshape(-1, 7)
+    values[..., :7] /= np.maximum(gains[:, :1], 1.0)[:, None]
+    values[..., 7] *= -1
+    values = values.reshape(-1, 8)
     return values[:, 0], values[:, 1:]
 
 
@@ -170,36 +205,3 @@ def _sampled(field: Float[np.ndarray, "H W *c"], pixels: Float[np.ndarray, "m p 
     """Return the values of a field at pixels, interpolated bilinearly."""
     maps = pixels.astype(np.float32)
     return cv2.remap(field, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(float)
-
-
-@functools.cache
-def _grid() -> Float[np.ndarray, "p 2"]:
-    """Return where a marker is looked at, modules from its centre, x to the right and y up, rows from the top."""
-    half = MODULES / 2 + MARGIN
-    line = (np.arange(round(2 * half * PER_MODULE)) + 0.5) / PER_MODULE - half
-    x, y = np.meshgrid(line, -line)
-    return np.stack([x.ravel(), y.ravel()], axis=1)
-
-
-def _points(marker: Marker) -> PointRows:
-    """Return those places in the body's frame."""
-    return marker.place(_grid() * marker.size / MODULES)
-
-
-@functools.lru_cache(maxsize=256)
-def _pattern(number: int, blur: float) -> Print:
-    """Return the brightness of the print there in 0..1, blurred by a Gaussian of `blur` modules."""
-    fine = 4 * PER_MODULE
-    image = cv2.GaussianBlur(marker_image(number, 1, fine).astype(np.float32) / 255, (0, 0), blur * fine)
-    column, row = (_grid() * (1, -1) + MODULES / 2 + 1).T * fine - 0.5
-    return _sampled(image, np.stack([column, row], axis=1)[None])[0]
-
-
-@functools.lru_cache(maxsize=16)
-def _turned(ids: tuple[int, ...]) -> Float[np.ndarray, "rows p"]:
-    """Return every pattern in its four orientations, without mean and of length 1."""
-    side = math.isqrt(len(_grid()))
-    images = [_pattern(number, BLUR[-1]).reshape(side, side) for number in ids]
-    rows = np.stack([np.rot90(image, quarter).ravel() for image in images for quarter in range(4)])
-    rows = rows - rows.mean(axis=1, keepdims=True)
-    return rows / np.linalg.norm(rows, axis=1, keepdims=True)

@@ -17,9 +17,10 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from bt_jax.deploy.perception.alignment import ImageSampler, align, correlations
+from bt_jax.deploy.perception.alignment import SHARP, ImageSampler, align, correlations
 from bt_jax.deploy.perception.arrays import ColorImage, Corners, Distortion, GrayImage, Matrix3
 from bt_jax.deploy.perception.markers import Marker, marker_dictionary, square
+from bt_jax.deploy.perception.prints import metric
 from bt_jax.deploy.robot.arrays import Point
 
 __all__ = ["Detection", "Detector", "Gates"]
@@ -58,7 +59,8 @@ class Gates:
 class Detection:
     """A body as one image shows it. `pose` and `alternative` are the body's frame in the camera's (x right, y down, z
     forward) [m]; `alternative` is None where `pose` is certain. `error` is the root mean square reprojection error of the
-    corners as detected [px], `sigma` the standard deviation of the position [m], `markers` the ids that agree."""
+    corners as detected [px], `sigma` the standard deviation of the position [m], `markers` the ids that agree. `blur` is the
+    standard deviation of the lens's blur there, `module` the length of one of the markers' modules, both in px."""
 
     body: str
     pose: RigidTransform
@@ -66,6 +68,8 @@ class Detection:
     error: float
     sigma: float
     markers: tuple[int, ...]
+    blur: float
+    module: float
 
 
 class Detector:
@@ -134,7 +138,7 @@ class Detector:
             return None
         alignment = align(view, start.rotation, start.position, visible, near=near)
         fit = _Fit(alignment.rotation, alignment.position)
-        kept = self._correlating(fit, facing, view, self.gates.confirmation)
+        kept = self._correlating(fit, facing, view, self.gates.confirmation, alignment.blur)
         if not kept or set(seen) - set(self._agreeing(fit, seen, view, self.gates.marker)):
             return None
         if kept != visible:
@@ -145,7 +149,9 @@ class Detector:
         if not (moved <= self.gates.near and turned <= self.gates.distinct and alignment.sigma <= self.gates.sigma):
             return None
         error = self._error(fit, list(seen), seen, view) if seen else 0.0
-        return Detection(body, fit.pose, None, error, alignment.sigma, tuple(marker.id for marker in kept))
+        module = self._module(fit, kept, view)
+        numbers = tuple(marker.id for marker in kept)
+        return Detection(body, fit.pose, None, error, alignment.sigma, numbers, alignment.blur, module)
 
     def _locate(self, body: str, seen: Seen, view: ImageSampler) -> Detection | None:
         rivals = self._by_corners(seen, view)
@@ -158,7 +164,13 @@ class Detector:
             as_good = len(fit.markers) == len(best.markers) and fit.residual < self.gates.ratio * best.residual
             if as_good and _angle(fit, best) > self.gates.distinct:
                 alternative = fit.pose
-        return Detection(body, best.pose, alternative, best.error, best.sigma, best.markers)
+        module = self._module(best, [self._markers[number] for number in best.markers], view)
+        return Detection(body, best.pose, alternative, best.error, best.sigma, best.markers, best.blur, module)
+
+    def _module(self, fit: _Fit, markers: Sequence[Marker], view: ImageSampler) -> float:
+        """Return the mean length of a module of the `markers` in the image, px."""
+        spreads = [metric(view.focal, fit.rotation, fit.position, marker) for marker in markers]
+        return float(np.mean(np.linalg.det(spreads) ** -0.25))
 
     def _by_corners(self, seen: Seen, view: ImageSampler) -> list[_Fit]:
         """Return the pose that most markers agree with, and others if the corners leave a doubt."""
@@ -213,7 +225,7 @@ class Detector:
             return None
         alignment = align(view, start.rotation, start.position, visible)
         fit = _Fit(alignment.rotation, alignment.position)
-        kept = self._correlating(fit, facing, view, self.gates.correlation)
+        kept = self._correlating(fit, facing, view, self.gates.correlation, alignment.blur)
         agreeing = self._agreeing(fit, {m.id: seen[m.id] for m in kept if m.id in seen}, view, self.gates.marker)
         if not agreeing:
             return None
@@ -226,12 +238,15 @@ class Detector:
             markers=tuple(marker.id for marker in kept),
             residual=alignment.residual,
             sigma=alignment.sigma,
+            blur=alignment.blur,
         )
 
-    def _correlating(self, fit: _Fit, markers: list[Marker], view: ImageSampler, least: float) -> list[Marker]:
+    def _correlating(
+        self, fit: _Fit, markers: list[Marker], view: ImageSampler, least: float, blur: float = SHARP
+    ) -> list[Marker]:
         if not markers:
             return []
-        own, others = correlations(view, fit.rotation, fit.position, markers, tuple(self._markers))
+        own, others = correlations(view, fit.rotation, fit.position, markers, tuple(self._markers), blur)
         clear = own > np.maximum(least, others + self.gates.margin)
         return [marker for marker, kept in zip(markers, clear, strict=True) if kept]
 
@@ -267,6 +282,7 @@ class _Fit:
     markers: tuple[int, ...] = ()
     residual: float = math.inf
     sigma: float = math.inf
+    blur: float = SHARP
 
     @property
     def pose(self) -> RigidTransform:

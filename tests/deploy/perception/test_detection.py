@@ -63,6 +63,19 @@ def test_noise_does_not_spoil_it(detector):
         assert angle < 1
 
 
+@pytest.mark.parametrize("blur", [0.7, 1.0])
+def test_a_soft_picture_pulls_nothing_towards_the_camera_and_says_how_soft_it_is(detector, blur):
+    rng, scene = np.random.default_rng(3), fresh_scene()
+    image = cv2.GaussianBlur(scene.image(), (0, 0), blur) + rng.normal(0, 2, (480, 640, 3))
+    found = detector(np.clip(image, 0, 255).astype(np.uint8), MATRIX, NO_DISTORTION)
+    assert {detection.body for detection in found} == {*TASK.box_names, KIT}
+    for detection in found:
+        distance, angle = errors(scene.truth(detection.body), PLACEMENT.pose * detection.pose)
+        assert distance < 1
+        assert angle < 0.5
+        assert detection.blur == pytest.approx(blur, abs=0.15)
+
+
 def test_distortion_is_taken_out(detector):
     scene, lens = fresh_scene(), np.array([-0.25, 0.08, 0.001, -0.001, 0.0])
     grid = np.stack(np.meshgrid(np.arange(640.0), np.arange(480.0)), axis=-1).reshape(-1, 1, 2)

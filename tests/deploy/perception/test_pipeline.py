@@ -154,7 +154,7 @@ def doubtful(pose: RigidTransform, alternative: RigidTransform | None, markers=(
     """As seen by the camera; poses in the base frame."""
     to_camera = PLACEMENT.pose.inv()
     other = None if alternative is None else to_camera * alternative
-    return Detection("YellowBox", to_camera * pose, other, 0.1, 0.001, markers)
+    return Detection("YellowBox", to_camera * pose, other, 0.1, 0.001, markers, 0.5, 4.0)
 
 
 @pytest.mark.parametrize(
