@@ -139,7 +139,7 @@ class IdealCell:
             semantics, settler = LeafSemantics(task, gene_pool(task)), Settler(task, Kinematic(task))
         self.task, self.skills = task, IdealSkills(semantics, settler, sample_layouts(task, seed, 1))
         self.link, self.hide, self.image = SimulatedTime(), set(), 0.0
-        self.lost = ""
+        self.lost, self.findings = "", ()
         self.shown = []
         self.on_tick = lambda shown: None
         self.executor = Executor(
@@ -155,7 +155,7 @@ class IdealCell:
     def observe(self):
         hide = tuple(self.hide)
         seen = observe(self.task, self.skills.world, self.link.now(), hide)
-        return dataclasses.replace(seen, image=seen.time - self.image, lost=self.lost)
+        return dataclasses.replace(seen, image=seen.time - self.image, lost=self.lost, findings=self.findings)
 
     def tick(self, shown):
         self.shown.append(shown)

@@ -54,6 +54,9 @@ class ActionRunner:
         self.looked: float | None = None  # when the arms were out of the way last
         self.rest_at = 0.0  # nothing is begun before
         self.failures: dict[Behavior, int] = {}
+        self.broken_off: dict[Behavior, int] = {}  # since something was achieved last
+        self.reasons: dict[Behavior, str] = {}  # why an action failed or was broken off last
+        self._achieved: set[frozenset[Behavior]] = set()  # conditions that were known to hold at one moment
         self._began = 0.0
         self._planned: set[Behavior] = set()
 
@@ -120,10 +123,25 @@ class ActionRunner:
             if all(statuses.holds(post) for post in action.postconditions):
                 del self.failures[action]
 
+    def achieved(self, conditions: frozenset[Behavior]) -> None:
+        """Take note of the conditions that hold; where they never did so together before, attempts count afresh."""
+        if conditions not in self._achieved:
+            self._achieved.add(conditions)
+            self.broken_off.clear()
+
+    def repeated(self, most: int) -> str:
+        """Return which action was broken off too often since something was achieved last, "" if none was."""
+        for action, count in self.broken_off.items():
+            if count >= most:
+                return f"{action} was broken off {count} times: {self.reasons[action]}"
+        return ""
+
     def _end(self, event: str, reason: str) -> None:
         """End the attempt; it counts as failed until the tree finds its action done."""
         assert self.action is not None
-        if event != "CANCELLED":
-            self.failures[self.action] = self.failures.get(self.action, 0) + 1
+        if reason:
+            self.reasons[self.action] = reason
+        counts = self.broken_off if event == "CANCELLED" else self.failures
+        counts[self.action] = counts.get(self.action, 0) + 1
         self.log.write("action", time=self.link.now(), action=str(self.action), event=event, reason=reason)
         self.action = None

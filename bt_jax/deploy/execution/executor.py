@@ -21,13 +21,14 @@ from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, expand, not_memoryless
 from bt_jax.deploy.execution.action_runner import ActionRunner, Skills
 from bt_jax.deploy.execution.decision import Decision, Sight, Step, decide
+from bt_jax.deploy.execution.diagnosis import Diagnosis, joined
 from bt_jax.deploy.execution.log import Log, RunLog, TickEntry
 from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.outcome import Halt, RunOutcome, TickReport
 from bt_jax.deploy.execution.program import Program
 from bt_jax.deploy.execution.reach_memory import ReachMemory
 from bt_jax.deploy.execution.settings import Exit, Limits
-from bt_jax.deploy.execution.statuses import Context, subgoals_by_sight
+from bt_jax.deploy.execution.statuses import Context, Statuses, subgoals_by_sight
 from bt_jax.deploy.link.protocol import ControllerGone, RobotLink
 from bt_jax.deploy.link.safety import Rejected
 from bt_jax.encoding.interpret import TreeMemory
@@ -65,7 +66,9 @@ class Executor:
         self.ticks = self.overruns = 0
         picks = [node.object for node in self.nodes if isinstance(node, Behavior) and node.name == "pick"]
         boxes = sorted({box for box in picks if box is not None})
+        leaves = [node for node in self.nodes if isinstance(node, Behavior)]
         self.runner = ActionRunner(skills, link, log, self.limits, dry=dry)
+        self._diagnosis = Diagnosis(program.task, leaves, self.runner, self.limits)
         self._reach = ReachMemory(skills, boxes)
         self._entries = RunLog(log, link)
         self._last_seen: dict[str, RigidTransform] = {}
@@ -113,6 +116,9 @@ class Executor:
         if not seen.time - seen.image <= self.limits.image:
             why = f": {seen.lost}" if seen.lost else ""
             raise Halt(f"camera: no new image for {seen.time - seen.image:.1f} s{why}", Exit.STOPPED)
+        wrong = self._diagnosis.take(seen)
+        if wrong:
+            raise self._failed(wrong, now)
         self._reached |= subgoals_by_sight(self.program.task, seen)
         self.runner.poll(seen, now)
         decision = None
@@ -133,7 +139,7 @@ class Executor:
     def _check(self, now: float, start: float) -> None:
         self._check_stops()
         if not now - start <= self.limits.run:
-            raise self._failed(f"the time is up ({self.limits.run:g} s)", now)
+            raise self._failed(joined(f"the time is up ({self.limits.run:g} s)", self._diagnosis.troubles()), now)
 
     def _check_stops(self) -> None:
         if self._interrupted:
@@ -155,6 +161,8 @@ class Executor:
     def _act(self, decision: Decision, seen: Observation, now: float) -> str:
         """Begin, go on with or break off; return what is being done in a word."""
         self.runner.forgive(self.program.task, seen)
+        statuses = Statuses(self.program.task, seen, Context())
+        self.runner.achieved(frozenset(filter(statuses.holds, self._diagnosis.conditions)))
         self.runner.looked, self._undecided = decision.sight.looked, decision.sight.undecided
         self._reached |= decision.reached
         self._memory, ticked, wanted = decision.memory, decision.ticked, decision.wanted
@@ -165,6 +173,9 @@ class Executor:
         match decision.step:
             case Step.HALTING if self.runner.action is not None:
                 self.runner.cancel(now, f"the tree wants {wanted or ticked.status.name}")
+                repeated = self._diagnosis.repeated()
+                if repeated:
+                    raise self._failed(repeated, now)
             case Step.HALTING:
                 self.runner.cancel(now, "seen")
             case Step.LOOKING:
@@ -186,7 +197,7 @@ class Executor:
         lasted = now - self._since[1]
         if status == Status.SUCCESS and not self.runner.looking and lasted >= self.limits.success:
             self._conclude(status, undecided, now)
-        if status == Status.FAILURE and lasted >= self.limits.patience:
+        if status == Status.FAILURE and lasted >= self._diagnosis.patience(undecided, now):
             self._conclude(status, undecided, now)
 
     def _conclude(self, status: Status, undecided: frozenset[Behavior], now: float) -> NoReturn:
@@ -198,11 +209,9 @@ class Executor:
             raise Halt(
                 f"the tree has succeeded{wrong and f', but {wrong}'}", Exit.FAILED if wrong else Exit.DONE, status
             )
-        unseen = sorted({name for c in undecided for name in (c.object, c.frame) if name is not None})
-        why = [f"{action} failed {count} times" for action, count in self.runner.failures.items()]
-        why += [f"{name} is out of reach" for name in self._reach.known_unreachable()]
-        why += [f"one of {', '.join(unseen)} is not seen"] if unseen else []
-        raise self._failed(f"the tree has failed{': ' if why else ''}{'; '.join(why)}", now, status)
+        unreachable = [f"{name} is out of reach" for name in self._reach.known_unreachable()]
+        troubles = [*unreachable, *self._diagnosis.troubles(undecided)]
+        raise self._failed(joined("the tree has failed", troubles), now, status)
 
     def _failed(self, reason: str, now: float, status: Status = Status.RUNNING) -> Halt:
         """Bring the arms to rest, and return the end of a run that has failed."""

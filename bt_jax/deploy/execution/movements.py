@@ -136,8 +136,9 @@ class Movements:
         motion = self.link.follow(arm, trajectory)
         yield
         while (state := self.link.arm(arm)).moving or state.motion != motion:
-            if held is not None and self._dropped(arm, held):
-                raise Failed(f"{held} was lost on the way")
+            lost = "" if held is None else self._lost(arm, held)
+            if lost:
+                raise Failed(lost)
             if self._shifted(watch, aim):
                 self.link.halt(arm)
                 while self.link.arm(arm).moving:
@@ -149,23 +150,25 @@ class Movements:
         return False
 
     def fingers(self, arm: str, *, at_least: float | None = None) -> Routine:
-        """Wait until the fingers are as far apart, or rest, by readings that are apart in time and later than the command.
+        """Wait until the fingers, told to move just now, are as far apart, or have moved and rest. A reading may be older
+        than the command: fingers that do not seem to move are waited for, as long as a command may take to show.
 
         Raise Failed if that takes too long.
         """
-        began = self.link.now()
-        earlier: list[tuple[float, float]] = []
+        began, first = self.link.now(), self.link.arm(arm).opening
+        moved, last, since = False, first, began  # `since`: when the reading was another one
         while True:
             yield
             now, opening = self.link.now(), self.link.arm(arm).opening
+            if not abs(opening - last) < self.grasp.still:
+                moved, last, since = True, opening, now
+            patience = self.grasp.rest if moved else self.grasp.reaction
+            if at_least is None and now - since >= patience:
+                return
             if at_least is not None and opening >= at_least:
                 return
-            earlier.append((now, opening))
-            before = [gap for then, gap in earlier if began + self.grasp.reaction <= then <= now - self.grasp.reaction]
-            if at_least is None and before and abs(opening - before[-1]) < self.grasp.still:
-                return
             if not now - began <= self.grasp.patience:
-                raise Failed(f"the {arm} fingers do not move as they should")
+                raise Failed(f"the {arm} fingers do not move as they should; calibrate the gripper")
 
     def found(self, name: str) -> Routine:
         """Wait until something is seen, with both arms out of the camera's way if it is not.
@@ -185,6 +188,18 @@ class Movements:
         """Are an arm's closing fingers as far apart as a box of this size would hold them?"""
         state = self.link.arm(arm)
         return state.grip_target < size and abs(state.opening - size) <= self.grasp.fit
+
+    def closed_on(self, arm: str, box: str) -> str:
+        """Return what fingers that rest have closed on, in words, if it is not the box that they were to grasp; else ""."""
+        size, state = self.sizes[box], self.link.arm(arm)
+        if self.holds(arm, size):
+            return ""
+        if state.opening <= state.grip_target + self.grasp.nothing:
+            return f"the {arm} fingers closed on nothing"
+        wide = f"{1000 * state.opening:.0f} mm"
+        if state.opening >= yumi.OPENING - self.grasp.nothing:
+            return f"the {arm} fingers did not close: they are still {wide} apart; look at the gripper"
+        return f"the {arm} fingers closed on something {wide} wide that is not {box}: something unknown is there"
 
     def forget_lost(self) -> None:
         """Keep, of what was grasped, what is held or still between the fingers by their readings."""
@@ -207,15 +222,23 @@ class Movements:
         held = set(self.grasped.values())
         return {name: pose for name, pose in self.known.items() if name not in held}
 
-    def _dropped(self, arm: str, box: str) -> bool:
-        return not self.link.arm(arm).opening >= self.sizes[box] - self.grasp.fit or self.seen.holding != box
+    def _lost(self, arm: str, box: str) -> str:
+        """Return why a box that an arm carries is no longer in its fingers, "" if it is."""
+        if not self.link.arm(arm).opening >= self.sizes[box] - self.grasp.fit:
+            return f"{box} slipped out of the {arm} fingers on the way"
+        if self.seen.holding == box:
+            return ""
+        if box in self.seen.poses:
+            return f"{box} is seen elsewhere, and something unknown is between the {arm} fingers"
+        return f"{box} was lost on the way"
 
     def _shifted(self, watch: Poses, aim: str) -> bool:
-        """Is something seen that has left its pose?"""
+        """Is something seen that has left its pose, or has turned?"""
         seen = self.seen.poses
         return any(
             not np.linalg.norm(seen[name].translation - pose.translation)
             <= (self.motion.shifted if name == aim else self.motion.aside)
+            or not (seen[name].rotation * pose.rotation.inv()).magnitude() <= self.motion.turned
             for name, pose in watch.items()
             if name in seen
         )

@@ -14,11 +14,13 @@ __all__ = ["Finding", "Observation", "pose_from_list", "pose_to_list"]
 
 @dataclasses.dataclass(frozen=True)
 class Finding:
-    """Something that the picture shows and that is not as it should be. `about` is a box or the kit, "" for the picture as a
-    whole; `text` a clause that says it, such as "GreenBox's marker is seen twice"."""
+    """Something in the picture that is not as it should be. `about` is a box or the kit, "" for the picture as a
+    whole; `text` a clause that says it, such as "GreenBox's marker is seen twice". `stops`: what is
+    known is wrong while it lasts, and a run must not go on."""
 
     about: str
     text: str
+    stops: bool = False
 
     def __str__(self) -> str:
         return self.text
@@ -46,7 +48,7 @@ class Observation:
             "opening": dict(self.opening),
             "holding": self.holding,
             "image": image,
-            "findings": [[finding.about, finding.text] for finding in self.findings],
+            "findings": [[finding.about, finding.text, finding.stops] for finding in self.findings],
             "measured": dict(self.measured),
         }
 
@@ -55,7 +57,7 @@ class Observation:
         """Read what `to_dict` returns, or did before there were findings."""
         poses = {name: pose_from_list(values) for name, values in data["poses"].items()}
         image = math.inf if data["image"] is None else data["image"]
-        findings = tuple(Finding(about, text) for about, text in data.get("findings", ()))
+        findings = tuple(Finding(*fields) for fields in data.get("findings", ()))
         return Observation(
             data["time"],
             poses,

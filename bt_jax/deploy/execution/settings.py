@@ -17,7 +17,7 @@ class Exit:
 
 @dataclasses.dataclass(frozen=True)
 class Limits:
-    """Times of a run, in seconds."""
+    """Times of a run, in seconds, and one count."""
 
     tick: float = 0.1  # from tick to tick
     run: float = 600.0  # the whole run
@@ -26,8 +26,11 @@ class Limits:
     settle: float = 0.5  # for the camera to see what an attempt has changed
     rest: float = 0.35  # for arms that were told to stop to come to rest
     patience: float = 10.0  # for which the tree may fail before the run has failed
+    unseen: float = 12.0  # for which what is missing may not be seen before it has; never less than half the patience
+    finding: float = 5.0  # for which a finding may last that makes what is known wrong
     success: float = 1.0  # for which it must succeed
     image: float = 1.0  # the newest image may be old
+    broken_off: int = 5  # times that an attempt at an action is broken off, with nothing new achieved meanwhile
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,9 +55,11 @@ class GraspSettings:
     steady: float = 0.001  # m that the fingers may still move between two observations
     near: float = 0.02  # m that a held box's centre may be off the hand's, besides half its size
     trail: float = 1.2  # s by which a pose may lag behind the hand
-    still: float = 0.0005  # m that resting fingers move within `reaction`
-    reaction: float = 0.25  # s until a command to the fingers shows in their readings, over Robot Web Services
-    patience: float = 4.0  # s for fingers to come to rest
+    still: float = 0.0005  # m that resting fingers move within `rest`
+    rest: float = 0.3  # s without motion after which fingers rest; readings come more often
+    reaction: float = 1.5  # s within which a command to the fingers shows in their readings, over Robot Web Services
+    patience: float = 6.0  # s for fingers to come to rest
+    nothing: float = 0.003  # m from where they were sent, within which closing fingers have met nothing
     let_go: float = 0.0007  # m above its place at which a box is released
 
 
@@ -68,5 +73,6 @@ class MotionSettings:
     at_home: float = 0.05  # rad from the place of rest
     shifted: float = 0.006  # m by which what is aimed at must have moved for a new plan
     aside: float = 0.015  # m by which what is to be avoided must have moved for a new plan
+    turned: float = 0.1  # rad by which either must have turned
     straight: float = 0.3  # share of the pace on the straight path down
     sight: float = 4.0  # s for something to show once the arms are out of the way

@@ -175,13 +175,14 @@ class YumiSkills:
         tcp = YUMI.forward(arm, self.link.arm(arm).commanded)
         self._moves.carried[arm] = Carried(arm, box, carried_pose(tcp, pose))
         yield from self._moves.fingers(arm)
-        if not self._moves.holds(arm, size):
+        failure = self._moves.closed_on(arm, box)
+        if failure:
             self._avoid[box] = arm
             self.link.grip(arm, YUMI.arm(arm).gripper.opening, self._grasping.force)
             del self._moves.carried[arm]
             yield from self._moves.fingers(arm)
             yield from self._moves.straight(arm, reach.line[::-1])
-            raise Failed(f"the {arm} fingers closed on nothing")
+            raise Failed(failure)
         yield from self._moves.straight(arm, reach.line[::-1])
         if not self._moves.holds(arm, size):
             self._avoid[box] = arm

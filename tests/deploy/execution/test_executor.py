@@ -10,6 +10,7 @@ from bt_jax.behaviors import Behavior, Control
 from bt_jax.deploy.commands.replay import replay
 from bt_jax.deploy.execution.log import Log
 from bt_jax.deploy.execution.log_reader import read_log
+from bt_jax.deploy.execution.observation import Finding
 from bt_jax.deploy.execution.settings import Exit, Limits
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.status import Status
@@ -184,7 +185,58 @@ def test_retries_are_bounded(monkeypatch):
     outcome = cell.executor.run()
     assert cell.skills.started == [PICK["YellowBox"]] * TASK.episode.action_ticks
     assert outcome.exit_code == Exit.FAILED
-    assert "pick(YellowBox) failed 5 times" in outcome.reason
+    assert "pick(YellowBox) failed 5 times (the fingers closed on nothing)" in outcome.reason
+
+
+def test_attempts_that_are_broken_off_without_end_are_bounded_and_the_reason_is_told():
+    """A box that seems to be here and there by turns, as one whose marker is seen twice."""
+    cell = IdealCell(limits=Limits(look=0.0))
+    goal, there = cell.skills.world.kit[0] + np.array([0, 0, 0.055]), np.array([1.3, 0.2, 0.8])
+    cell.skills.polls = 10**6
+    cell.findings = (Finding("YellowBox", "YellowBox's marker is seen twice"), Finding("OtherBox", "OtherBox burns"))
+    cell.on_tick = lambda shown: cell.move("YellowBox", goal if len(cell.shown) // 12 % 2 else there)
+    outcome = cell.executor.run()
+    assert outcome.exit_code == Exit.FAILED
+    assert outcome.seconds < 20.0
+    assert f"{PICK['YellowBox']} was broken off 5 times: the tree wants" in outcome.reason
+    assert outcome.reason.endswith("YellowBox's marker is seen twice")
+
+
+def test_what_is_achieved_between_interruptions_gives_new_attempts():
+    cell = IdealCell(limits=Limits(look=0.0, broken_off=2))
+    goal = cell.skills.world.kit[0] + np.array([0, 0, 0.055])
+
+    def meddle(shown):
+        if cell.skills.action == PICK["YellowBox"] and len(cell.skills.cancelled) < 2:
+            cell.move("YellowBox", goal)
+        if cell.skills.action == PICK["GreenBox"] and cell.skills.started.count(PICK["YellowBox"]) < 2:
+            cell.move("YellowBox", (1.3, 0.2, 0.8))
+
+    cell.on_tick = meddle
+    assert cell.executor.run().exit_code == Exit.DONE
+
+
+def test_a_finding_that_makes_what_is_known_wrong_ends_the_run_if_it_lasts():
+    wrong = Finding("", "the camera is 5 mm off: calibrate again", stops=True)
+    cell = IdealCell()
+    cell.skills.polls = 10**6
+    cell.on_tick = lambda shown: setattr(cell, "findings", (wrong,) if 2.0 < shown.seen.time < 6.0 else ())
+    cell.executor.limits = Limits(run=8.0)
+    assert "time is up" in cell.executor.run().reason, "it did not last"
+    cell = IdealCell()
+    cell.findings = (wrong,)
+    outcome = cell.executor.run()
+    assert (outcome.exit_code, outcome.reason) == (Exit.FAILED, wrong.text)
+    assert outcome.seconds <= Limits().finding + 0.5
+
+
+def test_what_was_hidden_for_long_is_waited_for_less():
+    cell = IdealCell(PICK["YellowBox"])
+    cell.skills.polls = 100
+    cell.hide.add("YellowBox")
+    outcome = cell.executor.run()
+    assert outcome.reason == "the tree has failed: YellowBox is not seen"
+    assert 12.0 < outcome.seconds < 20.0, "the arms take 10 s out of the way"
 
 
 def test_an_attempt_has_a_time_out(tmp_path):

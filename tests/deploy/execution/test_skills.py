@@ -205,15 +205,16 @@ def test_fingers_that_close_on_nothing_are_a_failure(link, skills):
     assert link.openings["left"] == pytest.approx(YUMI.arm("left").gripper.opening, abs=0.002)
 
 
-def test_slow_readings_of_the_fingers_are_no_grasp(link, skills, monkeypatch):
-    """Fingers that tell for 0.2 s after a command where they were before it."""
+@pytest.mark.parametrize("delay", [0.2, 0.6, 1.0])
+def test_slow_readings_of_the_fingers_are_no_grasp(link, skills, monkeypatch, delay):
+    """Fingers that tell where they were some time ago."""
     told = []
     true_arm = FollowingLink.arm
 
     def late(self, arm):
         state = true_arm(self, arm)
         told.append((self.time, arm, state.opening))
-        old = [o for t, a, o in told if a == arm and t <= self.time - 0.2]
+        old = [o for t, a, o in told if a == arm and t <= self.time - delay]
         return dataclasses.replace(state, opening=old[-1] if old else state.opening)
 
     monkeypatch.setattr(FollowingLink, "arm", late)
@@ -221,5 +222,41 @@ def test_slow_readings_of_the_fingers_are_no_grasp(link, skills, monkeypatch):
     each = lambda: lifted_open.append(  # noqa: E731
         skills.committed and link.arm("left").moving and link.openings["left"] > 0.045
     )
-    assert carried_out(skills, link, PICK, each=each) == Status.SUCCESS
+    assert carried_out(skills, link, PICK, each=each) == Status.SUCCESS, skills.reason
     assert not any(lifted_open)
+    assert carried_out(skills, link, PLACE) == Status.SUCCESS, skills.reason
+
+
+def test_fingers_that_do_not_close_are_no_missing_box(link, skills, monkeypatch):
+    monkeypatch.setattr(FollowingLink, "_move_fingers", lambda self, arm: None)
+    assert carried_out(skills, link, PICK) == Status.FAILURE
+    assert "the left fingers did not close: they are still 50 mm apart" in skills.reason
+
+
+def test_something_of_another_width_between_the_fingers_is_told(link, skills):
+    link.size = 0.033
+    assert carried_out(skills, link, PICK) == Status.FAILURE
+    assert "closed on something 33 mm wide that is not YellowBox" in skills.reason
+
+
+def test_a_box_that_turns_under_the_descending_hand_is_followed(link, skills):
+    each = once(lambda: descends(link, [0.3, 0.24]), lambda: link.boxes.update(YellowBox=at(0.3, 0.24, 0.7)))
+    assert carried_out(skills, link, PICK, each=each) == Status.SUCCESS, skills.reason
+    assert "left" in link.halted
+    assert np.abs(link.held["left"][1].rotation.as_matrix()).round(2).max(axis=0).min() == 1.0, (
+        "edges along the fingers"
+    )
+
+
+def test_a_box_that_is_seen_elsewhere_leaves_something_unknown_in_the_fingers(link, skills):
+    assert carried_out(skills, link, PICK) == Status.SUCCESS
+    started, true_seen = link.time, link.seen
+
+    def seen():
+        told = true_seen()
+        away = {"YellowBox": at(0.3, 0.24)} if link.time > started + 1.0 else {}
+        return dataclasses.replace(told, poses={**told.poses, **away}, holding=None if away else told.holding)
+
+    link.seen = seen
+    assert carried_out(skills, link, PLACE, seconds=started + 60) == Status.FAILURE
+    assert "something unknown is between the left fingers" in skills.reason

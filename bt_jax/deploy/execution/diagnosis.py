@@ -1,0 +1,70 @@
+"""Why a run does not get on: what is not seen and since when, what is wrong with the picture, and which attempts failed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from bt_jax.behaviors import Behavior, Kind
+from bt_jax.deploy.execution.action_runner import ActionRunner
+from bt_jax.deploy.execution.observation import Finding, Observation
+from bt_jax.deploy.execution.settings import Limits
+from bt_jax.tasks import Task
+
+__all__ = ["Diagnosis", "joined"]
+
+
+class Diagnosis:
+    """Of the run of one tree with these `leaves`. `conditions` are all that it speaks of, also as effects of its actions."""
+
+    def __init__(self, task: Task, leaves: Iterable[Behavior], runner: ActionRunner, limits: Limits) -> None:
+        self.task, self.runner, self.limits = task, runner, limits
+        leaves = list(leaves)
+        conditions = [c for leaf in leaves for c in ([leaf] if leaf.kind == Kind.CONDITION else leaf.postconditions)]
+        self.conditions = tuple(dict.fromkeys(conditions))
+        self._objects = {name for leaf in (*leaves, *conditions) for name in (leaf.object, leaf.frame) if name}
+        self._hidden: list[str] = []  # boxes and kit that are not seen now
+        self._seen_at: dict[str, float] = {}  # when each was seen last
+        self._findings: tuple[Finding, ...] = ()  # about the tree's objects and the picture
+        self._found_at: dict[str, float] = {}  # what findings that stop a run are about, and since when
+
+    def take(self, seen: Observation) -> str:
+        """Take note of what is seen now. Return what has made it wrong for too long, "" if nothing has."""
+        self._seen_at.update(dict.fromkeys(seen.poses, seen.time))
+        objects = (*self.task.box_names, self.task.kit.name)
+        self._hidden = [name for name in objects if name not in (*seen.poses, seen.holding)]
+        self._findings = tuple(f for f in seen.findings if f.about in self._objects or not f.about)
+        stopping = {finding.about: finding for finding in self._findings if finding.stops}
+        self._found_at = {about: self._found_at.get(about, seen.time) for about in stopping}
+        late = [about for about, since in self._found_at.items() if seen.time - since >= self.limits.finding]
+        return "; ".join(stopping[about].text for about in late)
+
+    def patience(self, undecided: frozenset[Behavior], now: float) -> float:
+        """Return how long the tree may fail [s]: less than usual where what it misses has not been seen for long."""
+        times = [self._seen_at.get(name, 0.0) for name in self._missing(undecided)]
+        left = self.limits.unseen - (now - max(times, default=now))
+        return min(self.limits.patience, max(left, self.limits.patience / 2))
+
+    def repeated(self) -> str:
+        """Return which action was broken off again and again without anything achieved, and why, "" if none was."""
+        reason = self.runner.repeated(self.limits.broken_off)
+        return reason and joined(reason, map(str, self._findings))
+
+    def troubles(self, undecided: frozenset[Behavior] = frozenset()) -> list[str]:
+        """Return what went wrong and still does, each a clause; `undecided` are the conditions that cannot be decided."""
+        reasons, troubles = self.runner.reasons, list(map(str, self._findings))
+        for action, count in self.runner.failures.items():
+            why = f" ({reasons[action]})" if action in reasons else ""
+            troubles.append(f"{action} failed {'once' if count == 1 else f'{count} times'}{why}")
+        unseen = self._missing(undecided)
+        return troubles + ([f"{' and '.join(unseen)} {'is' if len(unseen) == 1 else 'are'} not seen"] if unseen else [])
+
+    def _missing(self, undecided: frozenset[Behavior]) -> list[str]:
+        """Return what is not seen that keeps conditions from being decided: what they name, else all that is hidden, which
+        may stand on it."""
+        named = {name for condition in undecided for name in (condition.object, condition.frame)}
+        return [name for name in self._hidden if name in named] or (self._hidden if undecided else [])
+
+
+def joined(reason: str, why: Iterable[str]) -> str:
+    """Return a reason and what it is due to, as one sentence."""
+    return ": ".join(filter(None, [reason, "; ".join(why)]))
