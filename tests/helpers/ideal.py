@@ -69,8 +69,9 @@ class SimulatedTime:
     def stopped(self) -> str | None:
         return self.reason
 
-    def stop(self, reason: str) -> None:
+    def stop(self, reason: str) -> str:
         self.reason = self.reason or reason
+        return ""
 
     def halt(self, arm: str) -> None:
         self.halted.append(arm)

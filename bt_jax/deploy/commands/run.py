@@ -96,6 +96,8 @@ def run_command(arguments: RunArguments, console: Console | None = None) -> int:
     console.print(f"ticks      {outcome.ticks}, {outcome.overruns} too slow; link {cell.link.counters()}")
     if arguments.motion and outcome.exit_code == Exit.STOPPED:
         console.print(escape(STOPPED))
+    if (unconfirmed := cell.link.unconfirmed()) is not None:
+        console.print(f"[bold red]{escape(unconfirmed[0].upper() + unconfirmed[1:])}.[/]")
     return outcome.exit_code
 
 

@@ -88,9 +88,8 @@ class Executor:
         self._entries.start(self.program, start, self.limits, self.settings, self.dry)
         with self._interruptible():
             end = self._until_halt(start)
-            if end.holds:
-                self._hold(end.reason)
-            return self._finish(end, start)
+            more = self._hold(end.reason) if end.holds else ""
+            return self._finish(Halt(f"{end.reason}; {more}", end.code, end.status) if more else end, start)
 
     def _until_halt(self, start: float) -> Halt:
         """Tick until the run is over; return why it is."""
@@ -234,15 +233,16 @@ class Executor:
             statuses, action = entry.decision.ticked.statuses, entry.decision.wanted
         self.on_tick(TickReport(entry.seen, statuses, action, entry.phase))
 
-    def _hold(self, reason: str) -> None:
-        """Slow down on the path, then hold for good; the only way to halt."""
+    def _hold(self, reason: str) -> str:
+        """Slow down on the path, then hold for good; the only way to halt. Return what is to be added to the reason."""
         with contextlib.suppress(UserError, Rejected, ControllerGone):
             if self.link.stopped() is None:
                 for arm in self.link.arms:
                     self.link.halt(arm)
                 self.link.wait(self.link.now() + self.limits.rest)
         with contextlib.suppress(UserError, Rejected, ControllerGone):
-            self.link.stop(reason)
+            return self.link.stop(reason)
+        return ""
 
     def _finish(self, end: Halt, start: float) -> RunOutcome:
         """Log how it ended; the arms hold already, so that a log that cannot be written changes nothing."""

@@ -83,8 +83,9 @@ class RobotLink(Protocol):
     def grip(self, arm: str, opening: float, force: float = 10.0) -> None:
         """Move a gripper's fingers to a distance [m] from each other, with a force up to 20 N."""
 
-    def stop(self, reason: str) -> None:
-        """Latch a protective stop: the arms hold from now on."""
+    def stop(self, reason: str) -> str:
+        """Latch a protective stop: the arms hold from now on. Return what must be added to the reason: that the robot has
+        not confirmed it, or what the robot says itself; "" if nothing."""
 
     def counters(self) -> Counters:
         """Return what was counted so far."""

@@ -1,14 +1,18 @@
 """The RAPID program on the controller, as the link uses it: start and stop, guided motion on request, grippers.
 
-All requests go over Robot Web Services, one at a time, from whichever thread.
+All requests go over Robot Web Services, one at a time and within one budget, from whichever thread; only the stop has its
+own way, see `program_stop`.
 """
 
 from __future__ import annotations
 
-import threading
+import itertools
+import time
 
 import numpy as np
 
+from bt_jax.deploy.link.program_stop import ProgramStop
+from bt_jax.deploy.link.request_budget import RequestBudget
 from bt_jax.deploy.link.rws import (
     EGM_MOTION,
     GRIP_ACTUAL,
@@ -25,62 +29,96 @@ __all__ = ["RapidProgram"]
 
 STRONGEST, WIDEST = 20.0, 0.05  # N and m of the Smart Gripper
 MILLIMETRES = 500.0  # mm a finger for a metre between both
+GRIPPING = 3.0  # seconds after a command in which only the gripper that was told to move is read
+WARNING = 2  # kind of a message from which on it may be why the robot stopped
 
 
 class RapidProgram:
-    """The program in both arms' tasks. Every call raises UserError where the controller does not answer as it should."""
+    """The program in both arms' tasks. Every call raises UserError where the controller does not answer as it should.
+    `realtime` False: time is simulated, and no budget limits the requests."""
 
-    def __init__(self, config: LinkConfig) -> None:
+    def __init__(self, config: LinkConfig, *, realtime: bool = True) -> None:
         self.arms = tuple(config.ports)
         self.openings = dict.fromkeys(self.arms, 0.0)  # m between the fingers, as read last
-        self._lock = threading.Lock()
-        self._rws = Rws(config.host, config.rws_port, config.user, config.password)
+        self._forces: dict[str, float] = {}  # N, as written last
+        self._gripped: tuple[str, float] = ("", float("-inf"))  # arm that was told to grip last, and when
+        self._turns = itertools.cycle(self.arms)
+        self._told = 0  # number of the newest message before the start
+        access = (config.host, config.rws_port, config.user, config.password)
+        budget = RequestBudget() if realtime else RequestBudget(None)
+        self._rws = Rws(*access, budget=budget)
+        self._stop = ProgramStop(Rws(*access, timeout=config.timing.attempt, back_off=()), config.timing.retry)
+
+    @property
+    def stopping(self) -> bool:
+        """Was the program told to stop?"""
+        return self._stop.begun
 
     def state(self) -> ControllerState:
         """Return the controller's state, asked for now."""
-        with self._lock:
-            return self._rws.state()
+        return self._rws.state()
 
     def start(self) -> None:
         """Start the program from its beginning; the arms stand still until they are asked to follow."""
-        with self._lock:
-            self._rws.start()
+        self._rws.start()
+
+    def expect_stop(self) -> None:
+        """Make ready for a stop: open its session, and note what the controller's event log says by now."""
+        self._stop.log_in()
+        self._told = max((message.number for message in self._rws.messages()), default=0)
 
     def stop(self) -> None:
-        """Stop the program; the robot brakes along its path."""
-        with self._lock:
-            self._rws.stop()
+        """Begin to stop the program, again and again until it has; return at once. The robot brakes along its path."""
+        self._stop.begin()
+
+    def stopped(self, seconds: float) -> bool:
+        """Wait until the controller confirms the stop; return whether it does."""
+        return self._stop.wait(seconds)
+
+    def complaint(self) -> str | None:
+        """Return the newest warning or error in the controller's event log since `expect_stop`, None if it has none."""
+        new = [each for each in self._rws.messages() if each.number > self._told and each.kind >= WARNING]
+        return str(new[0]) if new else None
 
     def ask_to_follow(self) -> str | None:
         """Ask the arms that do not follow EGM yet to do so. Return which do not, None where all follow."""
         waiting = []
-        with self._lock:
-            for arm in self.arms:
-                motion = self._rws.number(symbol(arm, EGM_MOTION))
-                if motion == Motion.LISTEN:
-                    self._rws.set_number(symbol(arm, EGM_MOTION), float(Motion.ASKED))
-                if motion != Motion.GUIDED:
-                    waiting.append(arm)
+        for arm in self.arms:
+            motion = self._rws.number(symbol(arm, EGM_MOTION))
+            if motion == Motion.LISTEN:
+                self._rws.set_number(symbol(arm, EGM_MOTION), float(Motion.ASKED))
+            if motion != Motion.GUIDED:
+                waiting.append(arm)
         return f"{' and '.join(waiting)}: not guided" if waiting else None
 
     def end_guided_motion(self) -> None:
         """Have the program end guided motion itself, smoothly; the arms must still be held while it does."""
-        with self._lock:
-            for arm in self.arms:
-                self._rws.set_number(symbol(arm, EGM_MOTION), float(Motion.LISTEN))
+        for arm in self.arms:
+            self._rws.set_number(symbol(arm, EGM_MOTION), float(Motion.LISTEN))
 
     def grip(self, arm: str, opening: float, force: float) -> None:
         """Move an arm's fingers to a distance from each other [m], with a force [N], both clipped to what is possible."""
-        with self._lock:
-            self._rws.set_number(symbol(arm, GRIP_FORCE), float(np.clip(force, 0, STRONGEST)))
-            self._rws.set_number(symbol(arm, GRIP_TARGET), MILLIMETRES * float(np.clip(opening, 0, WIDEST)))
+        force = float(np.clip(force, 0, STRONGEST))
+        if self._forces.get(arm) != force:
+            self._rws.set_number(symbol(arm, GRIP_FORCE), force)
+            self._forces[arm] = force
+        self._rws.set_number(symbol(arm, GRIP_TARGET), MILLIMETRES * float(np.clip(opening, 0, WIDEST)))
+        self._gripped = arm, time.monotonic()
 
     def read_openings(self) -> None:
-        """Read how far apart the fingers are."""
+        """Read how far apart the fingers of all arms are."""
         for arm in self.arms:
-            with self._lock:
-                self.openings[arm] = self._rws.number(symbol(arm, GRIP_ACTUAL)) / MILLIMETRES
+            self._read_opening(arm)
+
+    def read_next_opening(self) -> None:
+        """Read how far apart the fingers of one arm are: of that which was told to grip lately, else of each in turn."""
+        arm, when = self._gripped
+        self._read_opening(arm if time.monotonic() - when < GRIPPING else next(self._turns))
+
+    def _read_opening(self, arm: str) -> None:
+        self.openings[arm] = self._rws.number(symbol(arm, GRIP_ACTUAL)) / MILLIMETRES
 
     def close(self) -> None:
-        """Close the connection."""
+        """Log out."""
+        self._stop.close()
         self._rws.close()

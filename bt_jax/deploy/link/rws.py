@@ -1,5 +1,10 @@
-"""Robot Web Services 1.0 (IRC5, RobotWare 6) as far as a cell needs them: state, start, stop, and numbers of the RAPID
-program, through which the grippers are moved. Source: ABB's application manual 3HAC050973-001.
+"""Robot Web Services 1.0 (IRC5, RobotWare 6) as far as a cell needs them: state, start, stop, messages, and numbers of the
+RAPID program, through which the grippers are moved.
+
+Sources: ABB's application manual 3HAC050973-001 (developercenter.robotstudio.com/api/rwsApi), and two public clients that
+are used with an IRC5: ros-industrial/abb_librws (C++) and rpiRobotics/abb_robot_client (Python). Like them, we ask for no
+mastership: in automatic mode the controller takes it itself for the time of a start, a stop or a write. A session is a pair
+of cookies (-http-session-, ABBCX) that comes with the first answer; a controller has few of them, so that we log out.
 
 On the controller runs the RAPID module BtJax (`commands/BtJax.mod`), in each arm's task. EGM moves only the axes: the module
 keeps `grip_target` and `grip_actual` (mm a finger) and `grip_force` (N), and moves the Smart Gripper. The arm stands still
@@ -8,14 +13,18 @@ and tells where it is until `egm_motion` asks for guided motion, see `Motion`.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import enum
 import math
+import time
 from typing import Any
 
 import httpx
 
 from bt_jax._util.errors import UserError
+from bt_jax.deploy.link.request_budget import RequestBudget
+from bt_jax.deploy.link.rws_errors import ControllerBusy, ControllerSilent, refusal
 
 __all__ = [
     "EGM_MOTION",
@@ -24,6 +33,7 @@ __all__ = [
     "GRIP_TARGET",
     "MODULE",
     "TASKS",
+    "ControllerMessage",
     "ControllerState",
     "Motion",
     "Rws",
@@ -35,6 +45,7 @@ TASKS = {"left": "T_ROB_L", "right": "T_ROB_R"}  # in which the arms run
 EGM_MOTION = "egm_motion"
 GRIP_TARGET, GRIP_ACTUAL, GRIP_FORCE = "grip_target", "grip_actual", "grip_force"
 TIMEOUT = 2.0  # seconds a request may take
+BACK_OFF = (0.2, 0.4)  # seconds to wait before each further try where the controller is busy
 START = {
     "regain": "continue",
     "execmode": "continue",
@@ -72,22 +83,60 @@ class ControllerState:
         return self.control == "motoron" and self.mode == "AUTO"
 
 
-class Rws:
-    """One session with a controller. Every call raises UserError where the controller does not answer as it should."""
+@dataclasses.dataclass(frozen=True)
+class ControllerMessage:
+    """A line of the controller's event log."""
 
-    def __init__(self, host: str, port: int, user: str, password: str) -> None:
+    number: int  # counts up
+    kind: int  # 1 for information, 2 for a warning, 3 for an error
+    code: int  # ABB's: 50204 is "motion supervision"
+    title: str
+    description: str = ""
+    time: str = ""  # by the controller's clock: 2026-09-25 T 22:15:06
+
+    def __str__(self) -> str:
+        return f"{self.code} {self.title}"
+
+
+class Rws:
+    """One session with a controller. Every call raises UserError where the controller does not answer as it should:
+    ControllerSilent where it does not answer, ControllerBusy where it answers 503 for longer than `back_off` [s].
+
+    A session that has expired is begun again. Requests take their turns of `budget`, commands first.
+    """
+
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        user: str,
+        password: str,
+        *,
+        budget: RequestBudget | None = None,
+        timeout: float = TIMEOUT,
+        back_off: tuple[float, ...] = BACK_OFF,
+    ) -> None:
         self.host, self.port = host, port
+        self._budget = RequestBudget(None) if budget is None else budget
+        self._user, self._back_off = (user, password), back_off
+        self._logged_in = False
         self._client = httpx.Client(
-            base_url=f"http://{host}:{port}", auth=httpx.DigestAuth(user, password), timeout=TIMEOUT, trust_env=False
+            base_url=f"http://{host}:{port}",
+            auth=httpx.DigestAuth(user, password),
+            timeout=timeout,
+            trust_env=False,
+            event_hooks={"request": [lambda _: self._budget.count()]},
         )
 
     def state(self) -> ControllerState:
         """Return what the controller is doing."""
         return ControllerState(
-            self._get("/rw/panel/ctrlstate", "ctrlstate"),
-            self._get("/rw/panel/opmode", "opmode"),
-            self._get("/rw/rapid/execution", "ctrlexecstate"),
+            self._get("/rw/panel/ctrlstate", "ctrlstate"), self._get("/rw/panel/opmode", "opmode"), self.execution()
         )
+
+    def execution(self) -> str:
+        """Return whether RAPID is running or stopped."""
+        return self._get("/rw/rapid/execution", "ctrlexecstate")
 
     def start(self) -> None:
         """Start the RAPID program of all tasks from its beginning."""
@@ -95,7 +144,7 @@ class Rws:
         self._post("/rw/rapid/execution?action=start", START)
 
     def stop(self) -> None:
-        """Stop the RAPID program; the robot brakes along its path."""
+        """Ask for a stop of the RAPID program; the robot brakes along its path. See `execution` for whether it did."""
         self._post("/rw/rapid/execution?action=stop", {"stopmode": "stop", "usetsp": "normal"})
 
     def number(self, url: str) -> float:
@@ -113,33 +162,88 @@ class Rws:
         """Write a RAPID number."""
         self._post(f"/rw/rapid/symbol/data/{url}?action=set", {"value": f"{value:.4f}"})
 
+    def messages(self) -> list[ControllerMessage]:
+        """Return the last lines of the controller's event log, the newest first."""
+        path = "/rw/elog/0?lang=en&order=lifo&limit=10"
+        found = self._states(path)
+        try:
+            messages = [
+                ControllerMessage(
+                    number=int(str(each["_title"]).rpartition("/")[2]),
+                    kind=int(each["msgtype"]),
+                    code=int(each["code"]),
+                    title=str(each["title"]),
+                    description=str(each.get("desc", "")),
+                    time=str(each.get("tstamp", "")),
+                )
+                for each in found
+            ]
+        except (ValueError, LookupError, TypeError, AttributeError) as error:
+            raise self._strange(path, "messages") from error
+        return sorted(messages, key=lambda message: message.number, reverse=True)
+
     def close(self) -> None:
+        """Log out, as far as the controller answers, and close the connection."""
+        if self._logged_in and not self._client.is_closed:
+            with contextlib.suppress(UserError, httpx.HTTPError):
+                self._client.get("/logout", timeout=min(TIMEOUT, 0.5))
         self._client.close()
 
     def _get(self, path: str, key: str) -> str:
-        answer = self._request("GET", f"{path}?json=1", None)
         try:
-            return str(answer.json()["_embedded"]["_state"][0][key])
+            return str(self._states(path)[0][key])
+        except (LookupError, TypeError) as error:
+            raise self._strange(path, key) from error
+
+    def _states(self, path: str) -> list[dict[str, Any]]:
+        answer = self._request("GET", path, None)
+        try:
+            found = answer.json()["_embedded"]["_state"]
         except (ValueError, LookupError, TypeError) as error:
-            raise UserError(
-                f"the controller's answer to {path} has no {key}; is {self.host} an IRC5 with RobotWare 6?"
-            ) from error
+            raise self._strange(path, "state") from error
+        if not isinstance(found, list):
+            raise self._strange(path, "state")
+        return found
+
+    def _strange(self, path: str, key: str) -> UserError:
+        return UserError(f"the controller's answer to {path} has no {key}; is {self.host} an IRC5 with RobotWare 6?")
 
     def _post(self, path: str, data: dict[str, Any]) -> None:
         self._request("POST", path, data)
 
     def _request(self, method: str, path: str, data: dict[str, Any] | None) -> httpx.Response:
-        where = f"the controller at {self.host}:{self.port}"
+        """Send a request and return its answer; wait where the controller is busy, and log in again where it forgot us."""
+        with self._budget.turn(command=method == "POST"):
+            for pause in (*self._back_off, None):
+                answer = self._send(method, path, data)
+                if answer.status_code == 401 and self._logged_in:
+                    self._client.cookies.clear()
+                    self._client.auth = httpx.DigestAuth(*self._user)
+                    answer = self._send(method, path, data)
+                self._logged_in = self._logged_in or answer.status_code < 400
+                if answer.status_code < 400:
+                    return answer
+                problem = refusal(f"the controller at {self.host}:{self.port}", path, answer.status_code, _code(answer))
+                if pause is None or not isinstance(problem, ControllerBusy):
+                    raise problem
+                time.sleep(pause)
+        raise AssertionError("the last try returns or raises")
+
+    def _send(self, method: str, path: str, data: dict[str, Any] | None) -> httpx.Response:
         try:
-            answer = self._client.request(method, path, data=data)
+            return self._client.request(method, f"{path}{'&' if '?' in path else '?'}json=1", data=data)
         except httpx.HTTPError as error:
-            raise UserError(
+            where = f"the controller at {self.host}:{self.port}"
+            if isinstance(error, httpx.ReadTimeout | httpx.WriteTimeout):
+                raise ControllerSilent(f"{where} does not answer; check that it is not being restarted") from error
+            raise ControllerSilent(
                 f"{where} cannot be reached ({error or type(error).__name__}); check cable, address and that it is on"
             ) from error
-        if answer.status_code == 401:
-            raise UserError(f"{where} refuses the user; give --user and --password of the controller")
-        if answer.status_code >= 400:
-            raise UserError(
-                f"{where} refuses {path} ({answer.status_code}); put it in automatic mode, motors on, with BtJax loaded"
-            )
-        return answer
+
+
+def _code(answer: httpx.Response) -> int | None:
+    """Return ABB's return code in an answer, None if it has none."""
+    try:
+        return int(answer.json()["_embedded"]["status"]["code"])
+    except (ValueError, LookupError, TypeError):
+        return None

@@ -14,10 +14,13 @@ class LinkTiming:
 
     startup: float = 30.0  # for the link process to come up, and for its answers where time is simulated
     answer: float = 1.0  # for its answer to a command by the clock: it looks 500 times as often
-    guided: float = 3.0  # for the arms to follow once the program was started
-    poll: float = 0.05  # between two readings of the grippers in real time
-    state: float = 0.25  # between two readings of the controller's state
+    guided: float = 5.0  # for the arms to follow once the program was started
+    poll: float = 0.2  # between two readings of a gripper in real time
+    state: float = 1.5  # between two readings of the controller's state, which EGM tells sooner
     silent: float = 2.0  # without an answer to such a reading, until the robot is stopped
+    attempt: float = 0.5  # for the controller to answer a request to stop its program
+    retry: float = 0.15  # between two requests to stop it
+    confirm: float = 1.5  # for it to confirm that it has stopped, until a person is asked to press the stop
     ramp: float = 0.5  # for the robot's program to end guided motion: a look at the gripper, and its ramp
     idle: float = 0.002  # between two looks at the watchdog while no message comes
     elsewhere: float = 0.5  # for which other ports are listened to where nothing comes

@@ -14,9 +14,11 @@ import time
 import numpy as np
 
 from bt_jax._util.errors import UserError
+from bt_jax.deploy.link.controller_watch import ControllerWatch
 from bt_jax.deploy.link.egm import CYCLE
 from bt_jax.deploy.link.loop_timing import LateRound
 from bt_jax.deploy.link.process import LinkStart, serve
+from bt_jax.deploy.link.program_stop import UNCONFIRMED
 from bt_jax.deploy.link.protocol import ArmState, ControllerGone, Counters, Records, SimulatedController
 from bt_jax.deploy.link.rapid_program import RapidProgram
 from bt_jax.deploy.link.realtime import CONTEXT
@@ -51,7 +53,7 @@ class YumiLink:
         self._process = CONTEXT.Process(target=serve, args=(start, self._blocks, theirs), daemon=True)
         self._theirs = theirs
         self._pipe_lock = threading.Lock()
-        self._program = RapidProgram(config)
+        self._program = RapidProgram(config, realtime=self._simulated is None)
         self._target = dict.fromkeys(self.arms, 0.0)
         self._rejected = self._motions = self._drained = 0
         self._counted = [0] * len(COUNTERS)
@@ -59,8 +61,9 @@ class YumiLink:
         self._enabled = False  # and follows
         self._hangs = False  # the link process did not answer: what it says later answers something else
         self._reason: str | None = None  # of a stop that the link process could not be told of
+        self._unconfirmed = False  # the controller has not said that the robot's program stopped
         self._closing = threading.Event()
-        self._poller: threading.Thread | None = None
+        self._watch: ControllerWatch | None = None
 
     def open(self) -> YumiLink:
         """Start the link process and read the state. Raise UserError if a port is taken or nobody answers."""
@@ -80,8 +83,14 @@ class YumiLink:
             raise
         self._target |= self._program.openings
         if self._simulated is None:
-            self._poller = threading.Thread(target=self._poll, daemon=True)
-            self._poller.start()
+            self._watch = ControllerWatch(
+                self._program,
+                self._timing,
+                enabled=lambda: self._enabled,
+                stop=self.stop,
+                look=self._stop_if_dead,
+            )
+            self._watch.start()
         return self
 
     __enter__ = open
@@ -105,6 +114,7 @@ class YumiLink:
         problem = self._ask("answer")
         if problem is not None:
             raise UserError(f"{problem}; ask for motion to start the robot")
+        self._program.expect_stop()
         self._answering = True
         if state.rapid != "running":
             self._program.start()
@@ -129,8 +139,8 @@ class YumiLink:
             if self._answering:
                 stack.callback(self._stop_program)
                 stack.callback(self._end_motion)
-            if self._poller is not None:
-                self._poller.join(self._timing.silent + 1)
+            if self._watch is not None:
+                self._watch.close()
 
     def _end_motion(self) -> None:
         well = self._enabled and self.stopped() is None and self._process.is_alive()
@@ -231,13 +241,28 @@ class YumiLink:
         self._target[arm] = opening
         self._program.grip(arm, opening, force)
 
-    def stop(self, reason: str) -> None:
+    def stop(self, reason: str) -> str:
         try:
             self._ask("stop", reason)
         except UserError:  # no setpoint flows: all the more must the program on the controller be stopped
             self._reason = self._reason or reason
         if self._answering:
             self._stop_program()
+        return self._aftermath()
+
+    def unconfirmed(self) -> str | None:
+        """Return that the robot's program has not confirmed its stop, and what to do; None if it has, or never began."""
+        return UNCONFIRMED if self._unconfirmed else None
+
+    def _aftermath(self) -> str:
+        """Return what must be added to the reason of a stop."""
+        if self._unconfirmed:
+            return UNCONFIRMED
+        complaint = None
+        if self._answering:
+            with contextlib.suppress(UserError):
+                complaint = self._program.complaint()
+        return "" if complaint is None else f"the controller says '{complaint}'"
 
     def _ramp_out(self) -> None:
         """End guided motion as the robot's program does it: smoothly, while the arms are still held."""
@@ -246,8 +271,10 @@ class YumiLink:
             time.sleep(self._timing.ramp)
 
     def _stop_program(self) -> None:
-        with contextlib.suppress(UserError):  # without a controller the arms hold by themselves
-            self._program.stop()
+        """Stop the robot's program, and wait for a moment until that is confirmed; it is tried on until `close` returns."""
+        self._program.stop()
+        self._unconfirmed = True
+        self._unconfirmed = not self._program.stopped(self._timing.confirm)
 
     def _dead(self) -> bool:
         return not self._closing.is_set() and not self._process.is_alive()
@@ -287,23 +314,6 @@ class YumiLink:
             if self._answering:
                 self._stop_program()
         raise UserError(f"{HANGS}; start again")
-
-    def _poll(self) -> None:
-        """Watch grippers and state in real time, in a thread."""
-        answered = asked = time.monotonic()
-        while not self._closing.wait(self._timing.poll):
-            self._stop_if_dead()
-            try:
-                self._program.read_openings()
-                if self._enabled and time.monotonic() - asked >= self._timing.state:
-                    asked = time.monotonic()
-                    state = self.state()
-                    if not (state.ready and state.rapid == "running"):
-                        self.stop(f"the controller is in {state.control}, mode {state.mode}, RAPID {state.rapid}")
-                answered = time.monotonic()
-            except (UserError, ValueError) as problem:
-                if self._enabled and not self._closing.is_set() and time.monotonic() - answered > self._timing.silent:
-                    self.stop(str(problem))
 
 
 def yumi_rules(task: Task, *, override: float = float("inf")) -> Rules:

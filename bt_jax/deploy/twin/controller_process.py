@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from collections.abc import Mapping
 from multiprocessing.connection import Connection
@@ -14,7 +15,7 @@ from bt_jax.deploy.link.egm import CYCLE, Mci
 from bt_jax.deploy.link.loop_timing import LoopTimer
 from bt_jax.deploy.link.realtime import Snapshot, sleep_until, take_priority
 from bt_jax.deploy.robot.arrays import PoseRow
-from bt_jax.deploy.twin.rws_server import serve_rws
+from bt_jax.deploy.twin.rws_server import RwsLimits, serve_rws
 from bt_jax.deploy.twin.settings import TIMING, Realism
 from bt_jax.deploy.twin.simulated_robot import CellModel, SimulatedRobot
 
@@ -42,7 +43,10 @@ def serve(spec: ControllerSpec, state: Snapshot, stats: Snapshot, watch: LoopTim
     )  # before the server's threads start: they inherit it, and never hold the interpreter while they wait
     try:
         robot = SimulatedRobot(spec.cell, spec.ports)
-        server = serve_rws(robot, spec.rws_port)
+        limits = RwsLimits(rate=math.inf)  # where time is simulated, no second by the clock is meant
+        if spec.realtime:
+            limits = RwsLimits(spec.realism.requests, spec.realism.request_delay)
+        server = serve_rws(robot, spec.rws_port, limits)
     except (ValueError, KeyError, OSError) as error:
         pipe.send(("failed", str(error)))
         return

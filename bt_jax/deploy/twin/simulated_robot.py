@@ -13,7 +13,15 @@ import numpy as np
 from jaxtyping import Float
 
 from bt_jax.deploy.link.egm import CYCLE, Feedback, Mci, Setpoint
-from bt_jax.deploy.link.rws import EGM_MOTION, GRIP_ACTUAL, GRIP_FORCE, GRIP_TARGET, Motion, symbol
+from bt_jax.deploy.link.rws import (
+    EGM_MOTION,
+    GRIP_ACTUAL,
+    GRIP_FORCE,
+    GRIP_TARGET,
+    ControllerMessage,
+    Motion,
+    symbol,
+)
 from bt_jax.deploy.robot.arrays import PoseRow
 from bt_jax.deploy.twin.network import Network
 from bt_jax.deploy.twin.settings import TIMING
@@ -81,11 +89,16 @@ class SimulatedRobot:
             self.data.ctrl[arm.finger_actuators] = self.data.qpos[arm.fingers]
             arm.numbers[GRIP_TARGET] = 1000 * float(self.data.qpos[arm.fingers].mean())
         self.rapid = False  # the program of both arms
+        self.messages: list[ControllerMessage] = []  # the controller's event log
 
     @property
     def time(self) -> float:
         """Seconds that were simulated."""
         return self.cycle * CYCLE
+
+    def tell(self, kind: int, code: int, title: str) -> None:
+        """Add a line to the event log: `kind` 1 for information, 2 for a warning, 3 for an error."""
+        self.messages.append(ControllerMessage(len(self.messages) + 1, kind, code, title))
 
     def start_rapid(self) -> bool:
         if self.control != "motoron" or self.mode != "AUTO":
@@ -170,6 +183,7 @@ class SimulatedRobot:
             if np.all((newest.joints >= low) & (newest.joints <= high)):
                 self.data.ctrl[arm.actuators] = newest.joints
             else:
+                self.tell(3, 50027, "Joint Out of Range")
                 self.stop_rapid(Mci.ERROR)  # as a real controller does with a target out of range
 
     def step(self) -> None:
@@ -203,6 +217,7 @@ class SimulatedRobot:
     def fault(self, kind: str, details: Mapping[str, float]) -> None:
         if kind in ("motors_off", "emergency_stop"):
             self.control = {"motors_off": "motoroff", "emergency_stop": "emergencystop"}[kind]
+            self.tell(*{"motors_off": (1, 10011, "Motors OFF"), "emergency_stop": (3, 10013, "Emergency stop")}[kind])
             self.stop_rapid()
             return
         for arm in self.arms:

@@ -63,6 +63,18 @@ def test_every_fault_ends_in_a_hold_that_the_log_explains(tmp_path, fault, code,
     assert fault is stop_robot or set(cell.link.halted) == {"left", "right"}
 
 
+def test_what_is_not_certain_of_a_stop_stands_in_its_reason_and_in_the_log(tmp_path, monkeypatch):
+    log = Log(tmp_path / "log.jsonl")
+    cell = IdealCell(log=log)
+    monkeypatch.setattr(cell.link, "stop", lambda reason: "not confirmed: press the stop")
+    cell.on_tick = lambda shown: break_camera(cell)
+    outcome = cell.executor.run()
+    log.close()
+    assert outcome.reason.startswith("camera: no new image")
+    assert outcome.reason.endswith("; not confirmed: press the stop")
+    assert list(read_log(tmp_path / "log.jsonl"))[-1]["reason"] == outcome.reason
+
+
 def test_ctrl_c_many_times_is_as_once():
     cell = IdealCell()
 

@@ -92,7 +92,7 @@ def test_taken_ports_and_wrong_users_are_said_in_a_sentence():
             assert rws.state().control == "motoroff"
             with pytest.raises(UserError, match="automatic mode"):
                 rws.start()
-            with pytest.raises(UserError, match="404"):
+            with pytest.raises(UserError, match="has no nothing of module BtJax in task T_ROB_L"):
                 rws.number("RAPID/T_ROB_L/BtJax/nothing")
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from bt_jax._util.errors import UserError
 from bt_jax.deploy.link.rws import EGM_MOTION, Motion, Rws, symbol
+from bt_jax.deploy.link.rws_errors import ControllerBusy
 from bt_jax.deploy.link.safety import Rejected
 from bt_jax.deploy.link.settings import LinkConfig, LinkTiming
 from bt_jax.deploy.link.yumi_link import YumiLink
@@ -99,6 +100,32 @@ def test_a_latched_stop_ends_with_its_process_and_the_robots_program():
             link.start()
 
 
+def test_a_stop_that_the_controller_does_not_confirm_is_said_until_it_does(monkeypatch):
+    stop, refuse = Rws.stop, True
+
+    def stop_or_not(rws):
+        if refuse:
+            raise ControllerBusy("the controller is busy")
+        stop(rws)
+
+    monkeypatch.setattr(Rws, "stop", stop_or_not)
+    with running(realtime=False) as (_, link):
+        assert "press the stop" in link.stop("somebody shouted")
+        assert "press the stop" in link.unconfirmed()
+        assert link.state().rapid == "running"
+        refuse = False
+        assert link.stop("somebody shouted") == ""
+        assert link.unconfirmed() is None
+        assert link.state().rapid == "stopped"
+
+
+def test_a_stop_tells_what_the_controller_says_of_it():
+    with running(realtime=False) as (controller, link):
+        controller.fault("emergency_stop")
+        run_for(link, 0.5, until=lambda: link.stopped() is not None)
+        assert link.stop("somebody shouted") == "the controller says '10013 Emergency stop'"
+
+
 @pytest.mark.realtime
 @pytest.mark.parametrize("well", [True, False])
 def test_guided_motion_is_ended_before_the_program_where_all_is_well(well, monkeypatch):
@@ -117,6 +144,6 @@ def test_guided_motion_is_ended_before_the_program_where_all_is_well(well, monke
         link.close()
         rws = Rws("127.0.0.1", controller.rws_port, "Default User", "robotics")
         listen = [("set_number", symbol(arm, EGM_MOTION), float(Motion.LISTEN)) for arm in ARMS]
-        assert told == [*(listen if well else []), ("stop",)]
+        assert told == ([*listen, ("stop",)] if well else []), "a stop that is confirmed needs no other"
         assert rws.state().rapid == "stopped"
         rws.close()
