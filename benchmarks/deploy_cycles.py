@@ -19,13 +19,15 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks._report import report, show
+from bt_jax.deploy.link.cell_rules import cell_rules
 from bt_jax.deploy.link.egm import CYCLE
 from bt_jax.deploy.link.loop_timing import LateRound
 from bt_jax.deploy.link.realtime import FIFO_PRIORITY
 from bt_jax.deploy.link.settings import LinkConfig
-from bt_jax.deploy.link.yumi_link import YumiLink, yumi_rules
+from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.perception.pipeline import Perception
 from bt_jax.deploy.planning.trajectory import Trajectory
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.cell import TwinScene, build_scene
 from bt_jax.deploy.twin.controller import Controller
 from bt_jax.deploy.twin.rendered_camera import RenderedCamera, cell_camera
@@ -158,7 +160,7 @@ def measure(
     scene, machine = build_scene(task, 0), Machine()
     with Controller(scene.cell, ports=PORTS, realtime=realtime) as controller:
         config = LinkConfig("127.0.0.1", PORTS, controller.rws_port, motion=True)
-        with YumiLink(config, yumi_rules(task), controller) as link, beside(work(scene, controller)):
+        with YumiLink(config, cell_rules(YUMI, task), controller) as link, beside(work(scene, controller)):
             link.start()
             with machine:
                 before, counted, began = controller.stats(), link.counters(), time.monotonic()

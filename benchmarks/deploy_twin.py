@@ -14,6 +14,7 @@ import tyro
 from rich.console import Console
 
 from benchmarks._report import report
+from bt_jax.deploy.commands.arguments import DEFAULT_TASK
 from bt_jax.deploy.commands.twin import survey
 from bt_jax.deploy.execution.program import load_program
 from bt_jax.deploy.execution.settings import Exit
@@ -52,7 +53,7 @@ def row(title: str, runs: list[TwinRun]) -> dict:
 
 
 def main(arguments: Arguments) -> None:
-    program, console = load_program(arguments.source), Console(highlight=False)
+    program, console = load_program(arguments.source, otherwise=DEFAULT_TASK), Console(highlight=False)
     rows = []
     for title, first, disturbances in (("alone", 0, 0), ("with a person", 1000, 1)):
         seeds = range(first, first + arguments.layouts)

@@ -19,10 +19,10 @@ FACES = {
         "gene_pool", "not_memoryless", "parse_behavior", "subgoal_conditions",
     ],
     "bt_jax.deploy": [
-        "ArmState", "Executor", "Exit", "GraspSettings", "Limits", "LinkConfig", "LinkTiming", "Log",
-        "MotionSettings", "Observation", "Observer", "Perception", "Program", "Rejected", "RobotLink",
-        "Rules", "RunOutcome", "Skills", "Supervisor", "TickReport", "TwinRun", "YumiLink", "YumiSkills",
-        "load_program", "read_log", "replay", "run_twin", "yumi_rules",
+        "YUMI", "ArmState", "Executor", "Exit", "GraspSettings", "Limits", "LinkConfig", "LinkTiming", "Log",
+        "MotionSettings", "Observation", "Observer", "Perception", "Program", "Rejected", "RobotLink", "RobotModel",
+        "RobotSkills", "Rules", "RunOutcome", "Skills", "Supervisor", "TickReport", "TwinRun", "YumiLink", "cell_rules",
+        "load_program", "read_log", "replay", "run_twin",
     ],
     "bt_jax.encoding": [
         "MAX_NODES", "JumpTable", "Status", "Ticked", "TreeMemory", "TreeTick", "Trees", "children", "decode", "depth",

@@ -159,7 +159,7 @@ def test_a_folder_of_learn_brings_its_task(tmp_path):
         load_program(tmp_path)
     assert load_program(tmp_path, "stack").task == load_task("stack")
     (tmp_path / "alone.txt").write_text("pick(YellowBox)")
-    assert load_program(tmp_path / "alone.txt").task == load_task("yumi_stack")
+    assert load_program(tmp_path / "alone.txt", otherwise="yumi_stack").task == load_task("yumi_stack")
     (tmp_path / "task.yaml").write_text("boxes: [")
     with pytest.raises(UserError, match=r"task\.yaml.* is not valid YAML"):
         shown(source=tmp_path)

@@ -8,15 +8,19 @@ from bt_jax.deploy.execution.observer import Observer
 from bt_jax.deploy.execution.outcome import RunOutcome, TickReport
 from bt_jax.deploy.execution.program import Program, load_program
 from bt_jax.deploy.execution.settings import Exit, GraspSettings, Limits, MotionSettings
-from bt_jax.deploy.execution.skills import YumiSkills
+from bt_jax.deploy.execution.skills import RobotSkills
+from bt_jax.deploy.link.cell_rules import cell_rules
 from bt_jax.deploy.link.protocol import ArmState, RobotLink
 from bt_jax.deploy.link.safety import Rejected, Rules, Supervisor
 from bt_jax.deploy.link.settings import LinkConfig, LinkTiming
-from bt_jax.deploy.link.yumi_link import YumiLink, yumi_rules
+from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.perception.pipeline import Perception
+from bt_jax.deploy.robot.model import RobotModel
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.run import TwinRun, run_twin
 
 __all__ = [
+    "YUMI",
     "ArmState",
     "Executor",
     "Exit",
@@ -32,6 +36,8 @@ __all__ = [
     "Program",
     "Rejected",
     "RobotLink",
+    "RobotModel",
+    "RobotSkills",
     "Rules",
     "RunOutcome",
     "Skills",
@@ -39,10 +45,9 @@ __all__ = [
     "TickReport",
     "TwinRun",
     "YumiLink",
-    "YumiSkills",
+    "cell_rules",
     "load_program",
     "read_log",
     "replay",
     "run_twin",
-    "yumi_rules",
 ]

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy.execution.observation import Observation
-from bt_jax.deploy.execution.skills import YumiSkills
+from bt_jax.deploy.execution.skills import RobotSkills
 from bt_jax.deploy.link.protocol import ArmState
 from bt_jax.deploy.planning.trajectory import Trajectory
 from bt_jax.deploy.robot.yumi import YUMI
@@ -86,7 +86,7 @@ class FollowingLink(SimulatedTime):
         return Observation(self.time, poses, dict(self.openings), holding)
 
 
-def carried_out(skills: YumiSkills, link: FollowingLink, action, *, seconds=60.0, each=lambda: None) -> Status:
+def carried_out(skills: RobotSkills, link: FollowingLink, action, *, seconds=60.0, each=lambda: None) -> Status:
     """Drives one attempt to its end; `each` is called at every tick."""
     skills.start(action, link.seen())
     while link.time < seconds:

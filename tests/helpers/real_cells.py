@@ -49,7 +49,7 @@ def connected(folder, monkeypatch):
     """
     scene, ports = build_scene(TASK, 3), free_ports()
     (folder / "tree.txt").write_text(TREE)
-    program = load_program(folder / "tree.txt")
+    program = load_program(folder / "tree.txt", "yumi_stack")
     with Log(folder / "twin.jsonl") as log:
         log.write("start", format=1, digest=program.digest, task=TASK.to_dict(), dry=False, settings={"robot": "twin"})
         log.write("end", exit_code=0, seconds=1.0, ticks=10)

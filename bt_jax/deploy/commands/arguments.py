@@ -14,6 +14,7 @@ from bt_jax.deploy.execution.settings import TWIN_SECONDS, Limits
 from bt_jax.deploy.twin.settings import Realism
 
 __all__ = [
+    "DEFAULT_TASK",
     "FASTEST",
     "FILMS",
     "CalibrateArguments",
@@ -26,6 +27,7 @@ __all__ = [
     "TwinArguments",
 ]
 
+DEFAULT_TASK = "yumi_stack"
 FASTEST = 0.2  # rad/s of any joint of a real robot
 ATTEMPT = 150.0  # seconds for one attempt at FASTEST: its motion alone took up to 62 s, with one new plan twice as long
 FILMS = (".mp4", ".gif", ".png")
@@ -163,7 +165,7 @@ class TwinArguments:
 class MarkersArguments:
     """Markers for the boxes and the kit of a task, and the board for `calibrate intrinsics`."""
 
-    task: str = "yumi_stack"
+    task: str = DEFAULT_TASK
     """name or .yaml file of the task"""
     out: Path = Path("markers")
     """folder for markers.pdf and one PNG a page"""

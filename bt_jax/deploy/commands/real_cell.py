@@ -6,12 +6,13 @@ import contextlib
 import dataclasses
 from collections.abc import Iterator
 
-from bt_jax.deploy.commands.arguments import RealCellArguments
+from bt_jax.deploy.commands.arguments import DEFAULT_TASK, RealCellArguments
 from bt_jax.deploy.execution.preflight import Equipment
 from bt_jax.deploy.execution.program import Program, load_program
-from bt_jax.deploy.execution.skills import YumiSkills
+from bt_jax.deploy.execution.skills import RobotSkills
+from bt_jax.deploy.link.cell_rules import cell_rules
 from bt_jax.deploy.link.settings import LinkConfig
-from bt_jax.deploy.link.yumi_link import YumiLink, yumi_rules
+from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.perception.calibration import CameraPose, Intrinsics
 from bt_jax.deploy.perception.camera import open_camera
 from bt_jax.deploy.perception.camera_file import load_camera
@@ -30,7 +31,7 @@ class RealCell:
     program: Program
     link: YumiLink
     perception: BackgroundPerception[Perception] | None
-    skills: YumiSkills
+    skills: RobotSkills
     equipment: Equipment
 
 
@@ -40,7 +41,7 @@ def open_real_cell(arguments: RealCellArguments, *, motion: bool, override: floa
 
     Raise UserError if the tree cannot be read or the controller or the camera cannot be reached.
     """
-    program = load_program(arguments.source, arguments.task)
+    program = load_program(arguments.source, arguments.task, otherwise=DEFAULT_TASK)
     intrinsics: Intrinsics | None = None
     placed: CameraPose | None = None
     if arguments.calibration is not None:
@@ -57,9 +58,9 @@ def open_real_cell(arguments: RealCellArguments, *, motion: bool, override: floa
         perception = None
         if arguments.camera is not None and intrinsics is not None and placed is not None:
             perception = stack.enter_context(_perception(program, arguments.camera, intrinsics, placed))
-        link = stack.enter_context(YumiLink(config, yumi_rules(program.task, override=override)))
+        link = stack.enter_context(YumiLink(config, cell_rules(YUMI, program.task, override=override)))
         planning = stack.enter_context(PlanningProcess(YUMI, program.task)) if motion else None
-        skills = YumiSkills(program.task, link, background=planning)
+        skills = RobotSkills(YUMI, program.task, link, background=planning)
         equipment = Equipment(
             program=program,
             link=link,

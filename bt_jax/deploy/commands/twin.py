@@ -19,7 +19,7 @@ from rich.text import Text
 
 from bt_jax._util.files import write_atomic
 from bt_jax.behaviors import expand
-from bt_jax.deploy.commands.arguments import TwinArguments
+from bt_jax.deploy.commands.arguments import DEFAULT_TASK, TwinArguments
 from bt_jax.deploy.execution.program import Program, load_program
 from bt_jax.deploy.execution.settings import TWIN_SECONDS, Exit, Limits
 from bt_jax.deploy.twin.cell import FILM, build_scene
@@ -41,7 +41,7 @@ def twin_command(arguments: TwinArguments, console: Console | None = None) -> in
     """Run and print; return an exit code, see `Exit`."""
     console = Console(highlight=False, soft_wrap=True) if console is None else console
     arguments.check()
-    program = load_program(arguments.source, arguments.task)
+    program = load_program(arguments.source, arguments.task, otherwise=DEFAULT_TASK)
     name = (
         arguments.log
         or Path("runs") / f"twin-{time.strftime('%Y%m%d-%H%M%S')}{'' if arguments.layouts > 1 else '.jsonl'}"

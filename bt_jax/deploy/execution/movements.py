@@ -24,7 +24,7 @@ from bt_jax.deploy.planning.planner import JointPath, Planner, Surroundings
 from bt_jax.deploy.planning.process import PlanningProcess
 from bt_jax.deploy.planning.trajectory import Trajectory
 from bt_jax.deploy.robot.arrays import JointRows, Joints
-from bt_jax.deploy.robot.yumi import YUMI
+from bt_jax.deploy.robot.model import RobotModel
 from bt_jax.tasks import Task
 
 __all__ = ["Failed", "Moved", "Movements", "Poses", "Routine"]
@@ -46,6 +46,7 @@ class Movements:
 
     def __init__(
         self,
+        robot: RobotModel,
         task: Task,
         link: RobotLink,
         *,
@@ -54,7 +55,7 @@ class Movements:
         motion: MotionSettings,
         background: PlanningProcess | None,
     ) -> None:
-        self.link, self.planner = link, Planner(YUMI, task)
+        self.robot, self.link, self.planner = robot, link, Planner(robot, task)
         self.sizes = {box.name: box.size for box in task.boxes}
         self.seen = Observation(-math.inf, {}, {}, None)  # nothing, yet
         self.known: dict[str, RigidTransform] = {}
@@ -96,7 +97,7 @@ class Movements:
     def go_home(self, arms: Iterable[str]) -> Routine:
         for arm in arms:
             plans = 0
-            while np.abs((joints := self.joints())[arm] - YUMI.home[arm]).max() > self.motion.at_home:
+            while np.abs((joints := self.joints())[arm] - self.robot.home[arm]).max() > self.motion.at_home:
                 if plans == self.motion.replans:
                     raise Failed(f"things do not stay where they are on the {arm} arm's way home")
                 among = Surroundings(self.obstacles(), joints, next(iter(self.carried.values()), None))
@@ -120,13 +121,13 @@ class Movements:
         self, arm: str, line: JointRows, *, watch: Poses = NOWHERE, aim: str = "", held: str | None = None
     ) -> Moved:
         """Move in the same way, slowly, along a straight line of the tool."""
-        trajectory = timed(line, self._pace.slowed(self.motion.straight), YUMI.arm(arm))
+        trajectory = timed(line, self._pace.slowed(self.motion.straight), self.robot.arm(arm))
         return (yield from self._move(arm, trajectory, watch, aim, held))
 
     def back(self, arm: str, line: JointRows) -> Routine:
         """Move to the top of a straight line down, from wherever on it the arm was halted."""
         here = self.link.arm(arm).commanded
-        above = [row for row in line[::-1] if _height(arm, row) > _height(arm, here)]
+        above = [row for row in line[::-1] if self._height(arm, row) > self._height(arm, here)]
         if above:
             yield from self.straight(arm, np.array([here, *above]))
 
@@ -177,7 +178,7 @@ class Movements:
         """
         if name in self.seen.poses:
             return
-        yield from self.go_home(YUMI.arm_names)
+        yield from self.go_home(self.link.arms)
         end = self.link.now() + self.motion.sight
         while name not in self.seen.poses:
             if not self.link.now() <= end:
@@ -243,7 +244,6 @@ class Movements:
             if name in seen
         )
 
-
-def _height(arm: str, joints: Joints) -> float:
-    """Return the height of the tool over the base, m."""
-    return float(YUMI.forward(arm, joints).translation[2])
+    def _height(self, arm: str, joints: Joints) -> float:
+        """Return the height of the tool over the base, m."""
+        return float(self.robot.forward(arm, joints).translation[2])

@@ -55,7 +55,7 @@ class CheckResult:
 
 @runtime_checkable
 class CheckedLink(RobotLink, Protocol):
-    """What is asked of a link before anything moves; see `YumiLink`."""
+    """What is asked of a link before anything moves; see `link.yumi_link`."""
 
     config: LinkConfig
     rules: Rules
@@ -129,7 +129,7 @@ def show(console: Console, item: CheckResult) -> None:
 
 def _leaves(equipment: Equipment) -> str:
     task = equipment.program.task
-    nothing = Observation(0.0, {}, {"left": 0.0, "right": 0.0}, None)
+    nothing = Observation(0.0, {}, dict.fromkeys(equipment.link.arms, 0.0), None)
     leaves = [node for node in prefix(expand(equipment.program.tree)) if isinstance(node, Behavior)]
     for leaf in leaves:
         try:

@@ -34,14 +34,17 @@ class Program:
         return hashlib.sha256(one_line(self.tree).encode()).hexdigest()
 
 
-def load_program(source: Path, task: str | None = None) -> Program:
+def load_program(source: Path, task: str | None = None, *, otherwise: str | None = None) -> Program:
     """Return the tree and the task of a folder that `train` or `learn` has written, or the tree in a .txt or .xml file.
 
-    `task` (a name or a YAML file) comes before the folder's own; that of a file is `yumi_stack` if none is given. Raise
-    UserError if there is no tree, if it names what the task does not have, or if a folder does not say its task.
+    `task` (a name or a YAML file) comes before the folder's own; a file's is `otherwise` if none is given. Raise UserError
+    if there is no tree, if it names what the task does not have, or if nothing says which task it is for.
     """
     tree = read_tree(source)
-    own = task_of_folder(source) if task is None and source.is_dir() else None
-    if own is None and task is None and source.is_dir():
+    name = task or (None if source.is_dir() else otherwise)
+    if name is not None:
+        return Program(load_task(name), tree)
+    own = task_of_folder(source) if source.is_dir() else None
+    if own is None:
         raise UserError(f"{source} does not say which task its tree is for; name the task with --task")
-    return Program(own or load_task(task or "yumi_stack"), tree)
+    return Program(own, tree)

@@ -25,21 +25,22 @@ from bt_jax.deploy.planning.paths import Pace
 from bt_jax.deploy.planning.planner import Reach, Unplannable
 from bt_jax.deploy.planning.process import PlanningProcess
 from bt_jax.deploy.robot.arrays import Point
-from bt_jax.deploy.robot.yumi import YUMI
+from bt_jax.deploy.robot.model import RobotModel
 from bt_jax.encoding.status import Status
 from bt_jax.tasks import Task
 
-__all__ = ["YumiSkills"]
+__all__ = ["RobotSkills"]
 
 Goal = tuple[Point, float]  # where a box's centre should be, base frame [m], and the yaw of its edges [rad]
 
 
-class YumiSkills:
-    """Skills for one cell. `pace` is that of free motion. With `background`, plans are made there while ticks go on; else a
-    tick waits for its plan."""
+class RobotSkills:
+    """Skills of a robot in one cell. `pace` is that of free motion. With `background`, plans are made there while ticks go
+    on; else a tick waits for its plan."""
 
     def __init__(
         self,
+        robot: RobotModel,
         task: Task,
         link: RobotLink,
         *,
@@ -48,10 +49,11 @@ class YumiSkills:
         motion: MotionSettings | None = None,
         background: PlanningProcess | None = None,
     ) -> None:
-        self.task, self.link = task, link
+        self.robot, self.task, self.link = robot, task, link
         self.committed, self.reason = False, ""
         self._grasping, self._motion = grasp or GraspSettings(), motion or MotionSettings()
         self._moves = Movements(
+            robot,
             task,
             link,
             pace=pace or Pace(),
@@ -87,7 +89,7 @@ class YumiSkills:
         """Begin to take both arms home."""
         if math.isfinite(self._moves.seen.time):
             self._moves.forget_lost()
-        self._begin(self._moves.go_home(YUMI.arm_names))
+        self._begin(self._moves.go_home(self.link.arms))
 
     def poll(self, seen: Observation) -> Status:
         """Continue what was begun."""
@@ -115,7 +117,7 @@ class YumiSkills:
         if name not in self._moves.known:
             return False
         poses = grasp_poses(self._moves.known[name])
-        return any(self._moves.planner.can_reach(arm, pose) for arm in YUMI.arm_names for pose in poses)
+        return any(self._moves.planner.can_reach(arm, pose) for arm in self.link.arms for pose in poses)
 
     def _begin(self, routine: Routine) -> None:
         self.reason, self.committed, self._routine = "", False, routine
@@ -134,7 +136,7 @@ class YumiSkills:
         yield from self._moves.found(box)
         for _ in range(self._motion.replans):
             reach = yield from self._plan_pick(box)
-            self.link.grip(reach.arm, YUMI.arm(reach.arm).gripper.opening, self._grasping.force)
+            self.link.grip(reach.arm, self.robot.arm(reach.arm).gripper.opening, self._grasping.force)
             moved = yield from self._moves.follow(reach.approach, aim=box)
             if moved:
                 continue
@@ -145,10 +147,10 @@ class YumiSkills:
         raise Failed(f"things do not stay where they are on the way to {box}")
 
     def _plan_pick(self, box: str) -> Generator[None, None, Reach]:
-        """Plan for the arm on the box's side, else for the other; one that should not take it comes last."""
-        last = self._avoid.get(box)
-        side = "left" if self._moves.known[box].translation[1] > 0 else "right"
-        order = sorted(YUMI.arm_names, key=lambda arm: (arm == last, arm != side))
+        """Plan for the arm that is mounted nearest to the box, else for another; one that should not take it comes last."""
+        last, place = self._avoid.get(box), self._moves.known[box].translation
+        away = {arm: np.linalg.norm(place - self.robot.arm(arm).base) for arm in self.link.arms}
+        order = sorted(self.link.arms, key=lambda arm: (arm == last, away[arm]))
         problem: Unplannable | None = None
         for arm in order:
             try:
@@ -172,13 +174,13 @@ class YumiSkills:
             return True
         self.committed = True
         self.link.grip(arm, size - self._grasping.overclose, self._grasping.force)
-        tcp = YUMI.forward(arm, self.link.arm(arm).commanded)
+        tcp = self.robot.forward(arm, self.link.arm(arm).commanded)
         self._moves.carried[arm] = Carried(arm, box, carried_pose(tcp, pose))
         yield from self._moves.fingers(arm)
         failure = self._moves.closed_on(arm, box)
         if failure:
             self._avoid[box] = arm
-            self.link.grip(arm, YUMI.arm(arm).gripper.opening, self._grasping.force)
+            self.link.grip(arm, self.robot.arm(arm).gripper.opening, self._grasping.force)
             del self._moves.carried[arm]
             yield from self._moves.fingers(arm)
             yield from self._moves.straight(arm, reach.line[::-1])
@@ -221,29 +223,32 @@ class YumiSkills:
         if moved:
             return True
         self.committed = True
-        self.link.grip(arm, YUMI.arm(arm).gripper.opening, self._grasping.force)
+        self.link.grip(arm, self.robot.arm(arm).gripper.opening, self._grasping.force)
         del self._moves.carried[arm]
-        self._moves.known[carried.box] = YUMI.forward(arm, self.link.arm(arm).commanded) * carried.pose
+        self._moves.known[carried.box] = self.robot.forward(arm, self.link.arm(arm).commanded) * carried.pose
         yield from self._moves.fingers(arm, at_least=self._moves.sizes[carried.box] + self._grasping.fit)
         yield from self._moves.straight(arm, reach.line[::-1])
         self.committed = False
         return False
 
     def _hand_over(self, box: str, arm: str, goal: Point, yaw: float) -> Routine:
-        """Set the box down where both arms reach it, for the tree to have it picked again: by the other one then."""
-        other = next(name for name in YUMI.arm_names if name != arm)
-        if not self._reaches(other, goal, yaw, self._moves.carried[arm].pose):
-            raise Failed(f"neither arm reaches the place for {box}")
+        """Set the box down where an arm that reaches its place can pick it, for the tree to have it picked again."""
+        held = self._moves.carried[arm].pose
+        able = [other for other in self.link.arms if other != arm and self._reaches(other, goal, yaw, held)]
+        if not able:
+            raise Failed(f"no arm reaches the place for {box}")
         self._avoid[box] = arm
-        yield from self._set_down(arm, both=True)
+        yield from self._set_down(arm, able[0])
 
-    def _set_down(self, arm: str, *, both: bool = False) -> Routine:
-        """Put what an arm holds on a free place of a table, one that both arms reach where asked for."""
+    def _set_down(self, arm: str, other: str | None = None) -> Routine:
+        """Put what an arm holds on a free place of a table, one that the `other` reaches too where one is named."""
         carried = self._moves.carried[arm]
-        near = YUMI.forward(arm, self.link.arm(arm).commanded).translation
-        if both:  # in the middle: at the edge of its reach an arm has joints for a pose, but no straight way to it
-            near = near * np.array([1, 0, 1])
-        arms = YUMI.arm_names if both else (arm,)
+        near = self.robot.forward(arm, self.link.arm(arm).commanded).translation
+        arms = (arm,) if other is None else (arm, other)
+        if (
+            other is not None
+        ):  # half way: at the edge of its reach an arm has joints for a pose, but no straight way to it
+            near = _half_way(near, self.robot.arm(arm).base, self.robot.arm(other).base)
         tables = [table.name for table in self.task.tables]
         tried = 0
         for spot in self._moves.planner.spots(carried.box, self._moves.obstacles(), near):
@@ -265,9 +270,9 @@ class YumiSkills:
             else:
                 del self._moves.carried[arm]
         for arm in self.link.arms:
-            self.link.grip(arm, YUMI.arm(arm).gripper.opening, self._grasping.force)
+            self.link.grip(arm, self.robot.arm(arm).gripper.opening, self._grasping.force)
         for arm in self.link.arms:
-            yield from self._moves.fingers(arm, at_least=0.95 * YUMI.arm(arm).gripper.opening)
+            yield from self._moves.fingers(arm, at_least=0.95 * self.robot.arm(arm).gripper.opening)
 
     def _close_all(self) -> Routine:
         self.committed = True
@@ -296,6 +301,12 @@ class YumiSkills:
     def _below(self, frame: str) -> list[str]:
         """Return what a box that is set down may touch: what it is placed in relation to, the kit and the tables."""
         return [frame, self.task.kit.name, *(table.name for table in self.task.tables)]
+
+
+def _half_way(point: Point, first: Point, second: Point) -> Point:
+    """Return the point that is nearest to one, of those as far from `first` as from `second`."""
+    across = (second - first) / np.linalg.norm(second - first)
+    return point - across * np.dot(across, point - (first + second) / 2)
 
 
 def _fixed_goal(spot: Point) -> Callable[[], Goal]:

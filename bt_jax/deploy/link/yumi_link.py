@@ -27,12 +27,9 @@ from bt_jax.deploy.link.rws import ControllerState
 from bt_jax.deploy.link.safety import Rejected, Rules, check_trajectory
 from bt_jax.deploy.link.settings import LinkConfig
 from bt_jax.deploy.link.shared_state import COUNTERS, SharedState
-from bt_jax.deploy.planning.clearance import SafetyClearance
 from bt_jax.deploy.planning.trajectory import Trajectory
-from bt_jax.deploy.robot.yumi import YUMI
-from bt_jax.tasks import Task
 
-__all__ = ["YumiLink", "yumi_rules"]
+__all__ = ["YumiLink"]
 
 ENDED, HANGS = "the link process has ended", "the link process does not answer"
 
@@ -314,18 +311,6 @@ class YumiLink:
             if self._answering:
                 self._stop_program()
         raise UserError(f"{HANGS}; start again")
-
-
-def yumi_rules(task: Task, *, override: float = float("inf")) -> Rules:
-    """Return what a YuMi may do in a task's cell; `override` is the largest joint speed, rad/s."""
-    return Rules(
-        lower=tuple(map(float, YUMI.arm("left").lower)),
-        upper=tuple(map(float, YUMI.arm("left").upper)),
-        speed=tuple(map(float, YUMI.arm("left").speed)),
-        override=override,
-        points=YUMI.points,
-        clearance_of=SafetyClearance(YUMI, task),
-    )
 
 
 def _address(host: str) -> str:

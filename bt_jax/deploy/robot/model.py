@@ -102,6 +102,11 @@ class ArmModel:
         """The weight of each joint in the distance between configurations."""
         return np.array([joint.weight for joint in self.joints])
 
+    @functools.cached_property
+    def base(self) -> Point:
+        """Where the first joint is in the robot's base frame."""
+        return np.array(self.joints[0].placement[0], float)
+
     @property
     def joint_names(self) -> tuple[str, ...]:
         """The names of its joints in chain order."""

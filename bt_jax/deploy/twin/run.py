@@ -23,10 +23,11 @@ from bt_jax.deploy.execution.observer import Observer, Perceiving
 from bt_jax.deploy.execution.outcome import RunOutcome, TickReport
 from bt_jax.deploy.execution.program import Program
 from bt_jax.deploy.execution.settings import TWIN_SECONDS, Limits
-from bt_jax.deploy.execution.skills import YumiSkills
+from bt_jax.deploy.execution.skills import RobotSkills
+from bt_jax.deploy.link.cell_rules import cell_rules
 from bt_jax.deploy.link.protocol import Counters
 from bt_jax.deploy.link.settings import LinkConfig
-from bt_jax.deploy.link.yumi_link import YumiLink, yumi_rules
+from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.perception.pipeline import Perception
 from bt_jax.deploy.perception.threaded import BackgroundPerception
 from bt_jax.deploy.planning.paths import Pace
@@ -98,13 +99,13 @@ def run_twin(
         controller = stack.enter_context(Controller(scene.cell, ports=ports, realtime=realtime, realism=scene.realism))
         perception = stack.enter_context(_perception(scene, controller, seed, background=realtime))
         config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
-        rules = yumi_rules(program.task)
+        rules = cell_rules(YUMI, program.task)
         if not realtime:
             rules = dataclasses.replace(rules, idle=WAITING)
         link = stack.enter_context(YumiLink(config, rules, controller))
         log_file = stack.enter_context(Log(log))
         planning = stack.enter_context(PlanningProcess(YUMI, program.task)) if realtime else None
-        skills = YumiSkills(program.task, link, pace=pace, background=planning)
+        skills = RobotSkills(YUMI, program.task, link, pace=pace, background=planning)
         first = link.now()
         times = [first + float(t) for t in rng.uniform(*DISTURBED, disturbances)]
         person = Person(scene, controller, rng, times)

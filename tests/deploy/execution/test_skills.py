@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.behaviors import parse_behavior
-from bt_jax.deploy.execution.skills import YumiSkills
+from bt_jax.deploy.execution.skills import RobotSkills
 from bt_jax.deploy.planning.planner import Unplannable
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.encoding.status import Status
@@ -30,7 +30,7 @@ def link():
 
 @pytest.fixture
 def skills(link):
-    return YumiSkills(TASK, link)
+    return RobotSkills(YUMI, TASK, link)
 
 
 def once(when, what):
@@ -178,7 +178,7 @@ def test_a_box_is_set_down_where_both_arms_reach_it_though_that_is_far(place):
     task = dataclasses.replace(TASK, tables=tuple(apart))
     kit = RigidTransform.from_translation([0.3, 0.42, 0.001])
     link = FollowingLink(task, {"YellowBox": at(*place), TASK.kit.name: kit})
-    skills = YumiSkills(task, link)
+    skills = RobotSkills(YUMI, task, link)
     assert carried_out(skills, link, PICK) == Status.SUCCESS, skills.reason
     assert link.held["right"][0] == "YellowBox"
     assert carried_out(skills, link, PLACE) == Status.SUCCESS, skills.reason

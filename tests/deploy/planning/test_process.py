@@ -9,7 +9,7 @@ from scipy.spatial.transform import RigidTransform
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import parse_behavior
-from bt_jax.deploy.execution.skills import YumiSkills
+from bt_jax.deploy.execution.skills import RobotSkills
 from bt_jax.deploy.planning.paths import Pace
 from bt_jax.deploy.planning.planner import JointPath, Planner, Surroundings, Unplannable
 from bt_jax.deploy.planning.process import PlanningProcess
@@ -28,7 +28,7 @@ def away() -> dict[str, np.ndarray]:
     return joints
 
 
-def polled_until_done(skills: YumiSkills, link: FollowingLink) -> Status:
+def polled_until_done(skills: RobotSkills, link: FollowingLink) -> Status:
     while (status := skills.poll(link.seen())) == Status.RUNNING:
         time.sleep(0.01)
     return status
@@ -56,7 +56,7 @@ def test_what_cannot_be_planned_is_raised_here(process):
 def test_a_dead_process_is_told(noticed):
     link = FollowingLink(TASK, {"YellowBox": RigidTransform.from_translation([0.3, 0.24, 0.02])})
     with PlanningProcess(YUMI, TASK) as process:
-        skills = YumiSkills(TASK, link, background=process)
+        skills = RobotSkills(YUMI, TASK, link, background=process)
         for worker in process._pool._processes.values():
             os.kill(worker.pid, signal.SIGKILL)
         if noticed:
@@ -69,7 +69,7 @@ def test_a_dead_process_is_told(noticed):
 
 def test_ticks_go_on_while_a_plan_is_made(process):
     link = FollowingLink(TASK, {"YellowBox": RigidTransform.from_translation([0.3, 0.24, 0.02])})
-    skills = YumiSkills(TASK, link, background=process)
+    skills = RobotSkills(YUMI, TASK, link, background=process)
     skills.start(parse_behavior("pick(YellowBox)"), link.seen())
     polls = 0
     while not link.arm("left").moving:
