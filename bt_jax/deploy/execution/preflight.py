@@ -55,7 +55,7 @@ class CheckResult:
 
 @runtime_checkable
 class CheckedLink(RobotLink, Protocol):
-    """What is asked of a link before anything moves; see `link.yumi_link`."""
+    """What is asked of a link before anything moves."""
 
     config: LinkConfig
     rules: Rules
