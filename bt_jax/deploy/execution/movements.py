@@ -198,7 +198,7 @@ class Movements:
         if state.opening <= state.grip_target + self.grasp.nothing:
             return f"the {arm} fingers closed on nothing"
         wide = f"{1000 * state.opening:.0f} mm"
-        if state.opening >= YUMI.arm(arm).gripper.opening - self.grasp.nothing:
+        if state.opening >= self.robot.arm(arm).gripper.opening - self.grasp.nothing:
             return f"the {arm} fingers did not close: they are still {wide} apart; look at the gripper"
         return f"the {arm} fingers closed on something {wide} wide that is not {box}: something unknown is there"
 
