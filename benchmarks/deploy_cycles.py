@@ -157,7 +157,7 @@ def measure(
 ) -> tuple[dict[str, object], list[dict[str, object]]]:
     """One row, and the profile of what was late."""
     task = load_task("yumi_stack")
-    scene, machine = build_scene(task, 0), Machine()
+    scene, machine = build_scene(YUMI, task, 0), Machine()
     with Controller(scene.cell, ports=PORTS, realtime=realtime) as controller:
         config = LinkConfig("127.0.0.1", PORTS, controller.rws_port, motion=True)
         with YumiLink(config, cell_rules(YUMI, task), controller) as link, beside(work(scene, controller)):

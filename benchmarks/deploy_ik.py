@@ -77,7 +77,7 @@ def plan(count: int) -> dict:
     task, planned, colliding, seconds = load_task("yumi_stack"), 0, 0, []
     planner = Planner(YUMI, task)
     for seed in range(count):
-        scene = build_scene(task, [7, seed])
+        scene = build_scene(YUMI, task, [7, seed])
         poses = box_poses(scene, scene.cell.qpos) | {task.kit.name: scene.kit}
         base = RigidTransform.from_translation(task.robot_position).inv()
         poses = {name: base * pose for name, pose in poses.items()}

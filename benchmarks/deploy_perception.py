@@ -25,6 +25,7 @@ from bt_jax.deploy.perception.camera import CameraFrame
 from bt_jax.deploy.perception.markers import Marker, task_markers
 from bt_jax.deploy.perception.pipeline import Perception
 from bt_jax.deploy.perception.tracker import TrackerSettings
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.cell import CAMERA, build_scene
 from bt_jax.deploy.twin.rendered_camera import RenderedCamera, cell_camera
 from bt_jax.tasks import Task, load_task
@@ -57,13 +58,13 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
     task = load_task(arguments.task)
-    model = build_scene(task, 0).model
+    model = build_scene(YUMI, task, 0).model
     data = mujoco.MjData(model)
     rng = np.random.default_rng(0)
     camera = NoisyCamera(RenderedCamera(model, lambda: (0.0, data.qpos), CAMERA), rng, arguments.noise)
     records, seconds = [], []
     for seed in track(range(arguments.layouts), description="layouts"):
-        arrange(task, model, data, build_scene(task, seed).cell.qpos, rng)
+        arrange(task, model, data, build_scene(YUMI, task, seed).cell.qpos, rng)
         perception = Perception(task, camera, cell_camera(task).pose, TrackerSettings(frames=1))
         began = perf_counter()
         perception.update()

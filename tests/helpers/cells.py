@@ -12,6 +12,7 @@ from bt_jax.deploy.link.safety import Rejected, Rules
 from bt_jax.deploy.link.settings import LinkConfig
 from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.planning.trajectory import Trajectory
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.controller import Controller
 from bt_jax.deploy.twin.network import free_ports
 from bt_jax.deploy.twin.simulated_robot import CellModel
@@ -68,7 +69,7 @@ def cell() -> CellModel:
 @contextlib.contextmanager
 def running(*, realtime: bool, rules: Rules = RULES, start: bool = True):
     """A controller and a link to it: (controller, link). Skips what fails in real time on a starved machine."""
-    ports = free_ports()
+    ports = free_ports(YUMI.arm_names)
     with Controller(cell(), ports=ports, realtime=realtime) as controller:
         config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
         link = YumiLink(config, rules, controller)

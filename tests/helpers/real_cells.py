@@ -13,6 +13,7 @@ from bt_jax.deploy.execution.program import load_program
 from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.perception.calibration import CameraPose, Intrinsics
 from bt_jax.deploy.perception.camera_file import save_camera
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.cell import build_scene
 from bt_jax.deploy.twin.controller import Controller
 from bt_jax.deploy.twin.network import free_ports
@@ -47,7 +48,7 @@ def connected(folder, monkeypatch):
 
     Skips what fails on a machine that is too busy, or cannot render.
     """
-    scene, ports = build_scene(TASK, 3), free_ports()
+    scene, ports = build_scene(YUMI, TASK, 3), free_ports(YUMI.arm_names)
     (folder / "tree.txt").write_text(TREE)
     program = load_program(folder / "tree.txt", "yumi_stack")
     with Log(folder / "twin.jsonl") as log:

@@ -22,6 +22,7 @@ from bt_jax.behaviors import expand
 from bt_jax.deploy.commands.arguments import DEFAULT_TASK, TwinArguments
 from bt_jax.deploy.execution.program import Program, load_program
 from bt_jax.deploy.execution.settings import TWIN_SECONDS, Exit, Limits
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.cell import FILM, build_scene
 from bt_jax.deploy.twin.run import TwinRun, TwinTick, run_twin
 from bt_jax.deploy.twin.settings import Realism
@@ -87,6 +88,7 @@ def survey(
     for seed in seeds:
         log = None if folder is None else folder / f"layout-{seed}.jsonl"
         run = run_twin(
+            YUMI,
             program,
             seed,
             disturbances=disturbances,
@@ -119,6 +121,7 @@ def _single(program: Program, arguments: TwinArguments, log: Path, console: Cons
             display.update(moment)
 
         run = run_twin(
+            YUMI,
             program,
             arguments.seed,
             realtime=arguments.realtime,
@@ -211,7 +214,7 @@ def _summary(run: TwinRun) -> dict:
 
 
 def _film(program: Program, seed: int, states: list[np.ndarray], path: Path, console: Console) -> None:
-    scene = build_scene(program.task, seed)
+    scene = build_scene(YUMI, program.task, seed)
     model = copy.copy(scene.model)
     model.vis.global_.offwidth, model.vis.global_.offheight = SIZE
     model.vis.quality.offsamples = 4

@@ -172,7 +172,7 @@ class Movements:
                 raise Failed(f"the {arm} fingers do not move as they should; calibrate the gripper")
 
     def found(self, name: str) -> Routine:
-        """Wait until something is seen, with both arms out of the camera's way if it is not.
+        """Wait until something is seen, with the arms out of the camera's way if it is not.
 
         Raise Failed if it is not seen in time.
         """

@@ -86,7 +86,7 @@ class RobotSkills:
                 raise ValueError(f"{action} is no action")
 
     def look(self) -> None:
-        """Begin to take both arms home."""
+        """Begin to take the arms home."""
         if math.isfinite(self._moves.seen.time):
             self._moves.forget_lost()
         self._begin(self._moves.go_home(self.link.arms))

@@ -1,4 +1,4 @@
-"""The cell as a MuJoCo model: the task's scene with a YuMi, markers and a camera, in a random layout."""
+"""The cell as a MuJoCo model: the task's scene with a robot, markers and a camera, in a random layout."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.deploy.robot.arrays import Point
 from bt_jax.deploy.robot.mjcf import add_to_mjcf
-from bt_jax.deploy.robot.yumi import YUMI
+from bt_jax.deploy.robot.model import RobotModel
 from bt_jax.deploy.twin.marker_scene import marker_scene
 from bt_jax.deploy.twin.rendered_camera import CameraPlacement, cell_camera
 from bt_jax.deploy.twin.settings import Realism
@@ -36,6 +36,7 @@ class TwinScene:
     """A cell for the twin's controller, its compiled model, and the pose of the kit in the world. `camera` is where the
     camera is, in the world; `calibrated` is where our side believes it to be, in the robot's base frame."""
 
+    robot: RobotModel
     task: Task
     cell: CellModel
     model: mujoco.MjModel
@@ -45,9 +46,9 @@ class TwinScene:
     calibrated: RigidTransform
 
 
-def build_scene(task: Task, seed: int | list[int], realism: Realism | None = None) -> TwinScene:
-    """Return the cell of a task with boxes at random places and turned at random; the same for the same seed. It is as real
-    as `realism` says, by default as a real one."""
+def build_scene(robot: RobotModel, task: Task, seed: int | list[int], realism: Realism | None = None) -> TwinScene:
+    """Return a robot in the cell of a task, with boxes at random places and turned at random; the same for the same seed.
+    It is as real as `realism` says, by default as a real one."""
     realism = realism or Realism()
     rng = np.random.default_rng(seed)
     table = task.tables[draw_kit_table(task, rng)]
@@ -61,32 +62,34 @@ def build_scene(task: Task, seed: int | list[int], realism: Realism | None = Non
     camera = dataclasses.replace(
         installed, pose=_shifted(installed.pose, np.array(realism.camera_moved), np.array(realism.camera_turned))
     )
-    files, text = _mjcf(task, kit, camera)
+    files, text = _mjcf(robot, task, kit, camera)
     model = mujoco.MjModel.from_xml_string(text, files)
     qpos = model.qpos0.copy()
     for name, place, turn in zip(task.box_names, places, turns, strict=True):
         at = model.jnt_qposadr[model.body(name).jntadr[0]]
         qpos[at : at + 7] = [*place, *Rotation.from_euler("z", turn).as_quat(scalar_first=True)]
-    for arm in YUMI.arm_names:
-        for joint, angle in zip(YUMI.arm(arm).joint_names, YUMI.home[arm], strict=True):
+    for arm in robot.arms:
+        for joint, angle in zip(arm.joint_names, arm.home, strict=True):
             qpos[model.joint(joint).qposadr[0]] = angle
-        for finger in YUMI.arm(arm).finger_names:
-            qpos[model.joint(finger).qposadr[0]] = YUMI.arm(arm).gripper.stroke
+        for finger in arm.finger_names:
+            qpos[model.joint(finger).qposadr[0]] = arm.gripper.stroke
     cell = CellModel(
         xml=text,
         assets=files,
         qpos=qpos,
-        joints={arm: YUMI.arm(arm).joint_names for arm in YUMI.arm_names},
-        actuators={arm: YUMI.arm(arm).actuator_names for arm in YUMI.arm_names},
-        finger_joints={arm: YUMI.arm(arm).finger_names for arm in YUMI.arm_names},
-        finger_actuators={arm: YUMI.arm(arm).finger_names for arm in YUMI.arm_names},
-        flanges={arm: f"{arm}_tool0" for arm in YUMI.arm_names},
+        joints={arm.name: arm.joint_names for arm in robot.arms},
+        actuators={arm.name: arm.actuator_names for arm in robot.arms},
+        finger_joints={arm.name: arm.finger_names for arm in robot.arms},
+        finger_actuators={arm.name: arm.finger_names for arm in robot.arms},
+        flanges={arm.name: f"{arm.name}_tool0" for arm in robot.arms},
     )
     directions = np.random.default_rng([*np.ravel(seed), 2]).normal(size=(2, 3))
     error, tilt = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     calibrated = _shifted(installed.pose, realism.camera_error * error, realism.camera_tilt * tilt)
     to_base = RigidTransform.from_translation(task.robot_position).inv()
-    return TwinScene(task, cell, model, RigidTransform.from_translation(kit), realism, camera, to_base * calibrated)
+    return TwinScene(
+        robot, task, cell, model, RigidTransform.from_translation(kit), realism, camera, to_base * calibrated
+    )
 
 
 def _shifted(pose: RigidTransform, by: Point, turn: Point) -> RigidTransform:
@@ -94,7 +97,7 @@ def _shifted(pose: RigidTransform, by: Point, turn: Point) -> RigidTransform:
     return RigidTransform.from_components(pose.translation + by, Rotation.from_rotvec(turn) * pose.rotation)
 
 
-def _mjcf(task: Task, kit: Point, camera: CameraPlacement) -> tuple[dict[str, bytes], str]:
+def _mjcf(robot: RobotModel, task: Task, kit: Point, camera: CameraPlacement) -> tuple[dict[str, bytes], str]:
     """Return the files that the model names, and its text."""
     root, markers = ET.fromstring(build_mjcf(task)), marker_scene(task)
     _found(root, "compiler").set("angle", "radian")
@@ -113,7 +116,7 @@ def _mjcf(task: Task, kit: Point, camera: CameraPlacement) -> tuple[dict[str, by
         _found(root, f".//geom[@name='{box.name}']").set("material", f"{box.name}_markers")
     _found(root, "worldbody").append(ET.fromstring(camera.mjcf(CAMERA)))
     _found(root, "worldbody").append(ET.fromstring(_film_camera(task)))
-    add_to_mjcf(YUMI, root, task.robot_position)
+    add_to_mjcf(robot, root, task.robot_position)
     return markers.files, ET.tostring(root, encoding="unicode")
 
 

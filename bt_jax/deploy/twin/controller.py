@@ -45,12 +45,12 @@ class Controller:
         self,
         cell: CellModel,
         *,
-        ports: Mapping[str, int] | None = None,
+        ports: Mapping[str, int],
         rws_port: int = 0,
         realtime: bool = True,
         realism: Realism | None = None,
     ) -> None:
-        ports = dict(ports or {"left": 6511, "right": 6512})
+        ports = dict(ports)
         self._state = Snapshot(1 + len(cell.qpos))
         self._stats = Snapshot(STATS)
         self._watch = LoopTimer(PARTS)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import contextlib
 import random
 import socket
+from collections.abc import Collection
 
 from bt_jax._util.errors import UserError
-from bt_jax.deploy.robot.yumi import YUMI
 
 __all__ = ["Network", "free_ports"]
 
@@ -17,15 +17,15 @@ PORTS = range(
 TRIES = 1000
 
 
-def free_ports() -> dict[str, int]:
+def free_ports(arms: Collection[str]) -> dict[str, int]:
     """Return a UDP port for each arm that nobody uses now. Raise UserError if there are none."""
     found: list[int] = []
     for port in random.SystemRandom().sample(PORTS, TRIES):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):
             probe.bind(("", port))
             found.append(port)
-        if len(found) == len(YUMI.arm_names):
-            return dict(zip(YUMI.arm_names, found, strict=True))
+        if len(found) == len(arms):
+            return dict(zip(arms, found, strict=True))
     raise UserError("no UDP port is free; end programs that use the network")
 
 

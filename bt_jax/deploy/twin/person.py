@@ -10,7 +10,6 @@ from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.deploy.robot.arrays import Point
-from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.cell import TwinScene, box_poses
 from bt_jax.deploy.twin.controller import Controller
 
@@ -120,9 +119,6 @@ def hands_of(scene: TwinScene, qpos: Float[np.ndarray, " nq"]) -> list[Point]:
     """Return the points between the fingers in the world, from a state of the model."""
     base = RigidTransform.from_translation(scene.task.robot_position)
     return [
-        (
-            base
-            * YUMI.forward(arm, np.array([qpos[scene.model.joint(j).qposadr[0]] for j in YUMI.arm(arm).joint_names]))
-        ).translation
-        for arm in YUMI.arm_names
+        (base * arm.forward(np.array([qpos[scene.model.joint(j).qposadr[0]] for j in arm.joint_names]))).translation
+        for arm in scene.robot.arms
     ]

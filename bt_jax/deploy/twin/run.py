@@ -1,4 +1,4 @@
-"""A whole run of a tree on the YuMi's twin: simulated cell, rendered camera, perception, link, skills, executor.
+"""A whole run of a tree on a robot's twin: simulated cell, rendered camera, perception, link, skills, executor.
 
 In lock-step the simulation waits for the program, as fast as both go: what a run does depends only on its seed. In real time
 the controller keeps its 250 Hz and perception looks in a thread of its own, as on a robot.
@@ -32,7 +32,7 @@ from bt_jax.deploy.perception.pipeline import Perception
 from bt_jax.deploy.perception.threaded import BackgroundPerception
 from bt_jax.deploy.planning.paths import Pace
 from bt_jax.deploy.planning.process import PlanningProcess
-from bt_jax.deploy.robot.yumi import YUMI
+from bt_jax.deploy.robot.model import RobotModel
 from bt_jax.deploy.twin.cell import CAMERA, TwinScene, build_scene, solved, target_distances
 from bt_jax.deploy.twin.controller import Controller, ControllerStats
 from bt_jax.deploy.twin.network import free_ports
@@ -75,6 +75,7 @@ class TwinRun:
 
 
 def run_twin(
+    robot: RobotModel,
     program: Program,
     seed: int,
     *,
@@ -87,25 +88,25 @@ def run_twin(
     prepare: Callable[[Controller, Perceiving], None] | None = None,
     realism: Realism | None = None,
 ) -> TwinRun:
-    """Run a tree in one layout, in a cell as real as `realism` says, by default as a real one. `prepare` may break things
-    before the run begins.
+    """Run a tree on a robot in one layout, in a cell as real as `realism` says, by default as a real one. `prepare` may
+    break things before the run begins.
 
     Raise UserError if nothing can be rendered here, so that the camera would see nothing.
     """
     began = time.monotonic()
-    scene, ports = build_scene(program.task, seed, realism), free_ports()
+    scene, ports = build_scene(robot, program.task, seed, realism), free_ports(robot.arm_names)
     rng = np.random.default_rng([seed, 1])
     with contextlib.ExitStack() as stack:
         controller = stack.enter_context(Controller(scene.cell, ports=ports, realtime=realtime, realism=scene.realism))
         perception = stack.enter_context(_perception(scene, controller, seed, background=realtime))
         config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
-        rules = cell_rules(YUMI, program.task)
+        rules = cell_rules(robot, program.task)
         if not realtime:
             rules = dataclasses.replace(rules, idle=WAITING)
         link = stack.enter_context(YumiLink(config, rules, controller))
         log_file = stack.enter_context(Log(log))
-        planning = stack.enter_context(PlanningProcess(YUMI, program.task)) if realtime else None
-        skills = RobotSkills(YUMI, program.task, link, pace=pace, background=planning)
+        planning = stack.enter_context(PlanningProcess(robot, program.task)) if realtime else None
+        skills = RobotSkills(robot, program.task, link, pace=pace, background=planning)
         first = link.now()
         times = [first + float(t) for t in rng.uniform(*DISTURBED, disturbances)]
         person = Person(scene, controller, rng, times)
@@ -129,7 +130,7 @@ def run_twin(
             skills=skills,
             link=link,
             observe=Observer(
-                program.task, link=link, perception=perception, grasped=lambda: skills.grasped, tcp=YUMI.forward
+                program.task, link=link, perception=perception, grasped=lambda: skills.grasped, tcp=robot.forward
             ),
             log=log_file,
             limits=limits or Limits(run=TWIN_SECONDS),

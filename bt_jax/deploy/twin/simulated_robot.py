@@ -1,4 +1,4 @@
-"""The simulated cell and the robot in it: MuJoCo, EGM for both arms, grippers, and what a RAPID program would do."""
+"""The simulated cell and the robot in it: MuJoCo, EGM for each arm, grippers, and what a RAPID program would do."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class SimulatedRobot:
             self.data.ctrl[arm.actuators] = self.data.qpos[arm.joints]
             self.data.ctrl[arm.finger_actuators] = self.data.qpos[arm.fingers]
             arm.numbers[GRIP_TARGET] = 1000 * float(self.data.qpos[arm.fingers].mean())
-        self.rapid = False  # the program of both arms
+        self.rapid = False  # the program of all arms
         self.messages: list[ControllerMessage] = []  # the controller's event log
 
     @property

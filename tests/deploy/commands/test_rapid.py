@@ -16,6 +16,7 @@ from bt_jax.deploy.link.rws import EGM_MOTION, MODULE, TASKS, Motion, Rws, symbo
 from bt_jax.deploy.link.settings import LinkConfig, LinkTiming
 from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.planning.trajectory import Trajectory
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.controller import Controller
 from bt_jax.deploy.twin.network import free_ports
 from tests.helpers.cells import ARMS, RULES, cell, run_for, skipped_where_starved
@@ -126,7 +127,7 @@ def test_where_it_cannot_be_written_a_sentence_says_so(tmp_path):
 
 @pytest.mark.parametrize("realtime", [pytest.param(True, marks=pytest.mark.realtime), False])
 def test_a_program_that_runs_already_is_asked_to_follow(realtime):
-    ports = free_ports()
+    ports = free_ports(YUMI.arm_names)
     with Controller(cell(), ports=ports, realtime=realtime) as controller:
         rws = Rws("127.0.0.1", controller.rws_port, "Default User", "robotics")
         rws.start()

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bt_jax.deploy.link.loop_timing import KEPT, NEAR, LoopTimer
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.controller import Controller
 from bt_jax.deploy.twin.network import free_ports
 from tests.helpers.cells import cell
@@ -60,7 +61,7 @@ def test_page_faults_are_counted():
 
 @pytest.mark.realtime
 def test_a_process_that_was_kept_from_running_says_so():
-    with Controller(cell(), ports=free_ports(), realtime=True) as controller:
+    with Controller(cell(), ports=free_ports(YUMI.arm_names), realtime=True) as controller:
         time.sleep(0.3)
         began = time.monotonic()
         os.kill(controller.pid, signal.SIGSTOP)

@@ -13,6 +13,7 @@ from bt_jax.deploy.link.egm_messages import EgmRobot
 from bt_jax.deploy.link.reception import Receiver, Reception, complaint
 from bt_jax.deploy.link.settings import LinkConfig
 from bt_jax.deploy.link.yumi_link import YumiLink
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.controller import Controller
 from bt_jax.deploy.twin.network import free_ports
 from tests.helpers.cells import RULES, cell
@@ -34,8 +35,8 @@ def six_axes(sequence: int) -> bytes:
 def link():
     """A link to Robot Web Services; what comes to its ports is up to the test."""
     with (
-        Controller(cell(), ports=free_ports(), realtime=False) as controller,
-        YumiLink(LinkConfig(HOST, free_ports(), controller.rws_port), RULES) as link,
+        Controller(cell(), ports=free_ports(YUMI.arm_names), realtime=False) as controller,
+        YumiLink(LinkConfig(HOST, free_ports(YUMI.arm_names), controller.rws_port), RULES) as link,
     ):
         yield link
 

@@ -10,6 +10,7 @@ from bt_jax._util.errors import UserError
 from bt_jax.deploy.link.rws import EGM_MOTION, Motion, Rws, symbol
 from bt_jax.deploy.link.settings import LinkConfig
 from bt_jax.deploy.link.yumi_link import YumiLink
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.controller import Controller
 from bt_jax.deploy.twin.network import free_ports
 from tests.helpers.cells import ARMS, RULES, cell, move, run_for, running, skipped_where_starved
@@ -17,7 +18,7 @@ from tests.helpers.cells import ARMS, RULES, cell, move, run_for, running, skipp
 
 @pytest.mark.realtime
 def test_a_link_that_only_listens_never_answers():
-    ports = free_ports()
+    ports = free_ports(YUMI.arm_names)
     listening = LinkConfig("127.0.0.1", ports, motion=False)
     with contextlib.ExitStack() as stack:
         controller = stack.enter_context(Controller(cell(), ports=ports, realtime=True))
@@ -75,7 +76,7 @@ def test_an_arm_that_was_moved_since_the_start_is_not_guided():
 
 @pytest.mark.realtime
 def test_taken_ports_and_wrong_users_are_said_in_a_sentence():
-    ports = free_ports()
+    ports = free_ports(YUMI.arm_names)
     with Controller(cell(), ports=ports, realtime=True) as controller, skipped_where_starved(controller):
         config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
         wrong = dataclasses.replace(config, password="guess")
@@ -98,7 +99,7 @@ def test_taken_ports_and_wrong_users_are_said_in_a_sentence():
 
 def test_an_unknown_controller_is_said_in_a_sentence():
     with pytest.raises(UserError, match="--robot"):
-        YumiLink(LinkConfig("nowhere.invalid", free_ports()), RULES)
+        YumiLink(LinkConfig("nowhere.invalid", free_ports(YUMI.arm_names)), RULES)
 
 
 @pytest.mark.realtime

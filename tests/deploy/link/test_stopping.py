@@ -12,6 +12,7 @@ from bt_jax.deploy.link.rws_errors import ControllerBusy
 from bt_jax.deploy.link.safety import Rejected
 from bt_jax.deploy.link.settings import LinkConfig, LinkTiming
 from bt_jax.deploy.link.yumi_link import YumiLink
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.controller import Controller
 from bt_jax.deploy.twin.network import free_ports
 from tests.helpers.cells import ARMS, RULES, cell, move, run_for, running
@@ -75,7 +76,7 @@ def test_stop_and_close_reach_the_controller_without_the_link_process():
 
 
 def test_a_latched_stop_ends_with_its_process_and_the_robots_program():
-    ports = free_ports()
+    ports = free_ports(YUMI.arm_names)
     with Controller(cell(), ports=ports, realtime=False) as controller:
         config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
         with YumiLink(config, RULES, controller) as link:

@@ -30,7 +30,7 @@ def touching(scene, joints):
 
 
 def test_what_is_clear_here_has_no_contact_in_mujoco():
-    scene, rng = build_scene(TASK, 3), np.random.default_rng(0)
+    scene, rng = build_scene(YUMI, TASK, 3), np.random.default_rng(0)
     clearance = CellClearance(YUMI, TASK)
     clearance.place(box_poses(scene, scene.cell.qpos) | {TASK.kit.name: scene.kit})
     found = []

@@ -14,6 +14,7 @@ from bt_jax.deploy.execution.log_reader import read_log
 from bt_jax.deploy.execution.program import Program
 from bt_jax.deploy.execution.settings import Exit, Limits
 from bt_jax.deploy.link.rws import GRIP_TARGET, Rws, symbol
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.run import run_twin
 from bt_jax.deploy.twin.settings import Realism
 from bt_jax.encoding.formats.text import parse_tree
@@ -33,6 +34,7 @@ class Twin:
         self.strike, self.done, self.held = strike, False, None
         self.log = tmp_path / "log.jsonl"
         self.run = run_twin(
+            YUMI,
             Program(TASK, parse_tree(tree)),
             3,
             log=self.log,

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.cell import build_scene
 from bt_jax.deploy.twin.rendered_camera import RenderedCamera
 from bt_jax.deploy.twin.sensor import Sensor
@@ -67,7 +68,7 @@ def test_an_image_is_new_at_the_camera_s_rate_and_of_the_size_that_was_asked_for
 
 
 def test_a_camera_that_was_moved_is_elsewhere_than_the_calibration_says():
-    perfect = build_scene(TASK, 1, SMALL)
+    perfect = build_scene(YUMI, TASK, 1, SMALL)
     base = RigidTransform.from_translation(TASK.robot_position)
     assert np.allclose((base * perfect.calibrated).as_matrix(), perfect.camera.pose.as_matrix())
     moved = build_scene(
@@ -85,7 +86,7 @@ def test_the_calibration_is_wrong_by_as_much_as_was_asked_for_in_a_direction_of_
     base = RigidTransform.from_translation(TASK.robot_position)
     errors = []
     for seed in (1, 2, 1):
-        scene = build_scene(TASK, seed, real)
+        scene = build_scene(YUMI, TASK, seed, real)
         errors.append((base * scene.calibrated).translation - scene.camera.pose.translation)
         turn = (scene.camera.pose.inv() * base * scene.calibrated).rotation.magnitude()
         assert np.linalg.norm(errors[-1]) == pytest.approx(0.002)

@@ -6,6 +6,7 @@ from bt_jax.deploy.commands.replay import replay
 from bt_jax.deploy.execution.log_reader import read_log
 from bt_jax.deploy.execution.program import Program
 from bt_jax.deploy.execution.settings import Exit
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.run import run_twin
 from bt_jax.deploy.twin.settings import Realism
 from bt_jax.encoding.formats.text import parse_tree
@@ -26,7 +27,7 @@ STACK = """Sequence
 def test_the_twin_stacks_three_boxes_though_a_person_interferes_and_its_log_replays(tmp_path):
     log = tmp_path / "twin.jsonl"
     run = run_twin(
-        Program(load_task("yumi_stack"), parse_tree(STACK)), 0, disturbances=1, log=log, realism=Realism.perfect()
+        YUMI, Program(load_task("yumi_stack"), parse_tree(STACK)), 0, disturbances=1, log=log, realism=Realism.perfect()
     )
     assert run.exit_code == Exit.DONE
     assert run.solved
@@ -53,6 +54,7 @@ def test_a_box_is_handed_over_where_no_arm_reaches_both_ends():
             hands.update(dict.fromkeys(arm for arm, gap in moment.shown.seen.opening.items() if gap < 0.045))
 
     run = run_twin(
+        YUMI,
         Program(task, parse_tree("move(YellowBox, (0, 0, 0.022), KittingBox)")),
         1,
         on_tick=look,
