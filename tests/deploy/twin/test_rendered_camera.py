@@ -72,7 +72,10 @@ def test_a_camera_that_was_moved_is_elsewhere_than_the_calibration_says():
     base = RigidTransform.from_translation(TASK.robot_position)
     assert np.allclose((base * perfect.calibrated).as_matrix(), perfect.camera.pose.as_matrix())
     moved = build_scene(
-        TASK, 1, dataclasses.replace(SMALL, camera_moved=(0.0, 0.0, 0.005), camera_turned=(0.0, np.radians(1), 0.0))
+        YUMI,
+        TASK,
+        1,
+        dataclasses.replace(SMALL, camera_moved=(0.0, 0.0, 0.005), camera_turned=(0.0, np.radians(1), 0.0)),
     )
     assert np.allclose(moved.calibrated.as_matrix(), perfect.calibrated.as_matrix())
     off = moved.camera.pose * perfect.camera.pose.inv()
