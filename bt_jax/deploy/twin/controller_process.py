@@ -42,7 +42,7 @@ def serve(spec: ControllerSpec, state: Snapshot, stats: Snapshot, watch: LoopTim
         realtime=spec.realtime
     )  # before the server's threads start: they inherit it, and never hold the interpreter while they wait
     try:
-        robot = SimulatedRobot(spec.cell, spec.ports)
+        robot = SimulatedRobot(spec.cell, spec.ports, spec.realism)
         limits = RwsLimits(rate=math.inf)  # where time is simulated, no second by the clock is meant
         if spec.realtime:
             limits = RwsLimits(spec.realism.requests, spec.realism.request_delay)

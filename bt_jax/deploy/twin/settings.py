@@ -51,6 +51,9 @@ class Realism:
     """s from a setpoint to the first motion"""
     egm_lag: float = 0.05
     """s by which the motion then trails behind the setpoints"""
+    # BtJax lets EGM turn a joint by 0.26; run asks for 0.2 at most, and twin for more.
+    egm_speed: float = math.inf
+    """rad/s at which EGM lets a joint turn"""
     # Estimate: one look of BtJax at the target (0.05 s), and the gripper's own controller.
     gripper_delay: float = 0.2
     """s from a command to the fingers' motion"""
@@ -131,7 +134,7 @@ _ERRORS = (
     "gripper_reading",
     "request_delay",
 )
-_LIMITS = ("rate", "finger_speed", "requests", "contact")
+_LIMITS = ("rate", "egm_speed", "finger_speed", "requests", "contact")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import select
 import socket
 import time
@@ -23,12 +24,16 @@ from bt_jax.deploy.link.rws import (
     symbol,
 )
 from bt_jax.deploy.robot.arrays import PoseRow
+from bt_jax.deploy.twin.hand import SimulatedHand
 from bt_jax.deploy.twin.network import Network
-from bt_jax.deploy.twin.settings import TIMING
+from bt_jax.deploy.twin.servo import SetpointFilter
+from bt_jax.deploy.twin.settings import TIMING, Realism
+from bt_jax.deploy.twin.supervision import ContactSupervision
 
 __all__ = ["CellModel", "SimulatedArm", "SimulatedRobot"]
 
-FINGER_SPEED = 0.025  # m/s of each finger of the Smart Gripper
+STROKE, STRONGEST = 25.0, 20.0  # mm of each finger, and N, of the Smart Gripper
+MOTION_SUPERVISION = 50204  # the number of ABB's event
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,9 +55,10 @@ class CellModel:
 class SimulatedArm:
     """One arm and its session."""
 
-    def __init__(self, model: mujoco.MjModel, cell: CellModel, name: str, port: int) -> None:
+    def __init__(self, model: mujoco.MjModel, cell: CellModel, name: str, port: int, realism: Realism) -> None:
         self.name = name
         joints = [model.joint(joint).id for joint in cell.joints[name]]
+        self.joint_ids = joints
         fingers = [model.joint(joint).id for joint in cell.finger_joints[name]]
         self.joints = model.jnt_qposadr[joints]
         self.fingers = model.jnt_qposadr[fingers]
@@ -68,26 +74,35 @@ class SimulatedArm:
         self.mci = Mci.STOPPED
         self.silent = 0.0  # seconds since the last answer
         self.heard = False  # was there ever one?
-        self.numbers = {GRIP_TARGET: 0.0, GRIP_FORCE: 10.0, EGM_MOTION: float(Motion.LISTEN)}  # of its RAPID program
+        opening = 1000 * float(cell.qpos[self.fingers].mean())
+        self.numbers = {
+            GRIP_TARGET: opening,
+            GRIP_FORCE: 10.0,
+            EGM_MOTION: float(Motion.LISTEN),
+        }  # of its RAPID program
+        self.setpoints = SetpointFilter(realism, cell.qpos[self.joints])
+        self.hand = SimulatedHand(realism, opening, self.numbers[GRIP_FORCE])
 
 
 class SimulatedRobot:
     """The cell and its controller. Requests of other threads only set flags and numbers."""
 
-    def __init__(self, cell: CellModel, ports: Mapping[str, int]) -> None:
+    def __init__(self, cell: CellModel, ports: Mapping[str, int], realism: Realism) -> None:
         self.model = mujoco.MjModel.from_xml_string(cell.xml, dict(cell.assets))
         self.data = mujoco.MjData(self.model)
         self.data.qpos[:] = cell.qpos
         mujoco.mj_forward(self.model, self.data)
         self.substeps = max(1, round(CYCLE / self.model.opt.timestep))
         self.model.opt.timestep = CYCLE / self.substeps
-        self.arms = [SimulatedArm(self.model, cell, name, port) for name, port in ports.items()]
+        self.arms = [SimulatedArm(self.model, cell, name, port, realism) for name, port in ports.items()]
         self.control, self.mode, self.cycle, self.unanswered = "motoron", "AUTO", 0, 0
         self.pushes: list[tuple[int, Float[np.ndarray, " 3"], float]] = []  # body, force, until
         for arm in self.arms:
             self.data.ctrl[arm.actuators] = self.data.qpos[arm.joints]
             self.data.ctrl[arm.finger_actuators] = self.data.qpos[arm.fingers]
-            arm.numbers[GRIP_TARGET] = 1000 * float(self.data.qpos[arm.fingers].mean())
+            self.model.actuator_forcelimited[arm.finger_actuators] = True
+        self.realism = realism
+        self.supervision = ContactSupervision(self.model, {arm.name: arm.joint_ids for arm in self.arms})
         self.rapid = False  # the program of all arms
         self.messages: list[ControllerMessage] = []  # the controller's event log
 
@@ -113,11 +128,12 @@ class SimulatedRobot:
         self.rapid = False
         for arm in self.arms:
             arm.mci = mci
+            arm.setpoints.brake()
 
     def number(self, url: str) -> float:
         arm, name = self._symbol(url)
         if name == GRIP_ACTUAL:
-            return 1000 * float(self.data.qpos[arm.fingers].mean())
+            return arm.hand.reading
         return arm.numbers[name]
 
     def set_number(self, url: str, value: float) -> None:
@@ -126,6 +142,7 @@ class SimulatedRobot:
             raise KeyError(url)
         if name == EGM_MOTION and self.rapid:
             arm.silent, arm.mci = 0.0, Mci.RUNNING if value == Motion.ASKED else Mci.STOPPED
+            arm.setpoints.brake()
             value = float(Motion.GUIDED if value == Motion.ASKED else Motion.LISTEN)
         arm.numbers[name] = value
 
@@ -181,7 +198,7 @@ class SimulatedRobot:
         if arm.mci == Mci.RUNNING and self.control == "motoron":
             low, high = arm.range.T
             if np.all((newest.joints >= low) & (newest.joints <= high)):
-                self.data.ctrl[arm.actuators] = newest.joints
+                arm.setpoints.take(newest.joints, self.time)
             else:
                 self.tell(3, 50027, "Joint Out of Range")
                 self.stop_rapid(Mci.ERROR)  # as a real controller does with a target out of range
@@ -193,18 +210,45 @@ class SimulatedRobot:
                 arm.silent += CYCLE
                 if arm.silent > TIMING.silence:
                     self.stop_rapid(Mci.ERROR)
-            goal = np.clip(arm.numbers[GRIP_TARGET] / 1000, 0, 0.025)
-            reach = FINGER_SPEED * CYCLE
-            ctrl = self.data.ctrl[arm.finger_actuators]
-            self.data.ctrl[arm.finger_actuators] = ctrl + np.clip(goal - ctrl, -reach, reach)
-            force = np.clip(arm.numbers[GRIP_FORCE], 0, 20)
-            self.model.actuator_forcerange[arm.finger_actuators] = (-force, force)
+            self.data.ctrl[arm.actuators] = arm.setpoints.advance(self.time)
+            self._move_fingers(arm)
         self.data.xfrc_applied[:] = 0
         self.pushes = [push for push in self.pushes if push[2] > self.time]
         for body, force, _ in self.pushes:
             self.data.xfrc_applied[body, :3] += force
         mujoco.mj_step(self.model, self.data, self.substeps)
         self.cycle += 1
+        self._supervise()
+
+    def _move_fingers(self, arm: SimulatedArm) -> None:
+        if self.rapid:
+            arm.hand.serve(
+                self.time,
+                target=float(np.clip(arm.numbers[GRIP_TARGET], 0, STROKE)),
+                force=arm.numbers[GRIP_FORCE],
+                position=1000 * float(self.data.qpos[arm.fingers].mean()),
+            )
+        grip = arm.hand.advance(self.time)
+        reach = self.realism.finger_speed * CYCLE
+        ctrl = self.data.ctrl[arm.finger_actuators]
+        self.data.ctrl[arm.finger_actuators] = ctrl + np.clip(grip.target / 1000 - ctrl, -reach, reach)
+        force = np.clip(grip.force, 0, STRONGEST)
+        self.model.actuator_forcerange[arm.finger_actuators] = (-force, force)
+
+    def _supervise(self) -> None:
+        """Stop the arms where something presses on one, and have them give way, as a controller does."""
+        if not self.rapid or self.realism.contact == math.inf:
+            return
+        forces = self.supervision.advance(self.data)
+        pressed = [arm for arm, force in forces.items() if force > self.realism.contact]
+        if not pressed:
+            return
+        for name in pressed:
+            self.tell(3, MOTION_SUPERVISION, f"Motion supervision of the {name} arm")
+        self.stop_rapid(Mci.ERROR)
+        self.supervision.reset()
+        for arm in self.arms:
+            arm.setpoints.begin(self.data.qpos[arm.joints])
 
     def put(self, body: str, pose: PoseRow) -> None:
         joint = self.model.body(body).jntadr[0]

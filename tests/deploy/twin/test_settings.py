@@ -6,7 +6,7 @@ import pytest
 from bt_jax._util.errors import UserError
 from bt_jax.deploy.twin.settings import Realism
 
-ENDLESS = {"rate", "requests", "contact"}
+ENDLESS = {"rate", "egm_speed", "requests", "contact"}
 
 
 def test_a_perfect_cell_has_no_errors_and_no_limits():
@@ -23,7 +23,7 @@ def test_a_worse_cell_has_larger_errors_and_lower_limits():
     assert worse.exposure == -2.0
     assert worse.camera_moved == (0.0, 0.02, -0.04)
     for name, value in vars(real).items():
-        if name in ("rate", "finger_speed", "requests", "contact"):
+        if name in ("rate", "egm_speed", "finger_speed", "requests", "contact"):
             assert getattr(worse, name) == value / 2, name
         elif name not in ("width", "height", "camera_moved", "camera_turned"):
             assert getattr(worse, name) == value * 2, name
