@@ -7,6 +7,7 @@ from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.skills import RobotSkills
 from bt_jax.deploy.link.protocol import ArmState
 from bt_jax.deploy.planning.trajectory import Trajectory
+from bt_jax.deploy.robot.model import RobotModel
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.encoding.status import Status
 from bt_jax.tasks import Task
@@ -20,13 +21,14 @@ NEAR = 0.012  # m from between the fingers at which they close on a box
 class FollowingLink(SimulatedTime):
     """`boxes` are where boxes and kit are, base frame; one in the fingers moves with them. `hidden` are not seen."""
 
-    def __init__(self, task: Task, boxes: dict[str, RigidTransform]) -> None:
+    def __init__(self, task: Task, boxes: dict[str, RigidTransform], robot: RobotModel = YUMI) -> None:
         super().__init__()
+        self.robot, self.arms = robot, robot.arm_names
         self.boxes, self.size = dict(boxes), task.boxes[0].size
-        self.joints = {arm: YUMI.home[arm].copy() for arm in self.arms}
+        self.joints = {arm: robot.home[arm].copy() for arm in self.arms}
         self.paths: dict[str, tuple[float, Trajectory] | None] = dict.fromkeys(self.arms)
         self.motions = dict.fromkeys(self.arms, 0)
-        self.openings = {arm: YUMI.arm(arm).gripper.opening for arm in self.arms}
+        self.openings = {arm: robot.arm(arm).gripper.opening for arm in self.arms}
         self.targets = dict(self.openings)
         self.held: dict[str, tuple[str, RigidTransform]] = {}
         self.hidden: set[str] = set()
@@ -49,7 +51,7 @@ class FollowingLink(SimulatedTime):
         joints = self.joints[arm]
         moving = self.paths[arm] is not None
         return ArmState(
-            self.time, joints, np.zeros(7), joints, moving, self.motions[arm], 0.0, True, None,
+            self.time, joints, np.zeros_like(joints), joints, moving, self.motions[arm], 0.0, True, None,
             self.openings[arm], self.targets[arm],
         )  # fmt: skip
 
@@ -65,11 +67,11 @@ class FollowingLink(SimulatedTime):
                     self.paths[arm] = None
             if arm in self.held:
                 box, pose = self.held[arm]
-                self.boxes[box] = YUMI.forward(arm, self.joints[arm]) * pose
+                self.boxes[box] = self.robot.forward(arm, self.joints[arm]) * pose
             self._move_fingers(arm)
 
     def _move_fingers(self, arm: str) -> None:
-        tcp, target = YUMI.forward(arm, self.joints[arm]), self.targets[arm]
+        tcp, target = self.robot.forward(arm, self.joints[arm]), self.targets[arm]
         if target < self.size - 0.001:
             between = [n for n, p in self.boxes.items() if np.linalg.norm(p.translation - tcp.translation) < NEAR]
             if between and arm not in self.held and self.openings[arm] <= self.size + 0.006:
