@@ -41,14 +41,16 @@ class RealCellArguments:
     """folder that bt_jax.train or bt_jax.learn has written, or a tree as .txt or .xml"""
     task: str | None = None
     """name of a task or YAML file (default: that of the run folder, or yumi_stack)"""
-    robot: str = "192.168.125.1"
-    """address of the controller"""
+    robot: str | None = None
+    """address of the controller: 192.168.125.1 at its service port. No address is contacted that is not given"""
     camera: str | None = None
     """number or address of the camera; without motion, also a folder with a recording"""
     calibration: Path | None = None
     """file that calibrate has written"""
     twin_log: Path | None = None
     """log of a run of the same tree in the twin"""
+    gripper_mass: float | None = None
+    """kg of a gripper with its fingers (default: that of the model), for the payload"""
     rws_port: int = 80
     """TCP port of the controller's Robot Web Services"""
     ports: tuple[int, int] = (6511, 6512)
@@ -61,7 +63,11 @@ class RealCellArguments:
 
 @dataclasses.dataclass(frozen=True)
 class CheckArguments(RealCellArguments):
-    """Look at a real cell before anything moves: each item passes, or fails with the remedy."""
+    """Look at a real cell before anything moves: each item passes, or fails with the remedy.
+
+    Whatever is missing or broken makes its own items fail and hides no others; without --robot, all is checked that needs no
+    controller.
+    """
 
 
 @dataclasses.dataclass(frozen=True)

@@ -74,10 +74,10 @@ def run_command(arguments: RunArguments, console: Console | None = None) -> int:
     console = Console(highlight=False, soft_wrap=True) if console is None else console
     arguments.check()
     path = arguments.log or Path("runs") / f"robot-{time.strftime('%Y%m%d-%H%M%S')}.jsonl"
-    with open_real_cell(arguments, motion=arguments.motion, override=arguments.speed) as cell:
-        items = print_preflight(cell.equipment, console)
-        if cell.perception is None:
-            raise UserError("the robot is blind; give --camera and --calibration")
+    with open_real_cell(arguments, motion=arguments.motion, override=arguments.speed) as opened:
+        items = print_preflight(opened.equipment, console)
+        cell = opened.complete()
+        cell.link.state()  # raises where the controller does not answer
         if arguments.motion:
             if not passed(items):
                 raise UserError("the preflight has not passed; fix what it names, or leave out --motion")

@@ -7,33 +7,29 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from rich.console import Console
 from rich.markup import escape
-from scipy.spatial.transform import RigidTransform
 
 from bt_jax._util.errors import UserError
-from bt_jax.behaviors import Behavior, Kind, expand
-from bt_jax.deploy.execution.log_reader import read_log
+from bt_jax.deploy.execution.equipment import CheckedLink, Equipment, opened
 from bt_jax.deploy.execution.observation import Observation
-from bt_jax.deploy.execution.observer import Perceiving
-from bt_jax.deploy.execution.program import Program
+from bt_jax.deploy.execution.offline_checks import (
+    home_clear,
+    leaves_known,
+    payload_allowed,
+    ports_free,
+    priority_allowed,
+    ran_in_twin,
+)
 from bt_jax.deploy.execution.settings import CalibrationLimits
-from bt_jax.deploy.execution.statuses import Context, Statuses
-from bt_jax.deploy.link.protocol import RobotLink
-from bt_jax.deploy.link.realtime import may_take_priority
-from bt_jax.deploy.link.reception import Reception, complaint
-from bt_jax.deploy.link.rws import ControllerState
-from bt_jax.deploy.link.safety import Rules
-from bt_jax.deploy.link.settings import LinkConfig
-from bt_jax.deploy.robot.arrays import Joints
-from bt_jax.encoding.status import Status
-from bt_jax.encoding.walk import prefix
+from bt_jax.deploy.link.reception import complaint
 
-__all__ = ["CheckResult", "CheckedLink", "Equipment", "passed", "preflight", "show"]
+__all__ = ["CONTROLLER", "CheckResult", "passed", "preflight", "show"]
+
+TREE, IMAGES, MARKERS = "tree: every leaf is known", "camera: images", "markers: everything is seen"  # needed by others
+CONTROLLER, FEEDBACK = "controller: state", "link: feedback of both arms"
 
 LISTEN = 2.0  # seconds for which feedback and camera are watched
 FLANGE = (
@@ -53,60 +49,34 @@ class CheckResult:
     detail: str
 
 
-@runtime_checkable
-class CheckedLink(RobotLink, Protocol):
-    """What is asked of a link before anything moves."""
-
-    config: LinkConfig
-    rules: Rules
-
-    def reception(self, arm: str) -> Reception:
-        """Return what came to the port of an arm so far."""
-
-    def elsewhere(self) -> dict[int, str]:
-        """Return the ports, other than ours, to which something comes, with the address of its sender."""
-
-    def state(self) -> ControllerState:
-        """Return the controller's state, asked for now."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Equipment:
-    """What is to be checked; absent parts make their items fail."""
-
-    program: Program
-    link: CheckedLink
-    flange: Callable[[str, Joints], RigidTransform]  # our forward kinematics: arm, joints -> tool0 in the base
-    perception: Perceiving | None
-    intrinsics_error: float | None  # pixels
-    camera_residual: float | None  # metres
-    reachable: Callable[[str, Observation], bool]
-    twin_log: Path | None
-    may_take_priority: Callable[[], bool] = may_take_priority  # on this computer
-
-
 def preflight(equipment: Equipment) -> Iterator[CheckResult]:
     """Check everything, one after the other. Nothing moves."""
-    looks: list[tuple[str, str | None, Callable[[Equipment], str]]] = [
-        ("tree: every leaf is known", None, _leaves),
-        ("twin: this tree ran there", None, _twin),
-        ("computer: real-time priority", None, _priority),
-        ("controller: state", None, _state),
-        ("link: feedback of both arms", "controller: state", _feedback),
-        ("arms: joints within limits", "link: feedback of both arms", _limits),
-        ("arms: feedback equals kinematics", "link: feedback of both arms", _kinematics),
-        ("grippers: position", "controller: state", _grippers),
-        ("camera: intrinsics", None, _intrinsics),
-        ("camera: pose in the base frame", None, _hand_eye),
-        ("camera: images", None, _images),
-        ("markers: everything is seen", "camera: images", _markers),
-        ("arms: every box is within reach", "markers: everything is seen", _reach),
+    looks: list[tuple[str, tuple[str, ...], Callable[[Equipment], str]]] = [
+        (TREE, (), leaves_known),
+        ("twin: this tree ran there", (TREE,), ran_in_twin),
+        ("payload: boxes and gripper", (TREE,), payload_allowed),
+        ("arms: home is clear", (TREE,), home_clear),
+        ("computer: real-time priority", (), priority_allowed),
+        ("computer: UDP ports", (), ports_free),
+        (CONTROLLER, (), _state),
+        (FEEDBACK, (), _feedback),
+        ("arms: joints within limits", (FEEDBACK,), _limits),
+        ("arms: feedback equals kinematics", (FEEDBACK,), _kinematics),
+        ("grippers: position", (CONTROLLER, FEEDBACK), _grippers),
+        ("camera: intrinsics", (), _intrinsics),
+        ("camera: pose in the base frame", (), _hand_eye),
+        (IMAGES, (TREE,), _images),
+        (MARKERS, (TREE, IMAGES), _markers),
+        ("arms: every box is within reach", (MARKERS,), _reach),
     ]
     failed: set[str] = set()
     for name, needs, look in looks:
-        if needs in failed:
+        missing = [need for need in needs if need in failed]
+        if name == FEEDBACK and isinstance(equipment.link, UserError):
+            missing = [CONTROLLER]
+        if missing:
             failed.add(name)
-            yield CheckResult(name, None, f"needs '{needs}'")
+            yield CheckResult(name, None, f"needs '{missing[0]}'")
             continue
         try:
             yield CheckResult(name, True, look(equipment))
@@ -127,48 +97,8 @@ def show(console: Console, item: CheckResult) -> None:
     console.print(f"{mark} {item.name:36s} {escape(item.detail)}")
 
 
-def _leaves(equipment: Equipment) -> str:
-    task = equipment.program.task
-    nothing = Observation(0.0, {}, dict.fromkeys(equipment.link.arms, 0.0), None)
-    leaves = [node for node in prefix(expand(equipment.program.tree)) if isinstance(node, Behavior)]
-    for leaf in leaves:
-        try:
-            status = Statuses(task, nothing, Context())(leaf, 0)
-        except (ValueError, KeyError) as problem:
-            raise UserError(f"{leaf} means nothing to the executor ({problem}); use another tree") from problem
-        if leaf.kind == Kind.CONDITION and leaf.name in ("at", "reachable", "clear") and status == Status.SUCCESS:
-            raise UserError(f"{leaf} holds with nothing seen; do not run this version on a robot")
-    return f"{len(leaves)} leaves, tree {equipment.program.digest[:12]}"
-
-
-def _twin(equipment: Equipment) -> str:
-    if equipment.twin_log is None:
-        raise UserError(
-            "no log of the twin was given; run python -m bt_jax.deploy twin and give its log with --twin-log"
-        )
-    entries = list(read_log(equipment.twin_log))
-    start, end = entries[0], entries[-1]
-    if start.get("settings", {}).get("robot") != "twin":
-        raise UserError(f"{equipment.twin_log} is not of the twin; run this tree there and give the log of that")
-    if start.get("digest") != equipment.program.digest:
-        raise UserError(f"{equipment.twin_log} is of another tree; run this one in the twin")
-    if start.get("task") != equipment.program.task.to_dict():
-        raise UserError(f"{equipment.twin_log} is of another task; run this one in the twin")
-    if end["kind"] != "end" or end["exit_code"] != 0 or start.get("dry") is not False:
-        raise UserError(f"the run in {equipment.twin_log} did not succeed; look into it with replay and fix the tree")
-    return f"succeeded in {end.get('seconds', np.nan):.0f} s, {end.get('ticks')} ticks"
-
-
-def _priority(equipment: Equipment) -> str:
-    if not equipment.may_take_priority():
-        raise UserError(
-            "this user may not ask for real-time priority; add 'rtprio 50' for them in /etc/security/limits.conf"
-        )
-    return "may be asked for"
-
-
 def _state(equipment: Equipment) -> str:
-    state = equipment.link.state()
+    state = opened(equipment.link).state()
     if not state.ready:
         raise UserError(
             f"the controller is in {state.control}, mode {state.mode}; put it in automatic mode with motors on"
@@ -177,7 +107,7 @@ def _state(equipment: Equipment) -> str:
 
 
 def _feedback(equipment: Equipment) -> str:
-    link = equipment.link
+    link = opened(equipment.link)
     before = {arm: link.reception(arm) for arm in link.arms}
     counted, began = link.counters(), link.now()
     while link.now() < began + LISTEN:
@@ -211,9 +141,10 @@ def _silence(link: CheckedLink, arm: str, port: int) -> str:
 
 
 def _limits(equipment: Equipment) -> str:
-    rules, closest = equipment.link.rules, np.inf
-    for arm in equipment.link.arms:
-        joints = equipment.link.arm(arm).joints
+    link, closest = opened(equipment.link), np.inf
+    rules = link.rules
+    for arm in link.arms:
+        joints = link.arm(arm).joints
         room = float(np.min(np.minimum(joints - rules.lower, np.array(rules.upper) - joints)))
         if not room >= rules.margin:
             raise UserError(
@@ -224,9 +155,9 @@ def _limits(equipment: Equipment) -> str:
 
 
 def _kinematics(equipment: Equipment) -> str:
-    worst = 0.0
-    for arm in equipment.link.arms:
-        state = equipment.link.arm(arm)
+    link, worst = opened(equipment.link), 0.0
+    for arm in link.arms:
+        state = link.arm(arm)
         if state.flange is None:
             raise UserError(
                 f"the {arm} arm's EGM tells no Cartesian pose; use quaternions, tool0 and wobj0 in its setup"
@@ -243,8 +174,9 @@ def _kinematics(equipment: Equipment) -> str:
 
 
 def _grippers(equipment: Equipment) -> str:
-    openings = {arm: equipment.link.arm(arm).opening for arm in equipment.link.arms}
-    widest = equipment.program.task.gripper_opening
+    link = opened(equipment.link)
+    openings = {arm: link.arm(arm).opening for arm in link.arms}
+    widest = opened(equipment.program).task.gripper_opening
     for arm, opening in openings.items():
         if not -0.001 <= opening <= widest + 0.001:
             raise UserError(f"the {arm} gripper tells {1000 * opening:.1f} mm; calibrate it on the pendant")
@@ -252,42 +184,40 @@ def _grippers(equipment: Equipment) -> str:
 
 
 def _intrinsics(equipment: Equipment) -> str:
-    error = equipment.intrinsics_error
-    if error is None:
-        raise UserError("the camera is not calibrated; run python -m bt_jax.deploy calibrate")
+    error = opened(
+        equipment.intrinsics_error, "the camera is not calibrated; run python -m bt_jax.deploy calibrate intrinsics"
+    )
     if not error <= CALIBRATION.reprojection:
         raise UserError(f"the calibration is off by {error:.2f} pixels; repeat it with sharper pictures")
     return f"reprojection error {error:.2f} pixels"
 
 
 def _hand_eye(equipment: Equipment) -> str:
-    residual = equipment.camera_residual
-    if residual is None:
-        raise UserError("where the camera stands is not known; run python -m bt_jax.deploy calibrate")
+    residual = opened(
+        equipment.camera_residual, "where the camera stands is not known; run python -m bt_jax.deploy calibrate base"
+    )
     if not residual <= CALIBRATION.residual:
         raise UserError(f"camera and robot disagree by {1000 * residual:.1f} mm; repeat the calibration")
     return f"residual {1000 * residual:.1f} mm"
 
 
 def _images(equipment: Equipment) -> str:
-    if equipment.perception is None:
-        raise UserError("no camera was given; give one with --camera")
-    times, link = set(), equipment.link
-    began = link.now()
-    while link.now() < began + LISTEN:
-        equipment.perception.update()
-        times.add(equipment.perception.image)
-        link.wait(link.now() + 0.05)
-    age = link.now() - max(times)
+    perception = opened(equipment.perception, "no camera was given; give one with --camera, and its --calibration")
+    times, began = set(), equipment.now()
+    while equipment.now() < began + LISTEN:
+        perception.update()
+        times.add(perception.image)
+        equipment.wait(0.05)
+    age = equipment.now() - max(times)
     if not (age <= IMAGE and len(times) >= 4):
-        why = f" ({equipment.perception.lost})" if equipment.perception.lost else ""
+        why = f" ({perception.lost})" if perception.lost else ""
         raise UserError(f"{len(times)} images in {LISTEN:g} s, the last {age:.2f} s old{why}; check the camera's cable")
     return f"{len(times)} images in {LISTEN:g} s"
 
 
 def _markers(equipment: Equipment) -> str:
-    task = equipment.program.task
-    poses = {} if equipment.perception is None else equipment.perception.poses(equipment.link.now())
+    task = opened(equipment.program).task
+    poses = opened(equipment.perception).poses(equipment.now())
     missing = [name for name in (*task.box_names, task.kit.name) if name not in poses]
     if missing:
         raise UserError(f"{', '.join(missing)} cannot be seen; put it in view, with its markers uncovered")
@@ -295,10 +225,9 @@ def _markers(equipment: Equipment) -> str:
 
 
 def _reach(equipment: Equipment) -> str:
-    task, now = equipment.program.task, equipment.link.now()
-    openings = {arm: equipment.link.arm(arm).opening for arm in equipment.link.arms}
-    poses = {} if equipment.perception is None else equipment.perception.poses(now)
-    seen = Observation(now, poses, openings, None)
+    task, now = opened(equipment.program).task, equipment.now()
+    openings = {arm.name: arm.gripper.opening for arm in equipment.robot.arms}
+    seen = Observation(now, opened(equipment.perception).poses(now), openings, None)
     away = [name for name in task.box_names if not equipment.reachable(name, seen)]
     if away:
         raise UserError(f"no arm can grasp {', '.join(away)}; move it nearer to the robot's middle")

@@ -7,6 +7,7 @@ own way, see `program_stop`.
 from __future__ import annotations
 
 import itertools
+import math
 import time
 
 import numpy as np
@@ -39,7 +40,7 @@ class RapidProgram:
 
     def __init__(self, config: LinkConfig, *, realtime: bool = True) -> None:
         self.arms = tuple(config.ports)
-        self.openings = dict.fromkeys(self.arms, 0.0)  # m between the fingers, as read last
+        self.openings = dict.fromkeys(self.arms, math.nan)  # m between the fingers, as read last
         self._forces: dict[str, float] = {}  # N, as written last
         self._gripped: tuple[str, float] = ("", float("-inf"))  # arm that was told to grip last, and when
         self._turns = itertools.cycle(self.arms)

@@ -63,7 +63,8 @@ class YumiLink:
         self._watch: ControllerWatch | None = None
 
     def open(self) -> YumiLink:
-        """Start the link process and read the state. Raise UserError if a port is taken or nobody answers."""
+        """Start the link process and listen. Raise UserError if a port is taken. A controller that does not answer is no
+        reason: EGM may come nevertheless, and `state` and `start` say what is wrong."""
         self._process.start()
         self._theirs.close()
         try:
@@ -73,8 +74,8 @@ class YumiLink:
             if kind != "ready":
                 ports = ", ".join(map(str, self.config.ports.values()))
                 raise UserError(f"the UDP ports {ports} cannot be used ({value}); end the program that uses them")
-            self._program.state()
-            self._program.read_openings()
+            with contextlib.suppress(UserError):
+                self._program.read_openings()
         except BaseException:
             self.close()
             raise

@@ -58,6 +58,11 @@ class GripperModel:
         """The largest distance between the fingers."""
         return 2 * self.stroke
 
+    @property
+    def total_mass(self) -> float:
+        """With its fingers."""
+        return self.mass + 2 * self.finger_mass
+
 
 @dataclasses.dataclass(frozen=True)
 class ArmModel:
@@ -77,6 +82,7 @@ class ArmModel:
     own_apart: int
     body_apart: int
     cell_apart: int
+    payload: float = float("inf")  # with the gripper
 
     def __post_init__(self) -> None:
         if len(self.home) != len(self.joints):

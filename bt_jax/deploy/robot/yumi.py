@@ -91,6 +91,7 @@ def _arm(name: str) -> ArmModel:
         own_apart=5,
         body_apart=4,
         cell_apart=3,
+        payload=0.5,
     )
 
 

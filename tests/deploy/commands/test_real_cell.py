@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 
+import httpx
 import numpy as np
 import pytest
 
@@ -16,7 +17,8 @@ from bt_jax.deploy.commands.run import SENTENCE, run_command
 from bt_jax.deploy.execution.log import Log
 from bt_jax.deploy.execution.log_reader import read_log
 from bt_jax.deploy.execution.settings import Exit, Limits
-from tests.helpers.real_cells import connected
+from bt_jax.deploy.twin.network import free_ports
+from tests.helpers.real_cells import TREE, connected
 from tests.helpers.terminal import Terminal
 
 
@@ -35,7 +37,7 @@ def test_check_passes_on_a_good_cell(tmp_path, monkeypatch):
         console = Terminal("")
         code = check_command(CheckArguments(**arguments), console)
         assert code == Exit.DONE, console.said
-        assert console.said.count("✓") == 13
+        assert console.said.count("✓") == 16
 
 
 @pytest.mark.realtime
@@ -45,6 +47,39 @@ def test_check_fails_where_something_is_missing(tmp_path, monkeypatch):
         assert check_command(CheckArguments(**{**arguments, "camera": None, "twin_log": None}), console) == Exit.FAILED
         assert "--twin-log" in console.said
         assert "--camera" in console.said
+
+
+def test_check_without_a_controller_tells_all_that_can_be_known(tmp_path, monkeypatch):
+    """A broken calibration, a camera and a controller that are not there hide nothing, and no address is contacted."""
+    monkeypatch.setattr(httpx.Client, "send", lambda *_, **__: pytest.fail("somebody was contacted"))
+    (tmp_path / "tree.txt").write_text(TREE)
+    (tmp_path / "camera.yaml").write_text("camera: 1\n")
+    console = Terminal("")
+    left, right = free_ports().values()
+    arguments = CheckArguments(
+        tmp_path / "tree.txt", camera="0", calibration=tmp_path / "camera.yaml", ports=(left, right)
+    )
+    assert check_command(arguments, console) == Exit.FAILED
+    lines = {line[2:38].strip(): line for line in console.said.splitlines() if line[0] in "✓✗-"}
+    assert len(lines) == 16
+    for name in (
+        "tree: every leaf is known",
+        "payload: boxes and gripper",
+        "arms: home is clear",
+        "computer: UDP ports",
+    ):
+        assert lines[name].startswith("✓"), lines[name]
+    assert "--robot" in lines["controller: state"]
+    assert "camera.yaml" in lines["camera: intrinsics"]
+    assert "--twin-log" in lines["twin: this tree ran there"]
+
+
+def test_run_shows_what_check_does_before_it_ends_without_a_controller(tmp_path):
+    (tmp_path / "tree.txt").write_text(TREE)
+    person = Terminal("")
+    with pytest.raises(UserError, match="--robot"):
+        run_command(RunArguments(tmp_path / "tree.txt", ports=tuple(free_ports().values())), person)
+    assert "payload: boxes and gripper" in person.said
 
 
 @pytest.mark.realtime

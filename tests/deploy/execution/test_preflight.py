@@ -3,6 +3,9 @@
 import dataclasses
 import io
 import json
+import socket
+import time
+import types
 
 import mujoco
 import numpy as np
@@ -10,20 +13,25 @@ import pytest
 from rich.console import Console
 from scipy.spatial.transform import RigidTransform
 
+from bt_jax._util.errors import UserError
 from bt_jax.deploy.execution import preflight as module
+from bt_jax.deploy.execution.equipment import Equipment
 from bt_jax.deploy.execution.log import Log
-from bt_jax.deploy.execution.preflight import Equipment, passed, preflight, show
+from bt_jax.deploy.execution.preflight import passed, preflight, show
 from bt_jax.deploy.execution.program import Program
 from bt_jax.deploy.link.egm import CYCLE
 from bt_jax.deploy.link.protocol import ArmState, Counters
 from bt_jax.deploy.link.reception import Reception
 from bt_jax.deploy.link.rws import ControllerState
 from bt_jax.deploy.link.settings import LinkConfig
+from bt_jax.deploy.robot.yumi import YUMI
+from bt_jax.deploy.twin.network import free_ports
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from tests.helpers.cells import RULES, XML, running
 from tests.helpers.ideal import STACK3, TASK, IdealCell, SimulatedTime, observe
 
 OFF = RigidTransform.from_translation([0, 0, 0.01])
+STRONG = dataclasses.replace(YUMI, arms=tuple(dataclasses.replace(arm, payload=2.0) for arm in YUMI.arms))
 MODEL = mujoco.MjModel.from_xml_string(XML)
 
 
@@ -102,7 +110,10 @@ class CheckedCell(SimulatedTime):
 def good(twin_log):
     link = CheckedCell()
     return Equipment(
+        robot=STRONG,
         program=Program(TASK, STACK3),
+        rules=dataclasses.replace(RULES, lower=(-4.0,) * 7, upper=(4.0,) * 7),
+        config=link.config,
         link=link,
         flange=flange,
         perception=Seeing(link),
@@ -111,17 +122,18 @@ def good(twin_log):
         reachable=lambda name, seen: name in seen.poses,
         twin_log=twin_log,
         may_take_priority=lambda: True,
+        gripper_mass=0.01,
     )
 
 
 def test_a_good_cell_passes(good):
     items = list(preflight(good))
     assert passed(items), [item for item in items if not item.passed]
-    assert len(items) == 13
+    assert len(items) == 16
     out = io.StringIO()
     for item in items:
         show(Console(file=out, width=120), item)
-    assert out.getvalue().count("✓") == 13
+    assert out.getvalue().count("✓") == 16
 
 
 def failing(cell):
@@ -147,6 +159,10 @@ def failing(cell):
         ({"perception": None}, "camera:images", "--camera"),
         ({"reachable": lambda name, seen: name != "BlueBox"}, "arms:every", "BlueBox"),
         ({"may_take_priority": lambda: False}, "computer:real-time", "rtprio"),
+        ({"gripper_mass": 1.2}, "payload:boxes", "--gripper-mass"),
+        ({"gripper_mass": float("nan")}, "payload:boxes", "--gripper-mass"),
+        ({"rules": RULES}, "arms:home", "may not rest at home"),
+        ({"intrinsics_error": UserError("line 3 is broken")}, "camera:intrinsics", "line 3"),
     ],
 )  # fmt: skip
 def test_each_item_fails_with_its_remedy(good, change, name, word):
@@ -154,6 +170,29 @@ def test_each_item_fails_with_its_remedy(good, change, name, word):
     assert name in found
     assert word in found[name].detail
     assert all(item.passed is None for key, item in found.items() if key != name)
+
+
+def test_what_cannot_be_opened_fails_alone(good, monkeypatch):
+    monkeypatch.setattr(module, "LISTEN", 0.3)
+    seeing = Seeing(types.SimpleNamespace(now=time.monotonic))
+    found = failing(dataclasses.replace(good, link=UserError("no controller was named"), perception=seeing))
+    assert found.pop("controller:state").detail == "no controller was named"
+    assert {name: item.passed for name, item in found.items()} == dict.fromkeys(
+        ("link:feedback", "arms:joints", "arms:feedback", "grippers:position")
+    )
+    found = failing(dataclasses.replace(good, program=UserError("there is no tree")))
+    assert found.pop("tree:every").detail == "there is no tree"
+    assert {"twin:this", "payload:boxes", "markers:everything"} <= set(found)
+    assert not {"controller:state", "link:feedback", "camera:pose", "computer:UDP"} & set(found)
+
+
+def test_a_port_that_another_program_has_is_named(good):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("", 0))
+        port = other.getsockname()[1]
+        config = dataclasses.replace(good.config, ports={"left": port, "right": free_ports()["right"]})
+        found = failing(dataclasses.replace(good, link=UserError("none"), config=config, perception=None))
+        assert f"UDP port {port} cannot be used" in found["computer:UDP"].detail
 
 
 def test_a_frozen_camera_and_a_hidden_box_fail(good):
@@ -171,7 +210,7 @@ def test_a_camera_that_raises_does_not_end_the_other_looks(good):
 
     good.perception.update = lost
     items = list(preflight(good))
-    assert len(items) == 13
+    assert len(items) == 16
     assert any("no such device" in item.detail for item in items)
 
 
@@ -237,7 +276,7 @@ def test_a_controller_that_is_not_ready_fails(good):
     good.link.control = "emergencystop"
     found = failing(good)
     assert "emergencystop" in found["controller:state"].detail
-    assert found["link:feedback"].passed is None
+    assert "link:feedback" not in found, "its arms may tell where they are nevertheless"
 
 
 @pytest.mark.realtime

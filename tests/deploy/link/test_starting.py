@@ -80,11 +80,11 @@ def test_taken_ports_and_wrong_users_are_said_in_a_sentence():
     with Controller(cell(), ports=ports, realtime=True) as controller, skipped_where_starved(controller):
         config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
         wrong = dataclasses.replace(config, password="guess")
-        with pytest.raises(UserError, match="refuses the user"), YumiLink(wrong, RULES, controller):
-            pass
+        with YumiLink(wrong, RULES, controller) as link, pytest.raises(UserError, match="refuses the user"):
+            link.start()
         nowhere = dataclasses.replace(config, rws_port=1)
-        with pytest.raises(UserError, match="cannot be reached"), YumiLink(nowhere, RULES):
-            pass
+        with YumiLink(nowhere, RULES) as link, pytest.raises(UserError, match="cannot be reached"):
+            link.state()
         with YumiLink(config, RULES, controller):
             with pytest.raises(UserError, match="cannot be used"), YumiLink(config, RULES, controller):
                 pass
