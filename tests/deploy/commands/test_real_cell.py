@@ -55,7 +55,7 @@ def test_check_without_a_controller_tells_all_that_can_be_known(tmp_path, monkey
     (tmp_path / "tree.txt").write_text(TREE)
     (tmp_path / "camera.yaml").write_text("camera: 1\n")
     console = Terminal("")
-    left, right = free_ports().values()
+    left, right = free_ports(("left", "right")).values()
     arguments = CheckArguments(
         tmp_path / "tree.txt", camera="0", calibration=tmp_path / "camera.yaml", ports=(left, right)
     )
@@ -78,7 +78,7 @@ def test_run_shows_what_check_does_before_it_ends_without_a_controller(tmp_path)
     (tmp_path / "tree.txt").write_text(TREE)
     person = Terminal("")
     with pytest.raises(UserError, match="--robot"):
-        run_command(RunArguments(tmp_path / "tree.txt", ports=tuple(free_ports().values())), person)
+        run_command(RunArguments(tmp_path / "tree.txt", ports=tuple(free_ports(("left", "right")).values())), person)
     assert "payload: boxes and gripper" in person.said
 
 

@@ -190,7 +190,7 @@ def test_a_port_that_another_program_has_is_named(good):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("", 0))
         port = other.getsockname()[1]
-        config = dataclasses.replace(good.config, ports={"left": port, "right": free_ports()["right"]})
+        config = dataclasses.replace(good.config, ports={"left": port, "right": free_ports(("right",))["right"]})
         found = failing(dataclasses.replace(good, link=UserError("none"), config=config, perception=None))
         assert f"UDP port {port} cannot be used" in found["computer:UDP"].detail
 
