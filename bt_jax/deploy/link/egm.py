@@ -1,7 +1,7 @@
 """Externally Guided Motion: what the controller and its client say to each other every 4 ms, as Protocol Buffers over UDP.
 
-The messages are those of ABB's egm.proto (`egm_messages`). On the wire: degrees, controller time in ms. The seven axes
-travel as six `joints` and one of `externalJoints`: the third of the chain (ABB's axis 7).
+The messages are those of ABB's egm.proto (`egm_messages`). On the wire: degrees, controller time in ms. Six axes
+travel as `joints`; a seventh, the third of the chain (ABB's axis 7), as the first of `externalJoints`.
 """
 
 from __future__ import annotations
@@ -19,16 +19,17 @@ from bt_jax.deploy.robot.arrays import Joints, PoseRow
 __all__ = ["CYCLE", "EXTERNAL", "Feedback", "Mci", "Setpoint", "WrongAxes"]
 
 CYCLE = 0.004  # seconds between two messages
-EXTERNAL = 2  # place in the chain of the axis that travels as an external joint
+SIX = 6  # joints of a message
+EXTERNAL = 2  # place in the chain of a seventh axis, which travels as an external joint
 DATA, CORRECTION = 2, 3  # kinds of messages
 _SEQUENCE = 1 << 32  # numbers wrap here
 
 
 class WrongAxes(ValueError):
-    """A message that is not about six joints and an external one."""
+    """A message that is not about the axes that an arm has."""
 
-    def __init__(self, joints: int, external: int) -> None:
-        super().__init__(f"expected 6 joints and an external one, found {joints} and {external}")
+    def __init__(self, axes: int, joints: int, external: int) -> None:
+        super().__init__(f"expected {SIX} joints and {axes - SIX} external, found {joints} and {external}")
         self.joints, self.external = joints, external
 
 
@@ -82,15 +83,15 @@ class Feedback:
         return message.SerializeToString()
 
     @staticmethod
-    def decode(data: bytes) -> Feedback:
-        """Read EgmRobot. Raise ValueError if it is not one, WrongAxes if it is not about seven axes."""
+    def decode(data: bytes, axes: int) -> Feedback:
+        """Read EgmRobot. Raise ValueError if it is not one, WrongAxes if it is not about so many axes (6 or 7)."""
         message = EgmRobot()
         _parse(message, data)
         return Feedback(
             message.header.seqno,
             message.header.tm / 1000,
-            _read_joints(message.feedBack),
-            _read_joints(message.planned) if message.HasField("planned") else None,
+            _read_joints(message.feedBack, axes),
+            _read_joints(message.planned, axes) if message.HasField("planned") else None,
             message.motorState.state == 1,
             Mci(message.mciState.state),
             message.rapidExecState.state == 2,
@@ -114,11 +115,11 @@ class Setpoint:
         return message.SerializeToString()
 
     @staticmethod
-    def decode(data: bytes) -> Setpoint:
-        """Read EgmSensor. Raise ValueError if it is not one, WrongAxes if it is not about seven axes."""
+    def decode(data: bytes, axes: int) -> Setpoint:
+        """Read EgmSensor. Raise ValueError if it is not one, WrongAxes if it is not about so many axes (6 or 7)."""
         message = EgmSensor()
         _parse(message, data)
-        return Setpoint(message.header.seqno, message.header.tm / 1000, _read_joints(message.planned))
+        return Setpoint(message.header.seqno, message.header.tm / 1000, _read_joints(message.planned, axes))
 
 
 def _parse(message: Any, data: bytes) -> None:
@@ -136,7 +137,8 @@ def _header(header: Any, sequence: int, time: float, kind: int) -> None:
 
 def _write_joints(part: Any, joints: Joints) -> None:
     degrees = np.degrees(joints).tolist()
-    part.externalJoints.joints.append(degrees.pop(EXTERNAL))
+    if len(degrees) > SIX:
+        part.externalJoints.joints.append(degrees.pop(EXTERNAL))
     part.joints.joints.extend(degrees)
 
 
@@ -148,10 +150,11 @@ def _read_pose(part: Any) -> PoseRow | None:
     return np.concatenate([np.array([position.x, position.y, position.z]) / 1000, quaternion])
 
 
-def _read_joints(part: Any) -> Joints:
-    six, one = part.joints.joints, part.externalJoints.joints
-    if len(six) != 6 or len(one) < 1:
-        raise WrongAxes(len(six), len(one))
+def _read_joints(part: Any, axes: int) -> Joints:
+    six, more = part.joints.joints, part.externalJoints.joints
+    if len(six) != SIX or len(more) < axes - SIX:
+        raise WrongAxes(axes, len(six), len(more))
     degrees = list(six)
-    degrees.insert(EXTERNAL, one[0])
+    if axes > SIX:
+        degrees.insert(EXTERNAL, more[0])
     return np.radians(degrees)

@@ -137,7 +137,7 @@ class _LinkLoop:
                 arm.receiver.drop_foreign(address[0])
                 continue
             try:
-                feedback = Feedback.decode(data)
+                feedback = Feedback.decode(data, len(self.start.rules.lower))
             except ValueError as problem:  # like a lost one: where nothing else comes, the silence stops the robot
                 arm.receiver.drop_invalid(problem)
                 continue

@@ -182,7 +182,7 @@ class SimulatedRobot:
         while True:
             for data in arm.network.receive(self.time):
                 try:
-                    setpoint = Setpoint.decode(data)
+                    setpoint = Setpoint.decode(data, len(arm.joints))
                 except ValueError:
                     continue
                 if newest is None or setpoint.sequence > newest.sequence:

@@ -7,22 +7,28 @@ from hypothesis import strategies as st
 from bt_jax.deploy.link.egm import Feedback, Mci, Setpoint
 from bt_jax.deploy.link.egm_messages import MESSAGES, EgmRobot, EgmSensor
 
-JOINTS = st.lists(st.floats(-5, 5), min_size=7, max_size=7).map(np.array)
+
+def joints_of(axes: int) -> st.SearchStrategy:
+    return st.lists(st.floats(-5, 5), min_size=axes, max_size=axes).map(np.array)
 
 
-@given(JOINTS, JOINTS, st.integers(0, 2**32 - 1), st.integers(0, 10**9), st.sampled_from(Mci), st.booleans())
-def test_feedback_round_trip(joints, planned, sequence, milliseconds, mci, flag):
+TWO = st.sampled_from([6, 7]).flatmap(lambda axes: st.tuples(joints_of(axes), joints_of(axes)))
+
+
+@given(TWO, st.integers(0, 2**32 - 1), st.integers(0, 10**9), st.sampled_from(Mci), st.booleans())
+def test_feedback_round_trip(two, sequence, milliseconds, mci, flag):
+    joints, planned = two
     sent = Feedback(sequence, milliseconds / 1000, joints, planned, flag, mci, not flag)
-    got = Feedback.decode(sent.encode())
+    got = Feedback.decode(sent.encode(), len(joints))
     np.testing.assert_allclose(got.joints, joints, atol=1e-12)
     np.testing.assert_allclose(got.planned, planned, atol=1e-12)
     assert (got.sequence, got.motors_on, got.rapid_running, got.mci) == (sequence, flag, not flag, mci)
     assert got.time == pytest.approx(milliseconds / 1000)
 
 
-@given(JOINTS, st.integers(0, 2**32 - 1))
+@given(st.sampled_from([6, 7]).flatmap(joints_of), st.integers(0, 2**32 - 1))
 def test_setpoint_round_trip(joints, sequence):
-    got = Setpoint.decode(Setpoint(sequence, 1.25, joints).encode())
+    got = Setpoint.decode(Setpoint(sequence, 1.25, joints).encode(), len(joints))
     np.testing.assert_allclose(got.joints, joints, atol=1e-12)
     assert (got.sequence, got.time) == (sequence, 1.25)
 
@@ -36,12 +42,12 @@ def test_the_flange_travels_in_millimetres_with_the_scalar_first():
     assert message.feedBack.cartesian.pos.y == pytest.approx(200)
     assert message.feedBack.cartesian.orient.u0 == flange[3]
     assert message.feedBack.cartesian.orient.u1 == flange[4]
-    assert Feedback.decode(sent.encode()).flange == pytest.approx(flange)
+    assert Feedback.decode(sent.encode(), 7).flange == pytest.approx(flange)
 
 
 def test_what_is_planned_need_not_be_told():
     sent = Feedback(1, 0.0, np.ones(7), None, True, Mci.RUNNING, True)
-    got = Feedback.decode(sent.encode())
+    got = Feedback.decode(sent.encode(), 7)
     assert got.planned is None
     assert got.running
     np.testing.assert_allclose(got.joints, 1.0)
@@ -58,16 +64,17 @@ def test_axis_seven_travels_as_the_external_joint_in_degrees():
 @pytest.mark.parametrize("data", [b"", b"\xff\xff\xff", b"hello, robot", EgmRobot().SerializeToString()])
 def test_what_is_no_message_is_refused(data):
     with pytest.raises(ValueError, match=r"EGM|joints"):
-        Feedback.decode(data)
+        Feedback.decode(data, 7)
     with pytest.raises(ValueError, match=r"EGM|joints"):
-        Setpoint.decode(data)
+        Setpoint.decode(data, 7)
 
 
-def test_six_axes_are_refused():
+def test_six_axes_are_refused_of_an_arm_of_seven():
     message = EgmRobot()
     message.feedBack.joints.joints.extend([0.0] * 6)
     with pytest.raises(ValueError, match="external"):
-        Feedback.decode(message.SerializeToString())
+        Feedback.decode(message.SerializeToString(), 7)
+    assert Feedback.decode(message.SerializeToString(), 6).joints.shape == (6,)
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +88,15 @@ FLANGES = st.none() | st.lists(st.floats(-2, 2), min_size=3, max_size=3).map(
 )
 
 
-@given(JOINTS, JOINTS, st.integers(0, 2**32 - 1), st.integers(0, 10**9), st.sampled_from(Mci), st.booleans(), FLANGES)
+@given(
+    joints_of(7),
+    joints_of(7),
+    st.integers(0, 2**32 - 1),
+    st.integers(0, 10**9),
+    st.sampled_from(Mci),
+    st.booleans(),
+    FLANGES,
+)
 def test_feedback_has_the_bytes_of_abbs_messages(theirs, joints, planned, sequence, ms, mci, flag, flange):
     ours = Feedback(sequence, ms / 1000, joints, planned, flag, mci, not flag, flange).encode()
     message = theirs.EgmRobot.FromString(ours)
@@ -94,7 +109,7 @@ def test_feedback_has_the_bytes_of_abbs_messages(theirs, joints, planned, sequen
     assert rapid == ("RAPID_STOPPED" if flag else "RAPID_RUNNING")
 
 
-@given(JOINTS, st.integers(0, 2**32 - 1))
+@given(st.sampled_from([6, 7]).flatmap(joints_of), st.integers(0, 2**32 - 1))
 def test_setpoints_have_the_bytes_of_abbs_messages(theirs, joints, sequence):
     ours = Setpoint(sequence, 1.25, joints).encode()
     message = theirs.EgmSensor.FromString(ours)
@@ -109,7 +124,7 @@ def test_what_we_leave_out_of_a_message_is_no_hindrance(theirs):
     message.feedBack.cartesian.euler.x = message.feedBack.cartesian.euler.y = message.feedBack.cartesian.euler.z = 1.0
     message.measuredForce.force.extend([1.0, 2.0])
     message.torqueRef.joints.extend([1.0] * 6)
-    got = Feedback.decode(message.SerializeToString())
+    got = Feedback.decode(message.SerializeToString(), 7)
     assert (got.sequence, got.running, got.flange) == (7, True, None)
     np.testing.assert_allclose(got.joints, 1.0)
 
