@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import xml.etree.ElementTree as ET
 
@@ -21,12 +22,14 @@ from bt_jax.mjx_env.scene.mjcf import build_mjcf
 from bt_jax.mjx_env.scene.placement import draw_kit_table, draw_places
 from bt_jax.tasks import Task
 
-__all__ = ["CAMERA", "FILM", "TwinScene", "box_poses", "build_scene", "solved", "target_distances"]
+__all__ = ["CAMERA", "FILM", "STRANGER", "TwinScene", "box_poses", "build_scene", "solved", "target_distances"]
 
 Qpos = Float[np.ndarray, " nq"]
 """A state of the twin's model: positions of joints, m and rad; free bodies by position and quaternion wxyz."""
 
 CAMERA, FILM = "cell", "film"
+STRANGER = "stranger"  # an object that the task does not know
+NARROWER = 0.875  # size of one without markers, as a share of a box's
 STEP = 0.002  # seconds of physics
 SHELL = '<material name="shell" rgba=".88 .88 .86 1" specular=".3" shininess=".4"/>'
 
@@ -46,9 +49,17 @@ class TwinScene:
     calibrated: RigidTransform
 
 
-def build_scene(robot: RobotModel, task: Task, seed: int | list[int], realism: Realism | None = None) -> TwinScene:
+def build_scene(
+    robot: RobotModel,
+    task: Task,
+    seed: int | list[int],
+    realism: Realism | None = None,
+    *,
+    stranger: str | None = None,
+) -> TwinScene:
     """Return a robot in the cell of a task, with boxes at random places and turned at random; the same for the same seed.
-    It is as real as `realism` says, by default as a real one."""
+    It is as real as `realism` says, by default as a real one. With `stranger`, an object that the task does not know lies
+    out of sight, with the markers of the box of that name, without any if it is ""."""
     realism = realism or Realism()
     rng = np.random.default_rng(seed)
     table = task.tables[draw_kit_table(task, rng)]
@@ -62,7 +73,7 @@ def build_scene(robot: RobotModel, task: Task, seed: int | list[int], realism: R
     camera = dataclasses.replace(
         installed, pose=_shifted(installed.pose, np.array(realism.camera_moved), np.array(realism.camera_turned))
     )
-    files, text = _mjcf(robot, task, kit, camera)
+    files, text = _mjcf(robot, task, kit, camera, stranger)
     model = mujoco.MjModel.from_xml_string(text, files)
     qpos = model.qpos0.copy()
     for name, place, turn in zip(task.box_names, places, turns, strict=True):
@@ -97,7 +108,9 @@ def _shifted(pose: RigidTransform, by: Point, turn: Point) -> RigidTransform:
     return RigidTransform.from_components(pose.translation + by, Rotation.from_rotvec(turn) * pose.rotation)
 
 
-def _mjcf(robot: RobotModel, task: Task, kit: Point, camera: CameraPlacement) -> tuple[dict[str, bytes], str]:
+def _mjcf(
+    robot: RobotModel, task: Task, kit: Point, camera: CameraPlacement, stranger: str | None
+) -> tuple[dict[str, bytes], str]:
     """Return the files that the model names, and its text."""
     root, markers = ET.fromstring(build_mjcf(task)), marker_scene(task)
     _found(root, "compiler").set("angle", "radian")
@@ -114,10 +127,27 @@ def _mjcf(robot: RobotModel, task: Task, kit: Point, camera: CameraPlacement) ->
     body.extend(ET.fromstring(f"<body>{markers.kit_xml}</body>"))
     for box in task.boxes:
         _found(root, f".//geom[@name='{box.name}']").set("material", f"{box.name}_markers")
+    if stranger is not None:
+        _found(root, "worldbody").append(_stranger(root, task, stranger))
     _found(root, "worldbody").append(ET.fromstring(camera.mjcf(CAMERA)))
     _found(root, "worldbody").append(ET.fromstring(_film_camera(task)))
     add_to_mjcf(robot, root, task.robot_position)
     return markers.files, ET.tostring(root, encoding="unicode")
+
+
+def _stranger(root: ET.Element, task: Task, markers: str) -> ET.Element:
+    """Return a body like a box, with the markers of the one of that name, or narrower and without any if it is ""."""
+    box = next((box for box in task.boxes if box.name == markers), task.boxes[0])
+    body = copy.deepcopy(_found(root, f".//body[@name='{box.name}']"))
+    geom, half = _found(body, "geom"), box.size / 2 * (1 if markers else NARROWER)
+    body.set("name", STRANGER)
+    body.set("pos", f"2 0.5 {task.floor + half!r}")
+    geom.set("name", STRANGER)
+    if not markers:
+        geom.attrib.pop("material")
+        geom.set("size", f"{half!r} {half!r} {half!r}")
+        geom.set("rgba", "0.45 0.4 0.35 1")
+    return body
 
 
 def _found(root: ET.Element, path: str) -> ET.Element:

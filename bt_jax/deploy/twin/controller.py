@@ -119,7 +119,7 @@ class Controller:
         self._ask("advance", until)
 
     def put(self, body: str, pose: RigidTransform) -> None:
-        """Move a free body to a pose in the world of the model, at rest, as a person's hand does."""
+        """Move a free body, or the kit, to a pose in the world of the model, at rest, as a person's hand does."""
         self._ask("put", body, np.array([*pose.translation, *pose.rotation.as_quat(scalar_first=True)]))
 
     def push(self, body: str, force: Float[np.ndarray, " 3"], seconds: float) -> None:

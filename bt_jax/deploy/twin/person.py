@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from bt_jax.deploy.execution.outcome import TickReport
 from bt_jax.deploy.robot.arrays import Point
 from bt_jax.deploy.twin.cell import TwinScene, box_poses
 from bt_jax.deploy.twin.controller import Controller
@@ -22,7 +22,7 @@ OFF = (2.0, 0.0)  # where it is meanwhile, on the floor and out of the camera's 
 
 @dataclasses.dataclass(frozen=True)
 class Touch:
-    """What the person did: "move", "remove" or "return"."""
+    """What the person did: "move", "remove" or "return"; or what else happened, a name of `twin.disturbances`."""
 
     time: float
     what: str
@@ -30,7 +30,7 @@ class Touch:
 
     def __str__(self) -> str:
         words = {"move": "moves {}", "remove": "takes {} away", "return": "brings {} back"}
-        return f"a person {words[self.what].format(self.box)}"
+        return f"a person {words[self.what].format(self.box)}" if self.what in words else f"{self.what}: {self.box}"
 
 
 class Person:
@@ -43,8 +43,12 @@ class Person:
         self._times = sorted(times)
         self._gone: dict[str, float] = {}  # box -> when it comes back
 
-    def __call__(self, now: float, hands: Callable[[], list[Point]]) -> Touch | None:
-        """Return what the person does now, None if nothing; `hands` returns the TCPs in the world."""
+    def __call__(self, now: float, shown: TickReport) -> Touch | None:
+        """Return what the person does now, None if nothing."""
+
+        def hands() -> list[Point]:
+            return list(hands_of(self.scene, self.controller.state()[1]).values())
+
         for box, until in list(self._gone.items()):
             if now >= until and (spot := self._spot(box, hands())) is not None:
                 del self._gone[box]
@@ -115,10 +119,12 @@ class Person:
         return next(box.size for box in self.scene.task.boxes if box.name == name)
 
 
-def hands_of(scene: TwinScene, qpos: Float[np.ndarray, " nq"]) -> list[Point]:
-    """Return the points between the fingers in the world, from a state of the model."""
+def hands_of(scene: TwinScene, qpos: Float[np.ndarray, " nq"]) -> dict[str, Point]:
+    """Return the point between the fingers of each arm in the world, from a state of the model."""
     base = RigidTransform.from_translation(scene.task.robot_position)
-    return [
-        (base * arm.forward(np.array([qpos[scene.model.joint(j).qposadr[0]] for j in arm.joint_names]))).translation
+    return {
+        arm.name: (
+            base * arm.forward(np.array([qpos[scene.model.joint(j).qposadr[0]] for j in arm.joint_names]))
+        ).translation
         for arm in scene.robot.arms
-    ]
+    }

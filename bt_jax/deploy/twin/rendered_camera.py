@@ -79,7 +79,7 @@ def cell_camera(task: Task, *, width: int = WIDTH, height: int = HEIGHT) -> Came
 class RenderedCamera:
     """Render a camera of a model; `state` returns time [s] and qpos, as they are now, from wherever the model is simulated.
     Images are as good as `realism` says, by default perfect; `seed` draws what varies. Made and read in one thread, that of
-    its OpenGL context. `freeze`, `lose` and `cover` are faults to be tried."""
+    its OpenGL context. `freeze`, `lose`, `cover` and `change` are faults to be tried."""
 
     def __init__(
         self,
@@ -97,7 +97,7 @@ class RenderedCamera:
         self._view = View(model, name, width=width, height=height, shadows=False)  # they cost most of the time
         fovy = float(model.cam_fovy[model.camera(name).id])
         self._matrix = CameraPlacement(RigidTransform.identity(), fovy, width, height).matrix
-        self._sensor = Sensor(self._realism, seed)
+        self._seed, self._sensor = seed, Sensor(self._realism, seed)
         self._newest: CameraFrame | None = None
         self._frozen = self._lost = False
         self._covered: dict[str, tuple[Indices, Indices]] = {}  # body -> its geoms and their materials
@@ -138,6 +138,16 @@ class RenderedCamera:
         """Put its markers back."""
         geoms, materials = self._covered.pop(body)
         self._model.geom_matid[geoms] = materials
+
+    def move(self, body: str, pose: RigidTransform) -> None:
+        """Show the kit, which is not part of the state, at another pose in the world."""
+        place = self._model.body(body).mocapid[0]
+        self._data.mocap_pos[place] = pose.translation
+        self._data.mocap_quat[place] = pose.rotation.as_quat(scalar_first=True)
+
+    def change(self, **values: float) -> None:
+        """Make the images as good as a `Realism` with other values says, from now on."""
+        self._sensor = Sensor(dataclasses.replace(self._realism, **values), self._seed)  # type: ignore[arg-type]
 
     def close(self) -> None:
         """Give the OpenGL context back."""

@@ -35,8 +35,10 @@ from bt_jax.deploy.planning.process import PlanningProcess
 from bt_jax.deploy.robot.model import RobotModel
 from bt_jax.deploy.twin.cell import CAMERA, TwinScene, build_scene, solved, target_distances
 from bt_jax.deploy.twin.controller import Controller, ControllerStats
+from bt_jax.deploy.twin.disturbances import Disturbance, Disturber
+from bt_jax.deploy.twin.disturbances import disturbance as disturbance_named
 from bt_jax.deploy.twin.network import free_ports
-from bt_jax.deploy.twin.person import Person, Touch, hands_of
+from bt_jax.deploy.twin.person import Person, Touch
 from bt_jax.deploy.twin.rendered_camera import RenderedCamera
 from bt_jax.deploy.twin.settings import Realism
 
@@ -64,6 +66,7 @@ class TwinRun:
     solved: bool
     distances: tuple[float, ...]
     touches: tuple[Touch, ...]
+    start: float  # of the run, by the clock of the touches, s
     stats: ControllerStats
     counters: Counters
     seconds: float  # of the wall clock
@@ -87,14 +90,19 @@ def run_twin(
     on_tick: Callable[[TwinTick], None] | None = None,
     prepare: Callable[[Controller, Perceiving], None] | None = None,
     realism: Realism | None = None,
+    disturbance: str | None = None,
 ) -> TwinRun:
     """Run a tree on a robot in one layout, in a cell as real as `realism` says, by default as a real one. `prepare` may
-    break things before the run begins.
+    break things before the run begins. A person comes `disturbances` times; `disturbance` names what else happens, see
+    `twin.disturbances`.
 
     Raise UserError if nothing can be rendered here, so that the camera would see nothing.
     """
     began = time.monotonic()
-    scene, ports = build_scene(robot, program.task, seed, realism), free_ports(robot.arm_names)
+    happens = Disturbance() if disturbance is None else disturbance_named(disturbance)
+    realism = happens.change(realism or Realism())
+    scene = build_scene(robot, program.task, seed, realism, stranger=happens.stranger)
+    ports = free_ports(robot.arm_names)
     rng = np.random.default_rng([seed, 1])
     with contextlib.ExitStack() as stack:
         controller = stack.enter_context(Controller(scene.cell, ports=ports, realtime=realtime, realism=scene.realism))
@@ -109,21 +117,24 @@ def run_twin(
         skills = RobotSkills(robot, program.task, link, pace=pace, background=planning)
         first = link.now()
         times = [first + float(t) for t in rng.uniform(*DISTURBED, disturbances)]
-        person = Person(scene, controller, rng, times)
+        person: Person | Disturber = Person(scene, controller, rng, times)
+        if disturbance is not None:
+            camera = None if realtime else perception.camera  # type: ignore[attr-defined]
+            person = Disturber(disturbance, scene, controller, camera, np.random.default_rng([seed, 4]), first)
 
         qpos, stats = controller.state()[1], controller.stats()
 
         def tick(shown: TickReport) -> None:
             nonlocal qpos
             qpos = controller.state()[1]
-            touch = person(link.now(), lambda: hands_of(scene, qpos))
+            touch = person(link.now(), shown)
             if touch is not None:
                 log_file.write("disturbance", time=touch.time, what=touch.what, box=touch.box)
             if on_tick is not None:
                 on_tick(TwinTick(shown, qpos, touch))
 
         def verify() -> str:
-            return "" if solved(scene, controller.state()[1]) else "not every object is where its target is"
+            return "" if solved(person.scene, controller.state()[1]) else "not every object is where its target is"
 
         executor = Executor(
             program,
@@ -134,22 +145,24 @@ def run_twin(
             ),
             log=log_file,
             limits=limits or Limits(run=TWIN_SECONDS),
-            settings=_settings(seed, realtime, disturbances, scene.realism),
+            settings=_settings(seed, realtime, disturbances, scene.realism) | {"disturbance": disturbance},
             on_tick=tick,
             verify=verify,
         )
         if prepare is not None:
             prepare(controller, perception)
         link.start()
+        start = link.now()
         outcome = executor.run()
         with contextlib.suppress(UserError):  # of a controller that died while it told its state: what was known last
             qpos, stats = controller.state()[1], controller.stats()
         return TwinRun(
             seed=seed,
             outcome=outcome,
-            solved=solved(scene, qpos),
-            distances=tuple(target_distances(scene, qpos)),
+            solved=solved(person.scene, qpos),
+            distances=tuple(target_distances(person.scene, qpos)),
             touches=tuple(person.touches),
+            start=start,
             stats=stats,
             counters=link.counters(),
             seconds=time.monotonic() - began,

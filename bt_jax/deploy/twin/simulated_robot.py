@@ -251,6 +251,10 @@ class SimulatedRobot:
             arm.setpoints.begin(self.data.qpos[arm.joints])
 
     def put(self, body: str, pose: PoseRow) -> None:
+        place = self.model.body(body).mocapid[0]
+        if place >= 0:
+            self.data.mocap_pos[place], self.data.mocap_quat[place] = pose[:3], pose[3:]
+            return
         joint = self.model.body(body).jntadr[0]
         if joint < 0 or self.model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_FREE:
             raise ValueError(f"{body} cannot be moved by hand")

@@ -1,0 +1,305 @@
+"""What may go wrong in the twin's cell, one thing a run: a person's hand, an unknown object, light, lens, camera, delays.
+
+A disturbance happens at a moment that the seed chooses, or where a hand is in the right place: the same for the same seed.
+`DISTURBANCES` names them all.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from bt_jax._util.errors import UserError
+from bt_jax.deploy.execution.outcome import TickReport
+from bt_jax.deploy.robot.arrays import Point
+from bt_jax.deploy.twin.cell import STRANGER, TwinScene, box_poses
+from bt_jax.deploy.twin.controller import Controller
+from bt_jax.deploy.twin.person import AWAY, OFF, Touch, hands_of
+from bt_jax.deploy.twin.rendered_camera import RenderedCamera
+from bt_jax.deploy.twin.settings import Realism
+
+__all__ = ["DISTURBANCES", "Disturbance", "Disturber", "disturbance"]
+
+SOON = (3.0, 15.0)  # s after the start, within which most of them happen
+EARLY = 0.6  # s after a hand has set out
+ABOVE = (
+    0.02,
+    0.055,
+)  # m of the point between the fingers over a box's centre, where a hand is about to close around it
+STRAIGHT = 0.008  # m by which it is beside that centre
+CARRIED = 1.0  # s for which a box is carried before it is lost
+TURN = 0.7  # rad: a box is then wider than the fingers open
+SHIFT = 0.04  # m by which the kit is moved
+LEVEL = 0.012  # m: two boxes with centres this near in height stand on the same level
+
+
+@dataclasses.dataclass(frozen=True)
+class Moment:
+    """One tick: time since the start [s], what the executor did, the true poses of the boxes and points between the fingers,
+    both in the world."""
+
+    time: float
+    shown: TickReport
+    boxes: Mapping[str, RigidTransform]
+    hands: Mapping[str, Point]
+
+    def doing(self, name: str) -> str | None:
+        """Return the box that an action of that name is carried out with, None if another is or none."""
+        action = self.shown.action
+        return action.object if action is not None and action.name == name else None
+
+    def free(self) -> list[str]:
+        """Return the boxes that no hand is near and no other stands on."""
+        held = self.shown.seen.holding
+        return [
+            name
+            for name, pose in self.boxes.items()
+            if name != held
+            and all(np.linalg.norm(pose.translation - hand) > AWAY for hand in self.hands.values())
+            and not any(_over(other.translation, pose.translation) for other in self.boxes.values())
+        ]
+
+
+def _over(upper: Point, lower: Point) -> bool:
+    return bool(np.linalg.norm(upper[:2] - lower[:2]) < 0.05 and upper[2] - lower[2] > LEVEL)
+
+
+@dataclasses.dataclass(frozen=True)
+class Disturbance:
+    """`act` is a method of `Disturber`, called at every tick until it returns what it was done to; None if the cell is so
+    from the start. `stranger` as for `build_scene`, `realism` are values of `Realism`."""
+
+    act: Callable[[Disturber, Moment], str | None] | None = None
+    stranger: str | None = None
+    realism: Mapping[str, object] = dataclasses.field(default_factory=dict)
+
+    def change(self, realism: Realism) -> Realism:
+        """Return how real the cell is."""
+        return dataclasses.replace(realism, **self.realism)  # type: ignore[arg-type]
+
+
+class Disturber:
+    """Does one thing to the cell of a run, once. `scene` is the scene as it is afterwards."""
+
+    def __init__(
+        self,
+        what: str,
+        scene: TwinScene,
+        controller: Controller,
+        camera: RenderedCamera | None,
+        rng: np.random.Generator,
+        start: float,
+    ) -> None:
+        self.what, self.scene, self.controller, self.rng, self.start = what, scene, controller, rng, start
+        self._camera = camera
+        self.touches: list[Touch] = []
+        self._time = float(rng.uniform(*SOON))
+        self._skipped = int(rng.integers(2))  # picks or places that it lets pass
+        self._boxes: list[str] = []  # of those, in their order
+        self._since: float | None = None  # when what it waits for began
+
+    def __call__(self, now: float, shown: TickReport) -> Touch | None:
+        """Return what happens now, None if nothing."""
+        act = DISTURBANCES[self.what].act
+        if self.touches:
+            return None
+        qpos = self.controller.state()[1]
+        moment = Moment(now - self.start, shown, box_poses(self.scene, qpos), hands_of(self.scene, qpos))
+        done = "the cell" if act is None else act(self, moment)
+        if done is None:
+            return None
+        self.touches.append(Touch(now, self.what, done))
+        return self.touches[-1]
+
+    @property
+    def camera(self) -> RenderedCamera:
+        """The camera. Raise UserError in real time, where it belongs to another thread."""
+        if self._camera is None:
+            raise UserError(f"'{self.what}' needs simulated time; leave out --realtime")
+        return self._camera
+
+    def swap(self, moment: Moment) -> str | None:
+        """Swap two boxes that stand on the same level."""
+        free = moment.free() if moment.time >= self._time else []
+        for i, one in enumerate(free):
+            for other in free[i + 1 :]:
+                if abs(moment.boxes[one].translation[2] - moment.boxes[other].translation[2]) < LEVEL:
+                    self.controller.put(one, moment.boxes[other])
+                    self.controller.put(other, moment.boxes[one])
+                    return f"{one} and {other}"
+        return None
+
+    def turn_early(self, moment: Moment) -> str | None:
+        """Turn a box as soon as a hand is on its way to it."""
+        box = self._chosen(moment.doing("pick"))
+        if box is None or not self._lasted(moment, EARLY):
+            return None
+        return self._turned(box, moment)
+
+    def turn_late(self, moment: Moment) -> str | None:
+        """Turn a box under the descending hand."""
+        box = self._descended_on(moment)
+        return None if box is None else self._turned(box, moment)
+
+    def steal(self, moment: Moment) -> str | None:
+        """Take a box away for good from where a hand is about to close around it."""
+        box = self._descended_on(moment)
+        if box is not None:
+            self.controller.put(box, RigidTransform.from_translation([*OFF, self.scene.task.floor + self._half(box)]))
+        return box
+
+    def lose(self, moment: Moment) -> str | None:
+        """Let a box that is carried fall out of the fingers."""
+        box = self._chosen(moment.doing("place"))
+        if box is None or moment.shown.seen.holding != box or not self._lasted(moment, CARRIED):
+            return None
+        pose = moment.boxes[box]
+        lowest = min(table.top for table in self.scene.task.tables) + self._half(box)
+        below = [*pose.translation[:2], max(pose.translation[2] - 0.07, lowest)]
+        self.controller.put(box, RigidTransform.from_components(below, pose.rotation))
+        return box
+
+    def add_beside(self, moment: Moment) -> str | None:
+        """Put an unknown object where a finger will go, as soon as the hand is on its way."""
+        return self._add(moment, lambda box: np.array([2 * self._half(box), 0, 0]))
+
+    def add_on(self, moment: Moment) -> str | None:
+        """Put an unknown object on the box that the hand is on its way to."""
+        return self._add(moment, lambda box: np.array([0, 0, 2 * self._half(box)]))
+
+    def add_twin(self, moment: Moment) -> str | None:
+        """Put an object with the markers of one of the boxes on a table."""
+        if moment.time < self._time:
+            return None
+        size = 2 * self._half(self.scene.task.box_names[0])
+        for table in self.scene.task.tables:
+            for x, y in ((0.05, 0.0), (-0.05, 0.0), (0.0, 0.05), (0.0, -0.05)):
+                spot = np.array([table.position[0] + x, table.position[1] + y, table.top + size / 2])
+                near = [*moment.hands.values(), *(pose.translation for pose in moment.boxes.values())]
+                at_kit = np.abs(spot - self.scene.kit.translation)[:2].max() < self.scene.task.kit.size / 2 + size
+                if not at_kit and all(np.linalg.norm(spot - thing) > 2 * size for thing in near):
+                    self.controller.put(STRANGER, RigidTransform.from_translation(spot))
+                    return str(DISTURBANCES[self.what].stranger)
+        return None
+
+    def lay_on_side(self, moment: Moment) -> str | None:
+        """Lay a box on another of its faces."""
+        free = moment.free() if moment.time >= self._time else []
+        if not free:
+            return None
+        box = str(self.rng.choice(free))
+        turn = Rotation.from_euler("zx", [self.rng.uniform(-np.pi, np.pi), np.pi / 2])
+        self.controller.put(box, RigidTransform.from_components(moment.boxes[box].translation, turn))
+        return box
+
+    def move_kit(self, moment: Moment) -> str | None:
+        """Move the kit, with what stands on it, while no hand is near."""
+        kit = self.scene.kit
+        near = 2 * AWAY
+        if moment.time < self._time or any(
+            np.linalg.norm(hand - kit.translation) < near for hand in moment.hands.values()
+        ):
+            return None
+        middle = np.array([*np.mean([table.position[:2] for table in self.scene.task.tables], axis=0), 0])
+        way = (middle - kit.translation) * [0, 1, 0]
+        way = way / np.linalg.norm(way) if np.linalg.norm(way) > SHIFT else np.array([0.0, 1.0, 0.0])
+        shift = RigidTransform.from_translation(SHIFT * way)
+        for box, pose in moment.boxes.items():
+            if np.abs(pose.translation - kit.translation)[:2].max() < self.scene.task.kit.size / 2:
+                self.controller.put(box, shift * pose)
+        self.scene = dataclasses.replace(self.scene, kit=shift * kit)
+        self.controller.put(self.scene.task.kit.name, self.scene.kit)
+        self.camera.move(self.scene.task.kit.name, self.scene.kit)
+        return self.scene.task.kit.name
+
+    def cover_kit(self, moment: Moment) -> str | None:
+        """Cover the markers of the kit."""
+        if moment.time < self._time:
+            return None
+        self.camera.cover(self.scene.task.kit.name)
+        return self.scene.task.kit.name
+
+    def _descended_on(self, moment: Moment) -> str | None:
+        """Return the chosen box if a hand is straight above it and about to close around it."""
+        box = self._chosen(moment.doing("pick"))
+        if box is None:
+            return None
+        away = [hand - moment.boxes[box].translation for hand in moment.hands.values()]
+        low, high = ABOVE
+        there = any(np.linalg.norm(by[:2]) < STRAIGHT and low < by[2] < high for by in away)
+        return box if there else None
+
+    def _chosen(self, box: str | None) -> str | None:
+        """Return the box of an action, if enough boxes were acted on before it."""
+        if box is not None and box not in self._boxes:
+            self._boxes.append(box)
+            self._since = None
+        return box if box is not None and len(self._boxes) > self._skipped else None
+
+    def _lasted(self, moment: Moment, seconds: float) -> bool:
+        """Have the conditions under which this is called lasted for so long?"""
+        self._since = moment.time if self._since is None else self._since
+        return moment.time - self._since >= seconds
+
+    def _turned(self, box: str, moment: Moment) -> str:
+        pose = moment.boxes[box]
+        turn = Rotation.from_euler("z", TURN) * pose.rotation
+        self.controller.put(box, RigidTransform.from_components(pose.translation, turn))
+        return box
+
+    def _add(self, moment: Moment, offset: Callable[[str], Point]) -> str | None:
+        box = self._chosen(moment.doing("pick"))
+        if box is None or not self._lasted(moment, EARLY):
+            return None
+        self.controller.put(STRANGER, moment.boxes[box] * RigidTransform.from_translation(offset(box)))
+        return box
+
+    def _half(self, box: str) -> float:
+        return next(known.size for known in self.scene.task.boxes if known.name == box) / 2
+
+
+def _pictures(**values: float) -> Disturbance:
+    """Return pictures that get worse at some time."""
+
+    def act(disturber: Disturber, moment: Moment) -> str | None:
+        if moment.time < disturber._time:
+            return None
+        disturber.camera.change(**values)
+        return "the pictures"
+
+    return Disturbance(act)
+
+
+DISTURBANCES: Mapping[str, Disturbance] = {
+    "swap": Disturbance(Disturber.swap),
+    "turn-early": Disturbance(Disturber.turn_early),
+    "turn-late": Disturbance(Disturber.turn_late),
+    "steal": Disturbance(Disturber.steal),
+    "lost-in-carry": Disturbance(Disturber.lose),
+    "unknown-beside": Disturbance(Disturber.add_beside, stranger=""),
+    "unknown-on": Disturbance(Disturber.add_on, stranger=""),
+    "kit-moved": Disturbance(Disturber.move_kit),
+    "kit-covered": Disturbance(Disturber.cover_kit),
+    "dark": _pictures(exposure=-5.0),
+    "bright": _pictures(exposure=3.0),
+    "flicker": _pictures(flicker=0.3),
+    "noise": _pictures(noise=12.0),
+    "blur-0.7": Disturbance(realism={"blur": 0.7}),
+    "blur-1.0": Disturbance(realism={"blur": 1.0}),
+    "camera-5mm": Disturbance(realism={"camera_moved": (0.0, 0.0, 0.005)}),
+    "camera-1deg": Disturbance(realism={"camera_turned": (float(np.radians(1.0)), 0.0, 0.0)}),
+    "duplicate-ids": Disturbance(Disturber.add_twin, stranger="GreenBox"),
+    "on-its-side": Disturbance(Disturber.lay_on_side),
+    "egm-lag": Disturbance(realism={"egm_lag": 0.15}),
+    "gripper-latency": Disturbance(realism={"gripper_delay": 0.6}),
+}
+
+
+def disturbance(what: str) -> Disturbance:
+    """Return what is called so. Raise UserError if nothing is."""
+    if what not in DISTURBANCES:
+        raise UserError(f"there is no disturbance '{what}'; choose one of {', '.join(DISTURBANCES)}")
+    return DISTURBANCES[what]
