@@ -150,10 +150,15 @@ def _tell(
     entries: Sequence[Mapping[str, Any]], tree: Tree, start: Mapping[str, Any], every: bool, console: Console
 ) -> None:
     """Print what happened: `every` tick, or only those in which a status changed."""
-    previous, began = None, start.get("time", 0.0)
+    previous, began, found = None, start.get("time", 0.0), list[str]()
     for entry in entries:
         if entry["kind"] == "tick":
             shown = (entry["statuses"], entry["phase"])
+            if entry["statuses"] is not None:
+                before, found = found, [text for _, text, *_ in entry["seen"].get("findings", ())]
+                for text in found:
+                    if text not in before:
+                        console.print(f"{entry['seen']['time'] - began:8.2f} s  seen: {text}", markup=False)
             if entry["statuses"] is not None and (every or shown != previous):
                 time = entry["seen"]["time"] - began
                 holding = entry["seen"]["holding"] or "nothing"
@@ -163,6 +168,10 @@ def _tell(
         elif entry["kind"] == "action":
             reason = f": {entry['reason']}" if entry["reason"] else ""
             console.print(f"{entry['time'] - began:8.2f} s  {entry['action']} {entry['event']}{reason}", markup=False)
+        elif entry["kind"] == "disturbance":
+            console.print(
+                f"{entry['time'] - began:8.2f} s  {entry['what']} {entry['box']}", markup=False, style="magenta"
+            )
         elif entry["kind"] == "exception":
             console.print(entry["text"], markup=False, style="red")
 

@@ -13,6 +13,7 @@ import contextlib
 import dataclasses
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from rich.console import Console
@@ -21,6 +22,7 @@ from rich.markup import escape
 from bt_jax._util.errors import UserError
 from bt_jax.deploy.commands.arguments import RunArguments
 from bt_jax.deploy.commands.check import print_preflight
+from bt_jax.deploy.commands.display import RunDisplay
 from bt_jax.deploy.commands.real_cell import RealCell, open_real_cell
 from bt_jax.deploy.execution.executor import Executor
 from bt_jax.deploy.execution.log import Log
@@ -91,7 +93,8 @@ def run_command(arguments: RunArguments, console: Console | None = None) -> int:
             console.print(f"log        {escape(str(path))}")
             if arguments.motion:
                 cell.link.start()
-            outcome = _executor(cell, cell.perception, arguments, log, items, console).run()
+            with RunDisplay(cell.program, console) as display:
+                outcome = _executor(cell, cell.perception, arguments, log, items, display.update).run()
     console.print(f"end        {escape(outcome.reason)}")
     console.print(f"ticks      {outcome.ticks}, {outcome.overruns} too slow; link {cell.link.counters()}")
     if arguments.motion and outcome.exit_code == Exit.STOPPED:
@@ -107,16 +110,8 @@ def _executor(
     arguments: RunArguments,
     log: Log,
     items: list[CheckResult],
-    console: Console,
+    tell: Callable[[TickReport], None],
 ) -> Executor:
-    phase = ""
-
-    def tell(report: TickReport) -> None:
-        nonlocal phase
-        if report.phase != phase:
-            phase = report.phase
-            console.print(f"{report.seen.time:10.2f} s  {phase}  {report.action or ''}", markup=False)
-
     observe = Observer(
         cell.program.task,
         link=cell.link,

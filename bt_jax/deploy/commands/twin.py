@@ -11,28 +11,24 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from rich.console import Console, Group
-from rich.live import Live
+from rich.console import Console
 from rich.markup import escape
 from rich.progress import track
 from rich.text import Text
 
 from bt_jax._util.files import write_atomic
-from bt_jax.behaviors import expand
 from bt_jax.deploy.commands.arguments import DEFAULT_TASK, TwinArguments
+from bt_jax.deploy.commands.display import RunDisplay
 from bt_jax.deploy.execution.program import Program, load_program
 from bt_jax.deploy.execution.settings import TWIN_SECONDS, Exit, Limits
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.cell import FILM, build_scene
 from bt_jax.deploy.twin.run import TwinRun, TwinTick, run_twin
 from bt_jax.deploy.twin.settings import Realism
-from bt_jax.encoding.drawing.terminal import draw_text
-from bt_jax.encoding.status import Status
 from bt_jax.mjx_env.render.offscreen import View, write_film
 
 __all__ = ["survey", "twin_command"]
 
-STYLES = {Status.SUCCESS: "green", Status.FAILURE: "red", Status.RUNNING: "bold yellow", None: "dim"}
 SIZE = (800, 450)  # of a film
 FPS, FASTER = 30, 3  # a film shows what was seen at each tick, 10 a second, three times as fast
 STILLS = 6
@@ -113,12 +109,11 @@ def survey(
 
 def _single(program: Program, arguments: TwinArguments, log: Path, console: Console) -> int:
     states: list[np.ndarray] = []
-    display = _Display(program, console)
-    with display:
+    with RunDisplay(program, console) as display:
 
         def tick(moment: TwinTick) -> None:
             states.append(moment.qpos)
-            display.update(moment)
+            display.update(moment.shown, "" if moment.touch is None else str(moment.touch))
 
         run = run_twin(
             YUMI,
@@ -137,47 +132,6 @@ def _single(program: Program, arguments: TwinArguments, log: Path, console: Cons
         _film(program, arguments.seed, states, arguments.render, console)
         console.print(f"film       {escape(str(arguments.render))}, {FASTER} times as fast")
     return run.exit_code
-
-
-class _Display:
-    """The tree with the status of every node, live on a terminal; elsewhere a line for every change."""
-
-    def __init__(self, program: Program, console: Console) -> None:
-        self.tree, self.console = expand(program.tree), console
-        self._live = Live(console=console, auto_refresh=False, transient=True)
-        self._last: tuple[str, str] | None = None
-        self._lines = Text()
-        self._began: float | None = None
-
-    def __enter__(self) -> _Display:
-        if self.console.is_terminal:
-            self._live.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._live.stop()
-
-    def update(self, moment: TwinTick) -> None:
-        """Show a tick."""
-        shown = moment.shown
-        self._began = shown.seen.time if self._began is None else self._began
-        now = shown.seen.time - self._began
-        out = self._live.console if self.console.is_terminal else self.console
-        if moment.touch is not None:
-            out.print(Text(f"{now:7.1f} s  {moment.touch}", "magenta"))
-        state = (shown.phase, str(shown.action or ""))
-        if state != self._last:
-            self._last = state
-            out.print(Text(f"{now:7.1f} s  {state[0]} {state[1]}"))
-        if not self.console.is_terminal:
-            return
-        if shown.statuses is not None:
-            lines = draw_text(self.tree, shown.statuses).splitlines()
-            self._lines = Text("\n").join(
-                Text(line, STYLES[status]) for line, status in zip(lines, shown.statuses, strict=True)
-            )
-        seen = f"sees {', '.join(sorted(shown.seen.poses)) or 'nothing'}; holds {shown.seen.holding or 'nothing'}"
-        self._live.update(Group(self._lines, Text(seen, "dim")), refresh=True)
 
 
 def _verdict(program: Program, run: TwinRun) -> Text:
