@@ -16,11 +16,13 @@ __all__ = ["Finding", "Observation", "pose_from_list", "pose_to_list"]
 class Finding:
     """Something in the picture that is not as it should be. `about` is a box or the kit, "" for the picture as a
     whole; `text` a clause that says it, such as "GreenBox's marker is seen twice". `stops`: what is
-    known is wrong while it lasts, and a run must not go on."""
+    known is wrong while it lasts, and a run must not go on. `sight` are the places [m, base frame] that the camera does not
+    see and should: nothing is found while an arm is in the way."""
 
     about: str
     text: str
     stops: bool = False
+    sight: tuple[tuple[float, float, float], ...] = ()
 
     def __str__(self) -> str:
         return self.text

@@ -24,6 +24,7 @@ from bt_jax.deploy.perception.prints import (
     BlurredPrints,
     blur_in_modules,
     blurred_prints,
+    inner_points,
     metric,
     print_points,
     print_with,
@@ -31,7 +32,7 @@ from bt_jax.deploy.perception.prints import (
 )
 from bt_jax.deploy.robot.arrays import Point
 
-__all__ = ["SHARP", "Alignment", "ImageSampler", "align", "correlations"]
+__all__ = ["SHARP", "Alignment", "ImageSampler", "align", "bits_like", "correlations"]
 
 CAUGHT = 0.3  # standard deviation of the pattern's blur while the pose is only caught, modules
 ITERATIONS = (4, 8)  # to catch it, and to be exact
@@ -174,6 +175,25 @@ def correlations(
     height, width = view.image.shape
     inside = np.all((pixels >= 0) & (pixels <= (width - 1, height - 1)), axis=(1, 2))
     return np.where(inside, own, -1.0), values.max(axis=(1, 2))
+
+
+def bits_like(
+    view: ImageSampler, rotation: Matrix3, position: Point, markers: Sequence[Marker], blur: float
+) -> Float[np.ndarray, " m"]:
+    """Return how the image correlates with the bits of each marker where the pose has it, -1..1; NaN for one that is not
+    whole in the image. Border and margin do not count: anything dark on the paper looks like them."""
+    inner, likes = inner_points(), []
+    height, width = view.image.shape
+    for marker in markers:
+        pixels = view.project(print_points(marker) @ rotation.T + position)
+        if not np.all((pixels >= 0) & (pixels <= (width - 1, height - 1))):
+            likes.append(math.nan)
+            continue
+        bits = print_with(marker.id, blur_in_modules(metric(view.focal, rotation, position, marker), blur))[inner]
+        seen = view.brightness(pixels[None, inner])[0]
+        bits, seen = bits - bits.mean(), seen - seen.mean()
+        likes.append(float(bits @ seen / max(np.linalg.norm(bits) * np.linalg.norm(seen), 1e-6)))
+    return np.array(likes)
 
 
 def _normalized(

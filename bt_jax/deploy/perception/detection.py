@@ -17,13 +17,14 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from bt_jax.deploy.perception.alignment import SHARP, ImageSampler, align, correlations
+from bt_jax.deploy.perception.alignment import SHARP, ImageSampler, align, bits_like, correlations
 from bt_jax.deploy.perception.arrays import ColorImage, Corners, Distortion, GrayImage, Matrix3
 from bt_jax.deploy.perception.markers import Marker, marker_dictionary, square
 from bt_jax.deploy.perception.prints import metric
+from bt_jax.deploy.perception.sharpness import edge_blur
 from bt_jax.deploy.robot.arrays import Point
 
-__all__ = ["Detection", "Detector", "Gates"]
+__all__ = ["Detection", "Detector", "Gates", "Picture"]
 
 RIVALS = 3  # other answers that the image is asked about where no two markers agree
 DOUBT = 3.0  # how much worse the corners may fit a second pose for the image to be asked
@@ -32,6 +33,8 @@ NUDGE = np.array([[0.013, -0.007], [-0.005, 0.011], [0.009, 0.017], [-0.019, 0.0
 """Pixels added to corners: OpenCV's closed form divides by zero where a square is seen as an exact trapezium, as one that
 stands square to the camera is. Only starts depend on it."""
 
+UNMISTAKABLE = 0.35  # sine of the angle between view and surface from which on a marker that is there is recognised
+
 Seen = dict[int, Corners]
 """The corners of markers by their ids."""
 
@@ -39,7 +42,8 @@ Seen = dict[int, Corners]
 @dataclasses.dataclass(frozen=True)
 class Gates:
     """What is accepted. `marker`: root mean square reprojection error of one marker's corners as detected [px];
-    `correlation`: of its pattern with the image, or `confirmation` where the body was known to be within `near` [m];
+    `correlation`: of its pattern with the image, or `confirmation` where the body was known to be within `near` [m]; below
+    `unlike`, its bits are hidden;
     `margin`: by how much every other marker's pattern must correlate less; `facing`: sine of the least angle between view
     and surface; `sigma`: standard deviation of the position [m]; `ratio`: how much worse the second pose of a plane must
     fit for the first to be certain; `distinct`: rad between two poses that are two answers and not one."""
@@ -47,6 +51,7 @@ class Gates:
     marker: float = 2.0
     correlation: float = 0.85
     confirmation: float = 0.7
+    unlike: float = 0.6
     near: float = 0.006
     margin: float = 0.05
     facing: float = 0.2
@@ -60,7 +65,8 @@ class Detection:
     """A body as one image shows it. `pose` and `alternative` are the body's frame in the camera's (x right, y down, z
     forward) [m]; `alternative` is None where `pose` is certain. `error` is the root mean square reprojection error of the
     corners as detected [px], `sigma` the standard deviation of the position [m], `markers` the ids that agree. `blur` is the
-    standard deviation of the lens's blur there, `module` the length of one of the markers' modules, both in px."""
+    standard deviation of the lens's blur there, `module` the length of one of the markers' modules, both in px. `unlike` are
+    the markers that face the camera, and where the image shows something else: they are hidden."""
 
     body: str
     pose: RigidTransform
@@ -70,6 +76,21 @@ class Detection:
     markers: tuple[int, ...]
     blur: float
     module: float
+    unlike: tuple[int, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class Picture:
+    """What one image shows. `repeated`: markers that are seen more than once, whose bodies are therefore not detected;
+    `apart`: bodies with markers at places that contradict each other; `foreign`: ids of no body. `blur` is that of the
+    image's edges, told where nothing is detected, `focal` the focal length, both in px."""
+
+    detections: tuple[Detection, ...]
+    repeated: tuple[int, ...] = ()
+    apart: tuple[str, ...] = ()
+    foreign: tuple[int, ...] = ()
+    blur: float = math.nan
+    focal: float = math.nan
 
 
 class Detector:
@@ -98,30 +119,67 @@ class Detector:
         distortion: Distortion,
         known: Mapping[str, RigidTransform] = MappingProxyType({}),
     ) -> list[Detection]:
-        """Return the bodies that an image shows. A body is absent if none of its markers is seen or its pose fails a gate.
-        What is `known`, by body and in the camera's frame, is looked for there first: a marker covered in part can confirm
-        it, though none could be read."""
+        """Return the bodies that an image shows, see `look`."""
+        return list(self.look(image, matrix, distortion, known).detections)
+
+    def look(
+        self,
+        image: ColorImage | GrayImage,
+        matrix: Matrix3,
+        distortion: Distortion,
+        known: Mapping[str, RigidTransform] = MappingProxyType({}),
+    ) -> Picture:
+        """Return what an image shows. A body is absent if none of its markers is seen or its pose fails a gate. What is
+        `known`, by body and in the camera's frame, is looked for there first: a marker covered in part can confirm it,
+        though none could be read."""
         gray = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         if np.any(distortion):
             gray = cv2.undistort(gray, matrix, distortion)
         view = ImageSampler(gray.astype(np.float32), matrix)
         bodies: dict[str, Seen] = {body: {} for body in known}
-        for number, corners in self._corners(gray).items():
-            bodies.setdefault(self._markers[number].body, {})[number] = corners
-        fits = (
-            self._confirm(body, seen, view, known) or self._locate(body, seen, view) for body, seen in bodies.items()
-        )
-        return [detection for detection in fits if detection is not None]
+        foreign, repeated = [], []
+        for number, quads in self._read(gray).items():
+            if number not in self._markers:
+                foreign.append(number)
+            elif len(quads) > 1:
+                repeated.append(number)
+            else:
+                bodies.setdefault(self._markers[number].body, {})[number] = quads[0]
+        doubled = {self._markers[number].body for number in repeated}
+        detections, apart = [], []
+        for body, seen in bodies.items():
+            if body in doubled:
+                continue
+            detection = self._confirm(body, seen, view, known) or self._locate(body, seen, view)
+            elsewhere = () if detection is None else self._elsewhere(detection, seen, view)
+            if elsewhere:
+                apart.append(body)
+            if detection is not None and not (elsewhere and 2 * len(elsewhere) >= len(seen)):
+                detections.append(detection)
+        blur = math.nan if detections or doubled else edge_blur(gray)
+        return Picture(tuple(detections), tuple(repeated), tuple(apart), tuple(foreign), blur, float(view.focal.mean()))
 
-    def _corners(self, gray: GrayImage) -> Seen:
-        """Return the markers that are seen once; an id that is seen twice tells nothing."""
-        quads, ids, _ = self._aruco.detectMarkers(gray)
-        numbers = [] if ids is None else [int(number) for number in np.ravel(ids)]
-        return {
-            number: np.asarray(quad, float).reshape(4, 2)
-            for number, quad in zip(numbers, quads, strict=True)
-            if number in self._markers and numbers.count(number) == 1
-        }
+    def _read(self, gray: GrayImage) -> dict[int, list[Corners]]:
+        """Return every marker that is read, at each of its places; contours of one marker within another are one place."""
+        found, ids, _ = self._aruco.detectMarkers(gray)
+        places: dict[int, list[Corners]] = {}
+        for number, quad in zip([] if ids is None else np.ravel(ids), found, strict=True):
+            corners = np.asarray(quad, float).reshape(4, 2)
+            others = places.setdefault(int(number), [])
+            if all(np.linalg.norm((other - corners).mean(axis=0)) > _side(corners) / 2 for other in others):
+                others.append(corners)
+        return places
+
+    def _elsewhere(self, detection: Detection, seen: Seen, view: ImageSampler) -> tuple[int, ...]:
+        """Return the markers that are read further than their own size from where the body's pose has them, or though the
+        pose has them face away."""
+        fit = _Fit(detection.pose.rotation.as_matrix(), detection.pose.translation)
+        return tuple(
+            number
+            for number, corners in seen.items()
+            if not self._faces(fit, self._markers[number], -self.gates.facing)
+            or self._error(fit, [number], seen, view) > max(_side(corners), 4 * self.gates.marker)
+        )
 
     def _confirm(
         self, body: str, seen: Seen, view: ImageSampler, known: Mapping[str, RigidTransform]
@@ -151,7 +209,8 @@ class Detector:
         error = self._error(fit, list(seen), seen, view) if seen else 0.0
         module = self._module(fit, kept, view)
         numbers = tuple(marker.id for marker in kept)
-        return Detection(body, fit.pose, None, error, alignment.sigma, numbers, alignment.blur, module)
+        unlike = self._unlike(fit, view, body, alignment.blur)
+        return Detection(body, fit.pose, None, error, alignment.sigma, numbers, alignment.blur, module, unlike)
 
     def _locate(self, body: str, seen: Seen, view: ImageSampler) -> Detection | None:
         rivals = self._by_corners(seen, view)
@@ -165,7 +224,14 @@ class Detector:
             if as_good and _angle(fit, best) > self.gates.distinct:
                 alternative = fit.pose
         module = self._module(best, [self._markers[number] for number in best.markers], view)
-        return Detection(body, best.pose, alternative, best.error, best.sigma, best.markers, best.blur, module)
+        unlike = self._unlike(best, view, body, best.blur)
+        return Detection(body, best.pose, alternative, best.error, best.sigma, best.markers, best.blur, module, unlike)
+
+    def _unlike(self, fit: _Fit, view: ImageSampler, body: str, blur: float) -> tuple[int, ...]:
+        """Return the markers in the image that should be seen well and are not at all like what is there."""
+        facing = [marker for marker in self._bodies[body] if self._faces(fit, marker, UNMISTAKABLE)]
+        likes = bits_like(view, fit.rotation, fit.position, facing, blur)
+        return tuple(marker.id for marker, like in zip(facing, likes, strict=True) if like < self.gates.unlike)
 
     def _module(self, fit: _Fit, markers: Sequence[Marker], view: ImageSampler) -> float:
         """Return the mean length of a module of the `markers` in the image, px."""
@@ -250,11 +316,12 @@ class Detector:
         clear = own > np.maximum(least, others + self.gates.margin)
         return [marker for marker, kept in zip(markers, clear, strict=True) if kept]
 
-    def _faces(self, fit: _Fit, marker: Marker) -> bool:
-        """Does the camera look at the marker's front, and not too flatly?"""
+    def _faces(self, fit: _Fit, marker: Marker, least: float | None = None) -> bool:
+        """Does the camera look at the marker's front, and not too flatly: with a sine of `least`, else of the gate?"""
+        least = self.gates.facing if least is None else least
         position = fit.rotation @ marker.pose.translation + fit.position
         outward = fit.rotation @ marker.axes[:, 2]
-        return bool(position[2] > 0 and -outward @ position > self.gates.facing * math.sqrt(position @ position))
+        return bool(position[2] > 0 and -outward @ position > least * math.sqrt(position @ position))
 
     def _agreeing(self, fit: _Fit, seen: Seen, view: ImageSampler, limit: float) -> list[int]:
         """Return the markers that appear within `limit` pixels of where the pose has them."""
@@ -287,6 +354,11 @@ class _Fit:
     @property
     def pose(self) -> RigidTransform:
         return RigidTransform.from_components(self.position, Rotation.from_matrix(self.rotation))
+
+
+def _side(corners: Corners) -> float:
+    """Return the mean edge of a quad, px."""
+    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean())
 
 
 def _angle(a: _Fit, b: _Fit) -> float:

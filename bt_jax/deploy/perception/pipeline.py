@@ -11,6 +11,8 @@ from scipy.spatial.transform import RigidTransform
 from bt_jax.deploy.execution.observation import Finding
 from bt_jax.deploy.perception.camera import Camera, CameraError
 from bt_jax.deploy.perception.detection import Detection, Detector
+from bt_jax.deploy.perception.inspection import LEANING, Inspection
+from bt_jax.deploy.perception.level import lean, level
 from bt_jax.deploy.perception.markers import task_markers
 from bt_jax.deploy.perception.tracker import Tracker, TrackerSettings
 from bt_jax.tasks import Task
@@ -31,11 +33,13 @@ class Perception:
     ) -> None:
         self.camera, self.camera_pose = camera, camera_pose
         table = min(table.top for table in task.tables) - task.robot_position[2]
+        self._kit = task.kit.name
         self._lowest = {box.name: table + LEVEL * box.size for box in task.boxes}
         self.detector = Detector(task_markers(task))
         self.tracker = Tracker(settings)
         self.image = -math.inf
         self.lost = ""
+        self.inspection = Inspection(task, camera_pose)
         self.detections: tuple[Detection, ...] = ()
 
     def update(self) -> None:
@@ -51,17 +55,22 @@ class Perception:
         self.image = frame.time
         to_camera = self.camera_pose.inv()
         known = {name: to_camera * pose for name, pose in self.tracker.last().items()}
-        self.detections = tuple(self.detector(frame.image, frame.matrix, frame.distortion, known))
+        picture = self.detector.look(frame.image, frame.matrix, frame.distortion, known)
+        self.detections = picture.detections
         sigmas = {detection.body: detection.sigma for detection in self.detections}
         self.tracker.update(frame.time, dict(self._certain()), sigmas)
+        self.inspection.take(frame.time, picture, self.tracker.poses(frame.time))
 
     def poses(self, time: float) -> dict[str, RigidTransform]:
-        """Return the boxes and the kit whose place is known and fresh at `time` [s], in the base frame."""
-        return self.tracker.poses(time)
+        """Return the boxes and the kit whose place is known and fresh at `time` [s], in the base frame. The frame of a box
+        that lies on another face is level: its z axis points up. A box that leans, on no face, is not known."""
+        poses = self.tracker.poses(time)
+        kit = {name: poses.pop(name) for name in [self._kit] if name in poses}
+        return {name: level(pose) for name, pose in poses.items() if lean(pose) <= LEANING} | kit
 
     def findings(self, time: float) -> tuple[Finding, ...]:
         """Return what is wrong with what the pictures show, as of `time` [s]."""
-        return ()
+        return self.inspection.findings(time)
 
     def measured(self) -> dict[str, float]:
         """Return when each object was measured last [s], however long ago."""

@@ -106,6 +106,12 @@ def turned_prints(ids: tuple[int, ...], blur: float) -> Float[np.ndarray, "rows 
 
 
 @functools.cache
+def inner_points() -> Bool[np.ndarray, " p"]:
+    """Return which of the points lie on a marker's bits, inside of its border."""
+    return np.all(np.abs(_grid()) < MODULES / 2 - 1, axis=1)
+
+
+@functools.cache
 def _grid() -> Float[np.ndarray, "p 2"]:
     """Return where a marker is looked at, modules from its centre, x to the right and y up, rows from the top."""
     half = MODULES / 2 + MARGIN

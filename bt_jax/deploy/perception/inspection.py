@@ -1,0 +1,132 @@
+"""What is wrong with what the camera shows, said in words: a soft picture, a camera that was moved, markers that are there
+twice, boxes that lean, and things that hide a marker which nothing known hides. Said once it has lasted a few images."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import threading
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from bt_jax.deploy.execution.observation import Finding
+from bt_jax.deploy.perception.camera_check import camera_shift
+from bt_jax.deploy.perception.detection import Picture
+from bt_jax.deploy.perception.level import lean
+from bt_jax.deploy.perception.markers import MODULES, Marker, task_markers
+from bt_jax.deploy.perception.sight import Sight
+from bt_jax.tasks import Task
+
+__all__ = ["LEANING", "Inspection", "InspectionSettings"]
+
+NEAR = 0.006  # m between where a body is known to be and where an image shows it
+LEANING = math.radians(15)  # from which on a box does not lie on a face
+
+
+@dataclasses.dataclass(frozen=True)
+class InspectionSettings:
+    """Something is said once it was so in each of `images` images and for `seconds`, and no longer than `forget` [s] after
+    the last. `soft`: the blur, in modules of the markers, from which on they are hard to read."""
+
+    images: int = 4
+    seconds: float = 0.4
+    forget: float = 1.0
+    soft: float = 0.28
+
+
+@dataclasses.dataclass
+class _Lasting:
+    finding: Finding
+    since: float
+    last: float
+    count: int = 1
+
+
+class Inspection:
+    """Of the pictures of one task's cell, by a camera at `camera_pose` in the base frame."""
+
+    def __init__(self, task: Task, camera_pose: RigidTransform, settings: InspectionSettings | None = None) -> None:
+        self.settings = settings or InspectionSettings()
+        self._task = task
+        self._markers = {marker.id: marker for marker in task_markers(task)}
+        self._sight = Sight(task, camera_pose.translation)
+        self._camera = camera_pose
+        tables = [np.array(table.position) - task.robot_position for table in task.tables]
+        distance = np.mean([np.linalg.norm(table - camera_pose.translation) for table in tables])
+        smallest = min(marker.size for marker in self._markers.values())
+        self._module = smallest / MODULES / float(distance)  # rad, as the camera sees one
+        self._lasting: dict[tuple[str, str], _Lasting] = {}
+        self._lock = threading.Lock()  # images come in one thread and are asked about in another
+
+    def take(self, time: float, picture: Picture, poses: Mapping[str, RigidTransform]) -> None:
+        """Take in an image of `time` [s], and where boxes and kit are known to be, as measured, in the base frame."""
+        now = {(kind, finding.about): finding for kind, finding in self._judge(picture, poses)}
+        with self._lock:
+            for key, finding in now.items():
+                lasting = self._lasting.get(key)
+                if lasting is None:
+                    self._lasting[key] = _Lasting(finding, time, time)
+                else:
+                    lasting.finding, lasting.last, lasting.count = finding, time, lasting.count + 1
+            self._lasting = {key: lasting for key, lasting in self._lasting.items() if key in now}
+
+    def findings(self, time: float) -> tuple[Finding, ...]:
+        """Return what is wrong as of `time` [s]."""
+        limits = self.settings
+        with self._lock:
+            return tuple(
+                lasting.finding
+                for lasting in self._lasting.values()
+                if lasting.count >= limits.images
+                and lasting.last - lasting.since >= limits.seconds
+                and time - lasting.last <= limits.forget
+            )
+
+    def _judge(self, picture: Picture, poses: Mapping[str, RigidTransform]) -> Iterator[tuple[str, Finding]]:
+        blur = self._softness(picture)
+        if blur:
+            yield "soft", Finding("", f"the picture is too soft (blur of {blur:.1f} px): focus the lens, or clean it")
+        shift = camera_shift(self._task, poses)
+        if shift is not None:
+            yield "camera", Finding("", str(shift), stops=True)
+        for number in picture.repeated:
+            body = self._markers[number].body
+            text = f"marker {number} is seen twice: {body}'s markers are on two things"
+            yield "twice", Finding(body, text, stops=True)
+        for body in picture.apart:
+            yield "twice", Finding(body, f"{body}'s markers are seen at two places: they are on two things", stops=True)
+        for body, pose in poses.items():
+            if body != self._task.kit.name and lean(pose) > LEANING:
+                yield "leans", Finding(body, f"{body} is tilted by {math.degrees(lean(pose)):.0f} degrees")
+        if all(name in poses for name in self._task.box_names):  # else it may be the one that is missing
+            yield from self._covered(picture, poses)
+
+    def _softness(self, picture: Picture) -> float:
+        """Return the blur of the picture if it is too soft [px], else 0."""
+        if not picture.detections:
+            return picture.blur if picture.blur > self.settings.soft * picture.focal * self._module else 0.0
+        blur = float(np.median([detection.blur for detection in picture.detections]))
+        share = float(np.median([detection.blur / detection.module for detection in picture.detections]))
+        return blur if share > self.settings.soft else 0.0
+
+    def _covered(self, picture: Picture, poses: Mapping[str, RigidTransform]) -> Iterator[tuple[str, Finding]]:
+        for detection in picture.detections:
+            body, known = self._camera * detection.pose, poses.get(detection.body)
+            if known is None or math.dist(known.translation, body.translation) > NEAR:
+                continue
+            for marker in (self._markers[number] for number in detection.unlike):
+                if self._sight.hidden(marker, body, poses):
+                    continue
+                up = float((body.rotation.as_matrix() @ marker.axes)[2, 2]) > 0.7
+                where = "on" if up else "in front of"
+                text = f"something unknown is {where} {detection.body}"
+                yield f"covered {where}", Finding(detection.body, text, stops=True, sight=_points(marker, body))
+
+
+def _points(marker: Marker, body: RigidTransform) -> tuple[tuple[float, float, float], ...]:
+    """Return the corners and the centre of a marker's sticker, base frame [m]."""
+    half = marker.sticker / 2
+    flat = np.array([[0, 0], [-half, -half], [half, -half], [half, half], [-half, half]])
+    return tuple((float(x), float(y), float(z)) for x, y, z in body.apply(marker.place(flat)))

@@ -1,0 +1,59 @@
+"""Which markers does the camera see, as far as boxes and kit hide them?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import RigidTransform
+
+from bt_jax.deploy.perception.arrays import PointRows
+from bt_jax.deploy.perception.markers import Marker
+from bt_jax.deploy.robot.arrays import Point
+from bt_jax.tasks import Task
+
+__all__ = ["Sight"]
+
+SAMPLES = 7  # points across a sticker
+AROUND = 0.004  # m by which bodies may be larger than they are, for errors of their poses
+
+
+class Sight:
+    """Lines of sight from a camera at `eye` in the base frame [m]."""
+
+    def __init__(self, task: Task, eye: Point) -> None:
+        self._task, self._eye = task, eye
+
+    def hidden(self, marker: Marker, body: RigidTransform, poses: Mapping[str, RigidTransform]) -> bool:
+        """Is a marker on a body hidden, or a part of it, by another body or by the kit's walls?"""
+        half = np.linspace(-0.5, 0.5, SAMPLES) * marker.sticker
+        points = body.apply(marker.place(np.array([[x, y] for x in half for y in half])))
+        return any(_meets(self._eye, points, pose, half_sizes) for pose, half_sizes in self._solids(poses, marker.body))
+
+    def _solids(
+        self, poses: Mapping[str, RigidTransform], own: str
+    ) -> Iterator[tuple[RigidTransform, Float[np.ndarray, " 3"]]]:
+        """Return the cuboids that may hide a marker of the body `own`: their poses and half their edges [m]."""
+        for box in self._task.boxes:
+            if box.name in poses and box.name != own:
+                yield poses[box.name], np.full(3, box.size / 2 + AROUND)
+        kit = self._task.kit
+        if kit.name in poses:
+            middle, high = kit.inner + kit.wall_thickness / 2, kit.wall_height / 2
+            for x, y in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+                wall = RigidTransform.from_translation([x * middle, y * middle, kit.thickness / 2 + high])
+                along = kit.inner + kit.wall_thickness
+                halves = [kit.wall_thickness / 2 if x else along, along if x else kit.wall_thickness / 2, high]
+                yield poses[kit.name] * wall, np.array(halves) + AROUND
+
+
+def _meets(eye: Point, points: PointRows, pose: RigidTransform, halves: Float[np.ndarray, " 3"]) -> bool:
+    """Does a straight line from the eye to any of the points pass through a cuboid? (Kay and Kajiya's slabs, 1986.)"""
+    back = pose.inv()
+    start, ends = back.apply(eye), back.apply(points)
+    rays = ends - start
+    rays = np.where(np.abs(rays) < 1e-12, 1e-12, rays)
+    first, second = (-halves - start) / rays, (halves - start) / rays
+    enter, leave = np.minimum(first, second).max(axis=1), np.maximum(first, second).min(axis=1)
+    return bool(np.any((enter <= leave) & (leave > 0) & (enter < 1)))

@@ -1,0 +1,49 @@
+import itertools
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from bt_jax.deploy.perception.level import lean, level
+from bt_jax.deploy.perception.pipeline import Perception
+from tests.helpers.rendered import PLACEMENT, TASK, TOP, errors, fresh_scene
+
+FACES = [
+    Rotation.from_euler("xyz", quarters) for quarters in itertools.product(*[[0, np.pi / 2, np.pi, -np.pi / 2]] * 3)
+]
+
+
+@pytest.mark.parametrize("yaw", [0.3, -2.0])
+def test_the_frame_of_a_cube_on_any_face_is_upright_and_one_of_the_cubes_own(yaw):
+    shaken = Rotation.from_rotvec([0.02, -0.01, 0.0])
+    for face in FACES:
+        pose = RigidTransform.from_components([0.3, 0.1, 0.02], shaken * Rotation.from_euler("z", yaw) * face)
+        upright = level(pose)
+        assert np.degrees(np.arccos(upright.rotation.as_matrix()[2, 2])) < 2
+        assert lean(upright) == pytest.approx(lean(pose), abs=1e-6) == pytest.approx(np.hypot(0.02, 0.01), abs=1e-4)
+        between = (pose.rotation.inv() * upright.rotation).as_matrix()
+        assert np.allclose(np.abs(between), np.abs(np.rint(between)), atol=1e-9)
+        assert np.allclose(upright.translation, pose.translation)
+
+
+def test_an_upright_cube_keeps_its_frame_and_a_tipped_one_its_yaw():
+    for yaw in (0.0, 0.4, 3.0):
+        upright = RigidTransform.from_rotation(Rotation.from_euler("z", yaw))
+        assert errors(level(upright), upright)[1] < 1e-9
+        for axis in "xy":
+            for degrees in (90, -90):
+                tipped = upright * RigidTransform.from_rotation(Rotation.from_euler(axis, degrees, degrees=True))
+                assert errors(level(tipped), upright)[1] < 1e-5
+        assert lean(upright * RigidTransform.from_rotation(Rotation.from_euler("x", 0.3))) == pytest.approx(0.3)
+
+
+def test_on_top_of_a_box_on_its_side_is_against_gravity():
+    scene = fresh_scene()
+    side = Rotation.from_euler("z", 0.6) * Rotation.from_euler("x", np.pi / 2)
+    scene.put("YellowBox", RigidTransform.from_components([0.3, 0.2, TOP + 0.02], side))
+    perception = Perception(TASK, scene.camera, PLACEMENT.pose)
+    for _ in range(3):
+        scene.time += 0.1
+        perception.update()
+    above = perception.poses(scene.time)["YellowBox"].apply([0.0, 0.0, 0.04])
+    assert above == pytest.approx([0.3, 0.2, TOP + 0.06], abs=0.001)
