@@ -117,7 +117,7 @@ def _executor(
         link=cell.link,
         perception=perception,
         grasped=lambda: cell.skills.grasped,
-        tcp=YUMI.forward,
+        links=YUMI.links,
     )
     settings = {"arguments": _logged(arguments), "preflight": [dataclasses.asdict(item) for item in items]}
     return Executor(

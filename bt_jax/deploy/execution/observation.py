@@ -16,8 +16,8 @@ __all__ = ["Finding", "Observation", "pose_from_list", "pose_to_list"]
 class Finding:
     """Something in the picture that is not as it should be. `about` is a box or the kit, "" for the picture as a
     whole; `text` a clause that says it, such as "GreenBox's marker is seen twice". `stops`: what is
-    known is wrong while it lasts, and a run must not go on. `sight` are the places [m, base frame] that the camera does not
-    see and should: nothing is found while an arm is in the way."""
+    known is wrong while it lasts, and a run must not go on. `sight`: the camera's place and the places that it does not
+    see and should [m, base frame]; an arm between them explains it."""
 
     about: str
     text: str

@@ -7,12 +7,14 @@ from collections.abc import Callable, Mapping
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform
 
+from bt_jax.deploy.execution.line_of_sight import in_the_way
 from bt_jax.deploy.execution.observation import Finding, Observation
 from bt_jax.deploy.execution.settings import GraspSettings
 from bt_jax.deploy.link.protocol import RobotLink
-from bt_jax.deploy.robot.arrays import Joints, Point
+from bt_jax.deploy.robot.arrays import Joints
 from bt_jax.tasks import Task
 
 __all__ = ["Observer", "Perceiving"]
@@ -45,7 +47,8 @@ class Perceiving(Protocol):
 
 class Observer:
     """Make an `Observation` at every call. `grasped()` names the box that each arm was told to grasp and not to release;
-    `tcp(arm, joints)` is the pose of the point between the fingers, in the base frame."""
+    `links(arm, joints)` are the origins of an arm's links in chain order, then the point between the fingers, in the base
+    frame [m]."""
 
     def __init__(
         self,
@@ -54,14 +57,14 @@ class Observer:
         link: RobotLink,
         perception: Perceiving,
         grasped: Callable[[], Mapping[str, str]],
-        tcp: Callable[[str, Joints], RigidTransform],
+        links: Callable[[str, Joints], Float[np.ndarray, "links 3"]],
         grasp: GraspSettings | None = None,
     ) -> None:
         self.grasp = grasp or GraspSettings()
-        self.link, self.perception, self.grasped, self.tcp = link, perception, grasped, tcp
+        self.link, self.perception, self.grasped, self.links = link, perception, grasped, links
         self._sizes = {box.name: box.size for box in task.boxes}
         self._before: dict[str, float] = {}
-        self._trails: dict[str, deque[tuple[float, Point]]] = {arm: deque() for arm in link.arms}
+        self._trails: dict[str, deque[tuple[float, Float[np.ndarray, "links 3"]]]] = {arm: deque() for arm in link.arms}
 
     def __call__(self) -> Observation:
         self.perception.update()
@@ -70,7 +73,7 @@ class Observer:
         arms = {arm: self.link.arm(arm) for arm in self.link.arms}
         opening = {arm: state.opening for arm, state in arms.items()}
         for arm, state in arms.items():
-            self._trails[arm].append((now, self.tcp(arm, state.joints).translation))
+            self._trails[arm].append((now, self.links(arm, state.joints)))
             while self._trails[arm][0][0] < now - self.grasp.trail:
                 self._trails[arm].popleft()
         holding = None
@@ -88,14 +91,20 @@ class Observer:
             holding,
             self.perception.image,
             self.perception.lost,
-            self.perception.findings(now),
+            tuple(finding for finding in self.perception.findings(now) if not self._hides(finding)),
             self.perception.measured(),
         )
+
+    def _hides(self, finding: Finding) -> bool:
+        """Is an arm, or was it just now, between the camera and what a finding says is not seen?"""
+        trails = (points for trail in self._trails.values() for _, points in trail)
+        return bool(finding.sight) and any(in_the_way(points, finding.sight) for points in trails)
 
     def _in_hand(self, pose: RigidTransform | None, arm: str, size: float) -> bool:
         """Is the box where the fingers are, or were just now? Assumed if it is not seen."""
         if pose is None:
             return True
         return any(
-            np.linalg.norm(point - pose.translation) <= size / 2 + self.grasp.near for _, point in self._trails[arm]
+            np.linalg.norm(points[-1] - pose.translation) <= size / 2 + self.grasp.near
+            for _, points in self._trails[arm]
         )

@@ -122,11 +122,11 @@ class Inspection:
                 up = float((body.rotation.as_matrix() @ marker.axes)[2, 2]) > 0.7
                 where = "on" if up else "in front of"
                 text = f"something unknown is {where} {detection.body}"
-                yield f"covered {where}", Finding(detection.body, text, stops=True, sight=_points(marker, body))
+                yield f"covered {where}", Finding(detection.body, text, stops=True, sight=self._line(marker, body))
 
-
-def _points(marker: Marker, body: RigidTransform) -> tuple[tuple[float, float, float], ...]:
-    """Return the corners and the centre of a marker's sticker, base frame [m]."""
-    half = marker.sticker / 2
-    flat = np.array([[0, 0], [-half, -half], [half, -half], [half, half], [-half, half]])
-    return tuple((float(x), float(y), float(z)) for x, y, z in body.apply(marker.place(flat)))
+    def _line(self, marker: Marker, body: RigidTransform) -> tuple[tuple[float, float, float], ...]:
+        """Return the camera's place and those of the centre and the corners of a marker's sticker, base frame [m]."""
+        half = marker.sticker / 2
+        flat = np.array([[0, 0], [-half, -half], [half, -half], [half, half], [-half, half]])
+        places = np.vstack([self._camera.translation, body.apply(marker.place(flat))])
+        return tuple((float(x), float(y), float(z)) for x, y, z in places)

@@ -141,7 +141,7 @@ def run_twin(
             skills=skills,
             link=link,
             observe=Observer(
-                program.task, link=link, perception=perception, grasped=lambda: skills.grasped, tcp=robot.forward
+                program.task, link=link, perception=perception, grasped=lambda: skills.grasped, links=robot.links
             ),
             log=log_file,
             limits=limits or Limits(run=TWIN_SECONDS),

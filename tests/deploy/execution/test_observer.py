@@ -1,6 +1,10 @@
+import dataclasses
+
+import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
+from bt_jax.deploy.execution.observation import Finding
 from bt_jax.deploy.execution.observer import Observer
 from bt_jax.tasks import load_task
 from tests.helpers.cells import run_for, running
@@ -13,7 +17,7 @@ class Seeing:
     """Sees one box, or nothing."""
 
     def __init__(self):
-        self.image, self.lost, self.box = 0.0, "", AT_HAND
+        self.image, self.lost, self.box, self.wrong = 0.0, "", AT_HAND, ()
 
     def update(self):
         self.image += 1.0
@@ -22,7 +26,7 @@ class Seeing:
         return {} if self.box is None else {"YellowBox": self.box}
 
     def findings(self, now):
-        return ()
+        return self.wrong
 
     def measured(self):
         return {}
@@ -37,7 +41,9 @@ def link():
 @pytest.fixture
 def cell(link):
     claims, seeing = {"left": "YellowBox"}, Seeing()
-    observer = Observer(TASK, link=link, perception=seeing, grasped=lambda: claims, tcp=lambda arm, joints: AT_HAND)
+    observer = Observer(
+        TASK, link=link, perception=seeing, grasped=lambda: claims, links=lambda arm, joints: AT_HAND.translation[None]
+    )
     link.grip("left", 0.05)
     run_for(link, 1.5)
     return observer, claims, seeing
@@ -69,7 +75,7 @@ def test_a_pose_that_lags_behind_a_moving_hand_is_no_dropped_box(cell, link):
     observer, _, _ = cell
     settle_at(link, 0.04, 0.03)
     observer()
-    observer.tcp = lambda arm, joints: AT_HAND * RigidTransform.from_translation([0, 0, 0.2])
+    observer.links = lambda arm, joints: AT_HAND.translation[None] + np.array([0, 0, 0.2])
     assert observer().holding == "YellowBox", "the hand was there just now"
     for _ in range(16):
         run_for(link, 0.1)
@@ -103,3 +109,13 @@ def test_tells_time_openings_and_images(cell, link):
     assert second.time - first.time == pytest.approx(0.5)
     assert second.opening["left"] == pytest.approx(0.05, abs=1e-3)
     assert second.image == seeing.image == first.image + 1
+
+
+def test_what_an_arm_hides_is_not_hidden_by_something_unknown(cell):
+    observer, _, seeing = cell
+    hand = tuple(AT_HAND.translation)
+    behind = Finding("YellowBox", "something unknown is on YellowBox", stops=True, sight=((0.8, 0.1, 0.5), hand))
+    beside = dataclasses.replace(behind, sight=((0.8, 0.1, 0.5), (0.3, -0.15, 0.02)))
+    general = Finding("", "the picture is too soft")
+    seeing.wrong = (behind, beside, general)
+    assert observer().findings == (beside, general)
