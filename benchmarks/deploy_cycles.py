@@ -21,10 +21,10 @@ import numpy as np
 from benchmarks._report import report, show
 from bt_jax.deploy.link.cell_rules import cell_rules
 from bt_jax.deploy.link.egm import CYCLE
+from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.deploy.link.loop_timing import LateRound
 from bt_jax.deploy.link.realtime import FIFO_PRIORITY
 from bt_jax.deploy.link.settings import LinkConfig
-from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.perception.pipeline import Perception
 from bt_jax.deploy.planning.trajectory import Trajectory
 from bt_jax.deploy.robot.yumi import YUMI
@@ -39,7 +39,7 @@ TICK = 0.1
 PORTS = {"left": 26511, "right": 26512}
 
 
-def swing(link: YumiLink, seconds: float) -> None:
+def swing(link: Irc5Link, seconds: float) -> None:
     """Moves both arms to and fro, and shows every tick that the program is alive."""
     start = {arm: link.arm(arm).commanded for arm in link.arms}
     offset = np.array([0, 0, 0, 0, 0, SWING, 0])
@@ -160,7 +160,7 @@ def measure(
     scene, machine = build_scene(YUMI, task, 0), Machine()
     with Controller(scene.cell, ports=PORTS, realtime=realtime) as controller:
         config = LinkConfig("127.0.0.1", PORTS, controller.rws_port, motion=True)
-        with YumiLink(config, cell_rules(YUMI, task), controller) as link, beside(work(scene, controller)):
+        with Irc5Link(config, cell_rules(YUMI, task), controller) as link, beside(work(scene, controller)):
             link.start()
             with machine:
                 before, counted, began = controller.stats(), link.counters(), time.monotonic()

@@ -19,10 +19,10 @@ FACES = {
         "gene_pool", "not_memoryless", "parse_behavior", "subgoal_conditions",
     ],
     "bt_jax.deploy": [
-        "YUMI", "ArmState", "Executor", "Exit", "GraspSettings", "Limits", "LinkConfig", "LinkTiming", "Log",
-        "MotionSettings", "Observation", "Observer", "Perception", "Program", "Rejected", "RobotLink", "RobotModel",
-        "RobotSkills", "Rules", "RunOutcome", "Skills", "Supervisor", "TickReport", "TwinRun", "YumiLink", "cell_rules",
-        "load_program", "read_log", "replay", "run_twin",
+        "YUMI", "ArmState", "Executor", "Exit", "GraspSettings", "Irc5Link", "Limits", "LinkConfig", "LinkTiming",
+        "Log", "MotionSettings", "Observation", "Observer", "Perception", "Program", "Rejected", "RobotLink",
+        "RobotModel", "RobotSkills", "Rules", "RunOutcome", "Skills", "Supervisor", "TickReport", "TwinRun",
+        "cell_rules", "load_program", "read_log", "replay", "run_twin",
     ],
     "bt_jax.encoding": [
         "MAX_NODES", "JumpTable", "Status", "Ticked", "TreeMemory", "TreeTick", "Trees", "children", "decode", "depth",

@@ -10,10 +10,10 @@ from bt_jax.deploy.execution.program import Program, load_program
 from bt_jax.deploy.execution.settings import Exit, GraspSettings, Limits, MotionSettings
 from bt_jax.deploy.execution.skills import RobotSkills
 from bt_jax.deploy.link.cell_rules import cell_rules
+from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.deploy.link.protocol import ArmState, RobotLink
 from bt_jax.deploy.link.safety import Rejected, Rules, Supervisor
 from bt_jax.deploy.link.settings import LinkConfig, LinkTiming
-from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.perception.pipeline import Perception
 from bt_jax.deploy.robot.model import RobotModel
 from bt_jax.deploy.robot.yumi import YUMI
@@ -25,6 +25,7 @@ __all__ = [
     "Executor",
     "Exit",
     "GraspSettings",
+    "Irc5Link",
     "Limits",
     "LinkConfig",
     "LinkTiming",
@@ -44,7 +45,6 @@ __all__ = [
     "Supervisor",
     "TickReport",
     "TwinRun",
-    "YumiLink",
     "cell_rules",
     "load_program",
     "read_log",

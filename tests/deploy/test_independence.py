@@ -9,7 +9,7 @@ from bt_jax import deploy
 ROOT = Path(deploy.__file__).parent
 
 
-@pytest.mark.parametrize("room", ["planning", "execution", "robot"])
+@pytest.mark.parametrize("room", ["planning", "execution", "twin", "robot"])
 def test_a_general_room_does_not_name_a_robot(room):
     naming = [
         path.name

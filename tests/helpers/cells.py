@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from bt_jax._util.errors import UserError
+from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.deploy.link.protocol import ControllerGone
 from bt_jax.deploy.link.safety import Rejected, Rules
 from bt_jax.deploy.link.settings import LinkConfig
-from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.planning.trajectory import Trajectory
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.controller import Controller
@@ -63,6 +63,7 @@ def cell() -> CellModel:
         finger_joints={arm: (f"{arm}_a", f"{arm}_b") for arm in ARMS},
         finger_actuators={arm: (f"{arm}_a", f"{arm}_b") for arm in ARMS},
         flanges={arm: f"{arm}_flange" for arm in ARMS},
+        grippers={arm: YUMI.arm(arm).gripper for arm in ARMS},
     )
 
 
@@ -72,7 +73,7 @@ def running(*, realtime: bool, rules: Rules = RULES, start: bool = True):
     ports = free_ports(YUMI.arm_names)
     with Controller(cell(), ports=ports, realtime=realtime) as controller:
         config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
-        link = YumiLink(config, rules, controller)
+        link = Irc5Link(config, rules, controller)
         with skipped_where_starved(controller, link), link:
             if start:
                 link.start()
@@ -80,7 +81,7 @@ def running(*, realtime: bool, rules: Rules = RULES, start: bool = True):
 
 
 @contextlib.contextmanager
-def skipped_where_starved(controller: Controller, *links: YumiLink, busy: Callable[[], str] = str):
+def skipped_where_starved(controller: Controller, *links: Irc5Link, busy: Callable[[], str] = str):
     """Skip a test that fails while controller or links come too late, or `busy` says what else did. Where time is simulated,
     that never happens."""
     try:

@@ -10,7 +10,7 @@ from bt_jax.deploy.commands import real_cell
 from bt_jax.deploy.execution import preflight
 from bt_jax.deploy.execution.log import Log
 from bt_jax.deploy.execution.program import load_program
-from bt_jax.deploy.link.yumi_link import YumiLink
+from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.deploy.perception.calibration import CameraPose, Intrinsics
 from bt_jax.deploy.perception.camera_file import save_camera
 from bt_jax.deploy.robot.yumi import YUMI
@@ -64,7 +64,7 @@ def connected(folder, monkeypatch):
         return cameras[-1]
 
     def make_link(*arguments, **options):
-        links.append(YumiLink(*arguments, **options))
+        links.append(Irc5Link(*arguments, **options))
         return links[-1]
 
     def busy():
@@ -73,7 +73,7 @@ def connected(folder, monkeypatch):
         return f"and {rare:.1f} s without an image" if rare > RARE else "in the link" if late > STARVED else ""
 
     monkeypatch.setattr(real_cell, "open_camera", open_camera)
-    monkeypatch.setattr(real_cell, "YumiLink", make_link)
+    monkeypatch.setattr(real_cell, "Irc5Link", make_link)
     monkeypatch.setattr(preflight, "IMAGE", 5.0)  # the twin renders on the cores on which everything else runs
     with Controller(scene.cell, ports=ports, realtime=True) as controller:
         try:

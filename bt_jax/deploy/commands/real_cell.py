@@ -14,8 +14,8 @@ from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.program import Program, load_program
 from bt_jax.deploy.execution.skills import RobotSkills
 from bt_jax.deploy.link.cell_rules import cell_rules
+from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.deploy.link.settings import LinkConfig
-from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.perception.calibration import CameraPose, Intrinsics
 from bt_jax.deploy.perception.camera import open_camera
 from bt_jax.deploy.perception.camera_file import load_camera
@@ -37,7 +37,7 @@ class RealCell:
     """A cell of which nothing is missing."""
 
     program: Program
-    link: YumiLink
+    link: Irc5Link
     perception: BackgroundPerception[Perception]
     skills: RobotSkills
 
@@ -48,7 +48,7 @@ class OpenedCell:
 
     equipment: Equipment
     program: Program | UserError
-    link: YumiLink | UserError
+    link: Irc5Link | UserError
     perception: BackgroundPerception[Perception] | UserError | None
     skills: RobotSkills | UserError
 
@@ -82,10 +82,10 @@ def open_real_cell(arguments: RealCellArguments, *, motion: bool, override: floa
     rules = _tried(lambda: cell_rules(YUMI, opened(program).task, override=override))
     with contextlib.ExitStack() as stack:
 
-        def connect() -> YumiLink:
+        def connect() -> Irc5Link:
             if arguments.robot is None:
                 raise UserError("no controller was named; give its address with --robot")
-            return stack.enter_context(YumiLink(config, opened(rules)))
+            return stack.enter_context(Irc5Link(config, opened(rules)))
 
         def see() -> BackgroundPerception[Perception] | None:
             if arguments.camera is None or calibration is None:

@@ -81,7 +81,7 @@ class RobotLink(Protocol):
         """Bring all arms to rest on their paths, for good; may be called from a signal handler."""
 
     def grip(self, arm: str, opening: float, force: float = 10.0) -> None:
-        """Move a gripper's fingers to a distance [m] from each other, with a force up to 20 N."""
+        """Move a gripper's fingers to a distance [m] from each other, with a force [N]."""
 
     def stop(self, reason: str) -> str:
         """Latch a protective stop: the arms hold from now on. Return what must be added to the reason: that the robot has

@@ -28,7 +28,6 @@ from bt_jax.deploy.link.settings import LinkConfig
 
 __all__ = ["RapidProgram"]
 
-STRONGEST, WIDEST = 20.0, 0.05  # N and m of the Smart Gripper
 MILLIMETRES = 500.0  # mm a finger for a metre between both
 GRIPPING = 3.0  # seconds after a command in which only the gripper that was told to move is read
 WARNING = 2  # kind of a message from which on it may be why the robot stopped
@@ -40,6 +39,7 @@ class RapidProgram:
 
     def __init__(self, config: LinkConfig, *, realtime: bool = True) -> None:
         self.arms = tuple(config.ports)
+        self._widest, self._strongest = config.widest, config.strongest
         self.openings = dict.fromkeys(self.arms, math.nan)  # m between the fingers, as read last
         self._forces: dict[str, float] = {}  # N, as written last
         self._gripped: tuple[str, float] = ("", float("-inf"))  # arm that was told to grip last, and when
@@ -99,11 +99,11 @@ class RapidProgram:
 
     def grip(self, arm: str, opening: float, force: float) -> None:
         """Move an arm's fingers to a distance from each other [m], with a force [N], both clipped to what is possible."""
-        force = float(np.clip(force, 0, STRONGEST))
+        force = float(np.clip(force, 0, self._strongest))
         if self._forces.get(arm) != force:
             self._rws.set_number(symbol(arm, GRIP_FORCE), force)
             self._forces[arm] = force
-        self._rws.set_number(symbol(arm, GRIP_TARGET), MILLIMETRES * float(np.clip(opening, 0, WIDEST)))
+        self._rws.set_number(symbol(arm, GRIP_TARGET), MILLIMETRES * float(np.clip(opening, 0, self._widest)))
         self._gripped = arm, time.monotonic()
 
     def read_openings(self) -> None:

@@ -41,7 +41,7 @@ __all__ = [
 ]
 
 MODULE = "BtJax"
-TASKS = {"left": "T_ROB_L", "right": "T_ROB_R"}  # in which the arms run
+TASKS = {"left": "T_ROB_L", "right": "T_ROB_R", "arm": "T_ROB1"}  # in which the arms run; a single one is "arm"
 EGM_MOTION = "egm_motion"
 GRIP_TARGET, GRIP_ACTUAL, GRIP_FORCE = "grip_target", "grip_actual", "grip_force"
 TIMEOUT = 2.0  # seconds a request may take

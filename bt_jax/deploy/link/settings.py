@@ -36,5 +36,7 @@ class LinkConfig:
     rws_port: int = 80
     user: str = "Default User"
     password: str = "robotics"
+    widest: float = 0.05  # m between the fingers, and the strongest grip in N: of the Smart Gripper
+    strongest: float = 20.0
     motion: bool = False  # False: listen only; no setpoint ever leaves
     timing: LinkTiming = LinkTiming()

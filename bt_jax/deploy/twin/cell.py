@@ -93,6 +93,7 @@ def build_scene(
         finger_joints={arm.name: arm.finger_names for arm in robot.arms},
         finger_actuators={arm.name: arm.finger_names for arm in robot.arms},
         flanges={arm.name: f"{arm.name}_tool0" for arm in robot.arms},
+        grippers={arm.name: arm.gripper for arm in robot.arms},
     )
     directions = np.random.default_rng([*np.ravel(seed), 2]).normal(size=(2, 3))
     error, tilt = directions / np.linalg.norm(directions, axis=1, keepdims=True)

@@ -25,9 +25,9 @@ from bt_jax.deploy.execution.program import Program
 from bt_jax.deploy.execution.settings import TWIN_SECONDS, Limits
 from bt_jax.deploy.execution.skills import RobotSkills
 from bt_jax.deploy.link.cell_rules import cell_rules
+from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.deploy.link.protocol import Counters
 from bt_jax.deploy.link.settings import LinkConfig
-from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.perception.pipeline import Perception
 from bt_jax.deploy.perception.threaded import BackgroundPerception
 from bt_jax.deploy.planning.paths import Pace
@@ -107,11 +107,19 @@ def run_twin(
     with contextlib.ExitStack() as stack:
         controller = stack.enter_context(Controller(scene.cell, ports=ports, realtime=realtime, realism=scene.realism))
         perception = stack.enter_context(_perception(scene, controller, seed, background=realtime))
-        config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
+        grippers = [arm.gripper for arm in robot.arms]
+        config = LinkConfig(
+            "127.0.0.1",
+            ports,
+            controller.rws_port,
+            widest=max(gripper.opening for gripper in grippers),
+            strongest=max(gripper.force for gripper in grippers),
+            motion=True,
+        )
         rules = cell_rules(robot, program.task)
         if not realtime:
             rules = dataclasses.replace(rules, idle=WAITING)
-        link = stack.enter_context(YumiLink(config, rules, controller))
+        link = stack.enter_context(Irc5Link(config, rules, controller))
         log_file = stack.enter_context(Log(log))
         planning = stack.enter_context(PlanningProcess(robot, program.task)) if realtime else None
         skills = RobotSkills(robot, program.task, link, pace=pace, background=planning)

@@ -24,6 +24,7 @@ from bt_jax.deploy.link.rws import (
     symbol,
 )
 from bt_jax.deploy.robot.arrays import PoseRow
+from bt_jax.deploy.robot.model import GripperModel
 from bt_jax.deploy.twin.hand import SimulatedHand
 from bt_jax.deploy.twin.network import Network
 from bt_jax.deploy.twin.servo import SetpointFilter
@@ -32,13 +33,12 @@ from bt_jax.deploy.twin.supervision import ContactSupervision
 
 __all__ = ["CellModel", "SimulatedArm", "SimulatedRobot"]
 
-STROKE, STRONGEST = 25.0, 20.0  # mm of each finger, and N, of the Smart Gripper
 MOTION_SUPERVISION = 50204  # the number of ABB's event
 
 
 @dataclasses.dataclass(frozen=True)
 class CellModel:
-    """A MuJoCo model with two arms. Actuators are position servos: `actuators` of the joints in chain order [rad],
+    """A MuJoCo model with a robot's arms. Actuators are position servos: `actuators` of the joints in chain order [rad],
     `finger_actuators` of each finger [m]. `flanges` are sites whose poses the controller tells, in the world of the model,
     which is the robot's base frame."""
 
@@ -50,13 +50,14 @@ class CellModel:
     finger_joints: Mapping[str, tuple[str, ...]]
     finger_actuators: Mapping[str, tuple[str, ...]]
     flanges: Mapping[str, str]
+    grippers: Mapping[str, GripperModel]
 
 
 class SimulatedArm:
     """One arm and its session."""
 
     def __init__(self, model: mujoco.MjModel, cell: CellModel, name: str, port: int, realism: Realism) -> None:
-        self.name = name
+        self.name, self.gripper = name, cell.grippers[name]
         joints = [model.joint(joint).id for joint in cell.joints[name]]
         self.joint_ids = joints
         fingers = [model.joint(joint).id for joint in cell.finger_joints[name]]
@@ -224,7 +225,7 @@ class SimulatedRobot:
         if self.rapid:
             arm.hand.serve(
                 self.time,
-                target=float(np.clip(arm.numbers[GRIP_TARGET], 0, STROKE)),
+                target=float(np.clip(arm.numbers[GRIP_TARGET], 0, 1000 * arm.gripper.stroke)),
                 force=arm.numbers[GRIP_FORCE],
                 position=1000 * float(self.data.qpos[arm.fingers].mean()),
             )
@@ -232,7 +233,7 @@ class SimulatedRobot:
         reach = self.realism.finger_speed * CYCLE
         ctrl = self.data.ctrl[arm.finger_actuators]
         self.data.ctrl[arm.finger_actuators] = ctrl + np.clip(grip.target / 1000 - ctrl, -reach, reach)
-        force = np.clip(grip.force, 0, STRONGEST)
+        force = np.clip(grip.force, 0, arm.gripper.force)
         self.model.actuator_forcerange[arm.finger_actuators] = (-force, force)
 
     def _supervise(self) -> None:

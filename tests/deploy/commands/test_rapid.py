@@ -12,9 +12,9 @@ from bt_jax.deploy.commands.arguments import FASTEST, RapidArguments
 from bt_jax.deploy.commands.rapid import rapid_command, rapid_module
 from bt_jax.deploy.link import rws
 from bt_jax.deploy.link.egm import CYCLE
+from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.deploy.link.rws import EGM_MOTION, MODULE, TASKS, Motion, Rws, symbol
 from bt_jax.deploy.link.settings import LinkConfig, LinkTiming
-from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.planning.trajectory import Trajectory
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.controller import Controller
@@ -132,7 +132,7 @@ def test_a_program_that_runs_already_is_asked_to_follow(realtime):
         rws = Rws("127.0.0.1", controller.rws_port, "Default User", "robotics")
         rws.start()
         config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
-        link = YumiLink(config, RULES, controller)
+        link = Irc5Link(config, RULES, controller)
         with skipped_where_starved(controller, link), link:
             run_for(link, 0.2)
             assert not any(link.arm(arm).running for arm in ARMS)

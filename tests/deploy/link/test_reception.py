@@ -7,12 +7,12 @@ import time
 import numpy as np
 import pytest
 
-from bt_jax.deploy.link import reception, yumi_link
+from bt_jax.deploy.link import irc5_link, reception
 from bt_jax.deploy.link.egm import CYCLE, Feedback, Mci
 from bt_jax.deploy.link.egm_messages import EgmRobot
+from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.deploy.link.reception import Receiver, Reception, complaint
 from bt_jax.deploy.link.settings import LinkConfig
-from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.controller import Controller
 from bt_jax.deploy.twin.network import free_ports
@@ -36,7 +36,7 @@ def link():
     """A link to Robot Web Services; what comes to its ports is up to the test."""
     with (
         Controller(cell(), ports=free_ports(YUMI.arm_names), realtime=False) as controller,
-        YumiLink(LinkConfig(HOST, free_ports(YUMI.arm_names), controller.rws_port), RULES) as link,
+        Irc5Link(LinkConfig(HOST, free_ports(YUMI.arm_names), controller.rws_port), RULES) as link,
     ):
         yield link
 
@@ -88,7 +88,7 @@ def test_messages_at_another_port_are_heard(link, monkeypatch):
     ):
         other.bind((HOST, 0))
         port = other.getsockname()[1]
-        monkeypatch.setattr(yumi_link, "USUAL_PORTS", (port, link.config.ports["left"]))
+        monkeypatch.setattr(irc5_link, "USUAL_PORTS", (port, link.config.ports["left"]))
         monkeypatch.setattr(reception, "open_socket", lambda number: {port: other}[number].dup())
         sender.sendto(message(1), (HOST, port))
         assert link.elsewhere() == {port: HOST}

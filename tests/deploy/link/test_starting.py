@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from bt_jax._util.errors import UserError
+from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.deploy.link.rws import EGM_MOTION, Motion, Rws, symbol
 from bt_jax.deploy.link.settings import LinkConfig
-from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.controller import Controller
 from bt_jax.deploy.twin.network import free_ports
@@ -23,7 +23,7 @@ def test_a_link_that_only_listens_never_answers():
     with contextlib.ExitStack() as stack:
         controller = stack.enter_context(Controller(cell(), ports=ports, realtime=True))
         listening = dataclasses.replace(listening, rws_port=controller.rws_port)
-        link = YumiLink(listening, RULES, controller)
+        link = Irc5Link(listening, RULES, controller)
         stack.enter_context(skipped_where_starved(controller, link))
         stack.enter_context(link)
         run_for(link, 0.3)
@@ -80,13 +80,13 @@ def test_taken_ports_and_wrong_users_are_said_in_a_sentence():
     with Controller(cell(), ports=ports, realtime=True) as controller, skipped_where_starved(controller):
         config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
         wrong = dataclasses.replace(config, password="guess")
-        with YumiLink(wrong, RULES, controller) as link, pytest.raises(UserError, match="refuses the user"):
+        with Irc5Link(wrong, RULES, controller) as link, pytest.raises(UserError, match="refuses the user"):
             link.start()
         nowhere = dataclasses.replace(config, rws_port=1)
-        with YumiLink(nowhere, RULES) as link, pytest.raises(UserError, match="cannot be reached"):
+        with Irc5Link(nowhere, RULES) as link, pytest.raises(UserError, match="cannot be reached"):
             link.state()
-        with YumiLink(config, RULES, controller):
-            with pytest.raises(UserError, match="cannot be used"), YumiLink(config, RULES, controller):
+        with Irc5Link(config, RULES, controller):
+            with pytest.raises(UserError, match="cannot be used"), Irc5Link(config, RULES, controller):
                 pass
             controller.fault("motors_off")
             rws = Rws("127.0.0.1", controller.rws_port, "Default User", "robotics")
@@ -99,7 +99,7 @@ def test_taken_ports_and_wrong_users_are_said_in_a_sentence():
 
 def test_an_unknown_controller_is_said_in_a_sentence():
     with pytest.raises(UserError, match="--robot"):
-        YumiLink(LinkConfig("nowhere.invalid", free_ports(YUMI.arm_names)), RULES)
+        Irc5Link(LinkConfig("nowhere.invalid", free_ports(YUMI.arm_names)), RULES)
 
 
 @pytest.mark.realtime

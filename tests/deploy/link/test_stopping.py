@@ -7,11 +7,11 @@ import time
 import pytest
 
 from bt_jax._util.errors import UserError
+from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.deploy.link.rws import EGM_MOTION, Motion, Rws, symbol
 from bt_jax.deploy.link.rws_errors import ControllerBusy
 from bt_jax.deploy.link.safety import Rejected
 from bt_jax.deploy.link.settings import LinkConfig, LinkTiming
-from bt_jax.deploy.link.yumi_link import YumiLink
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.controller import Controller
 from bt_jax.deploy.twin.network import free_ports
@@ -54,7 +54,7 @@ def test_ctrl_c_while_guided_motion_ends_stops_the_robots_program(monkeypatch):
     def press(link):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(YumiLink, "_ramp_out", press)
+    monkeypatch.setattr(Irc5Link, "_ramp_out", press)
     with running(realtime=False) as (controller, link):
         with pytest.raises(KeyboardInterrupt):
             link.close()
@@ -65,7 +65,7 @@ def test_ctrl_c_while_guided_motion_ends_stops_the_robots_program(monkeypatch):
 
 
 def test_stop_and_close_reach_the_controller_without_the_link_process():
-    for end in (lambda link: link.stop("somebody shouted"), YumiLink.close):
+    for end in (lambda link: link.stop("somebody shouted"), Irc5Link.close):
         with running(realtime=False) as (controller, link):
             link._process.kill()
             link._process.join()
@@ -79,7 +79,7 @@ def test_a_latched_stop_ends_with_its_process_and_the_robots_program():
     ports = free_ports(YUMI.arm_names)
     with Controller(cell(), ports=ports, realtime=False) as controller:
         config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
-        with YumiLink(config, RULES, controller) as link:
+        with Irc5Link(config, RULES, controller) as link:
             link.start()
             link.stop("somebody shouted")
             run_for(link, 0.5)
@@ -89,7 +89,7 @@ def test_a_latched_stop_ends_with_its_process_and_the_robots_program():
             assert link.stopped() == "somebody shouted", "the first reason stays, for good"
             with pytest.raises(Rejected, match="shouted"):
                 move(link)
-        with YumiLink(config, RULES, controller) as link:
+        with Irc5Link(config, RULES, controller) as link:
             assert link.stopped() is None
             link.start()
             move(link)
@@ -97,7 +97,7 @@ def test_a_latched_stop_ends_with_its_process_and_the_robots_program():
             assert link.stopped() is None
             controller.fault("motors_off")
             run_for(link, 0.5, until=lambda: link.stopped() is not None)
-        with YumiLink(config, RULES, controller) as link, pytest.raises(UserError, match="motors on"):
+        with Irc5Link(config, RULES, controller) as link, pytest.raises(UserError, match="motors on"):
             link.start()
 
 

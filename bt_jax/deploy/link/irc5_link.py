@@ -1,4 +1,4 @@
-"""The link to a YuMi, or to its twin.
+"""The link to a robot on an IRC5 controller, or to its twin.
 
 EGM runs in a process of its own (`link.process`), so that neither rendering nor planning can delay a setpoint; the state of
 the controller and the grippers go over Robot Web Services from here.
@@ -29,13 +29,13 @@ from bt_jax.deploy.link.settings import LinkConfig
 from bt_jax.deploy.link.shared_state import COUNTERS, SharedState
 from bt_jax.deploy.planning.trajectory import Trajectory
 
-__all__ = ["YumiLink"]
+__all__ = ["Irc5Link"]
 
 ENDED, HANGS = "the link process has ended", "the link process does not answer"
 
 
-class YumiLink:
-    """A YuMi, or its twin where `controller` is given. Use it as a context manager."""
+class Irc5Link:
+    """A robot on an IRC5, or its twin where `controller` is given. Use it as a context manager."""
 
     def __init__(self, config: LinkConfig, rules: Rules, controller: SimulatedController | None = None) -> None:
         self.config, self.rules, self.arms = config, rules, tuple(config.ports)
@@ -62,7 +62,7 @@ class YumiLink:
         self._closing = threading.Event()
         self._watch: ControllerWatch | None = None
 
-    def open(self) -> YumiLink:
+    def open(self) -> Irc5Link:
         """Start the link process and listen. Raise UserError if a port is taken. A controller that does not answer is no
         reason: EGM may come nevertheless, and `state` and `start` say what is wrong."""
         self._process.start()
