@@ -113,9 +113,12 @@ def _is_recorded(camera: str) -> bool:
 
 @dataclasses.dataclass(frozen=True)
 class TwinArguments:
-    """Execute a tree on the twin of a YuMi: rendered camera, markers, planning, EGM at 250 Hz, grasps by friction."""
+    """Execute a tree on the twin of a YuMi: rendered camera, markers, planning, EGM at 250 Hz, grasps by friction.
 
-    source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_FOLDER|TREE")]
+    With --serve no tree is executed: robot and camera wait for `check` and `run` from another terminal, as real ones would.
+    """
+
+    source: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_FOLDER|TREE")] = None
     """folder that bt_jax.train or bt_jax.learn has written, or a tree as .txt or .xml"""
     task: str | None = None
     """name of a task or YAML file (default: that of the run folder, or yumi_stack)"""
@@ -135,6 +138,16 @@ class TwinArguments:
     """film the run: .mp4, .gif, or .png for six stills"""
     log: Path | None = None
     """where to write the log (default: runs/twin-DATE.jsonl; with --layouts, a folder)"""
+    serve: bool = False
+    """be a robot and a camera for other commands, in real time, until Ctrl-C"""
+    ports: tuple[int, int] = (6511, 6512)
+    """with --serve, UDP ports of this machine to which the left and the right arm's EGM send"""
+    rws_port: int = 8080
+    """with --serve, TCP port of Robot Web Services"""
+    camera_port: int = 8090
+    """with --serve, TCP port of the camera"""
+    calibration: Path = Path("twin_camera.yaml")
+    """with --serve, where to write the camera's calibration"""
     perfect: bool = False
     """a perfect cell: sharp images of 640 x 480, arms and grippers that follow at once, no limits"""
     worse: float = 1.0
@@ -158,6 +171,11 @@ class TwinArguments:
         if not 0 < self.seconds <= 3600:
             raise UserError(f"--seconds is {self.seconds}; choose more than 0, and an hour at most")
         self.realism.check()
+        if self.serve:
+            if self.disturb or self.layouts > 1 or self.render is not None or self.log is not None:
+                raise UserError("--serve executes no tree; leave out --disturb, --layouts, --render and --log")
+        elif self.source is None:
+            raise UserError("a tree is missing; name a run folder or a file with a tree, or give --serve")
         if self.render is not None:
             if self.layouts > 1:
                 raise UserError("a film shows one layout; leave out --layouts, or choose one with --seed")

@@ -19,6 +19,7 @@ from rich.text import Text
 from bt_jax._util.files import write_atomic
 from bt_jax.deploy.commands.arguments import DEFAULT_TASK, TwinArguments
 from bt_jax.deploy.commands.display import RunDisplay
+from bt_jax.deploy.commands.serve import serve_twin
 from bt_jax.deploy.execution.program import Program, load_program
 from bt_jax.deploy.execution.settings import TWIN_SECONDS, Exit, Limits
 from bt_jax.deploy.robot.yumi import YUMI
@@ -38,6 +39,8 @@ def twin_command(arguments: TwinArguments, console: Console | None = None) -> in
     """Run and print; return an exit code, see `Exit`."""
     console = Console(highlight=False, soft_wrap=True) if console is None else console
     arguments.check()
+    if arguments.serve or arguments.source is None:
+        return serve_twin(arguments, console)
     program = load_program(arguments.source, arguments.task, otherwise=DEFAULT_TASK)
     name = (
         arguments.log

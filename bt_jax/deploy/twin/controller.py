@@ -1,7 +1,7 @@
 """The twin's controller: a process of its own that owns the simulated cell and plays the robot's side of the link.
 
-It starts silent, as a controller with its motors on and no program running. Robot Web Services start the program; then it
-sends feedback for each arm every 4 ms and moves the arms where the answers say.
+It starts with its motors on and no program running, and sends feedback for each arm every 4 ms. Robot Web Services or a
+person start the program, which moves the arms where the answers say once it is asked for guided motion.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from bt_jax._util.errors import UserError
 from bt_jax.deploy.link.loop_timing import LateRound, LoopTimer
 from bt_jax.deploy.link.protocol import ControllerGone
 from bt_jax.deploy.link.realtime import CONTEXT, Snapshot
+from bt_jax.deploy.link.rws import ControllerMessage
 from bt_jax.deploy.twin.controller_process import PARTS, STATS, ControllerSpec, serve
 from bt_jax.deploy.twin.settings import TIMING, Realism
 from bt_jax.deploy.twin.simulated_robot import CellModel
@@ -131,14 +132,25 @@ class Controller:
         `motors_off`, `emergency_stop`, `heal` (the network)."""
         self._ask("fault", kind, details)
 
-    def _ask(self, name: str, *arguments: object) -> None:
-        try:
+    def press_start(self) -> None:
+        """Start the RAPID program, as a person does on the pendant."""
+        if not self._ask("start"):
+            raise UserError("the twin's controller does not start its program; switch its motors on")
+
+    def messages(self) -> list[ControllerMessage]:
+        """Return the controller's event log, the oldest line first."""
+        return self._ask("messages")
+
+    def _ask(self, name: str, *arguments: object) -> Any:
+        """Return the answer of the process. Raise UserError if it refuses the call, ControllerGone if it has ended."""
+        with contextlib.suppress(OSError):  # then it says why, or is gone without a word
             self._pipe.send((name, *arguments))
-        except (OSError, ValueError) as error:
-            raise ControllerGone("the controller's process has ended") from error
-        problem = self._receive()
-        if problem is not None:
-            raise UserError(f"the twin's controller refuses {name}: {problem}; fix the call")
+        kind, value = self._receive()
+        if kind == "refused":
+            raise UserError(f"the twin's controller refuses {name}: {value}; fix the call")
+        if kind == "failed":
+            raise ControllerGone(f"the controller's process has failed ({value})")
+        return value
 
     def _receive(self) -> Any:
         try:

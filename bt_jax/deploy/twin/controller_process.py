@@ -11,13 +11,15 @@ from multiprocessing.connection import Connection
 import numpy as np
 from jaxtyping import Float
 
+from bt_jax._util.errors import UserError
 from bt_jax.deploy.link.egm import CYCLE, Mci
 from bt_jax.deploy.link.loop_timing import LoopTimer
 from bt_jax.deploy.link.realtime import Snapshot, sleep_until, take_priority
+from bt_jax.deploy.link.rws import ControllerMessage
 from bt_jax.deploy.robot.arrays import PoseRow
 from bt_jax.deploy.twin.rws_server import RwsLimits, serve_rws
 from bt_jax.deploy.twin.settings import TIMING, Realism
-from bt_jax.deploy.twin.simulated_robot import CellModel, SimulatedRobot
+from bt_jax.deploy.twin.simulated_robot import CellModel, SimulatedRobot, SimulationDiverged
 
 __all__ = ["PARTS", "STATS", "ControllerSpec", "serve"]
 
@@ -47,15 +49,28 @@ def serve(spec: ControllerSpec, state: Snapshot, stats: Snapshot, watch: LoopTim
         if spec.realtime:
             limits = RwsLimits(spec.realism.requests, spec.realism.request_delay)
         server = serve_rws(robot, spec.rws_port, limits)
-    except (ValueError, KeyError, OSError) as error:
-        pipe.send(("failed", str(error)))
+    except Exception as error:  # whatever it is: the program above says it
+        pipe.send(("failed", _sentence(error)))
         return
-    pipe.send(("ready", server.server_address[1]))
     loop = _ControllerLoop(spec, robot, state, stats, watch, pipe)
-    if spec.realtime:
-        loop.run_realtime()
-    else:
-        loop.run_lockstep()
+    pipe.send(("ready", server.server_address[1]))
+    try:
+        if spec.realtime:
+            loop.run_realtime()
+        else:
+            loop.run_lockstep()
+    except Exception as error:  # the arms no longer move, and their feedback ends, as after a power cut
+        pipe.send(("failed", _sentence(error)))
+
+
+def _sentence(error: Exception) -> str:
+    """Return what went wrong, with its kind unless it was raised for people to read."""
+    if isinstance(error, KeyError) and len(error.args) == 1:
+        return str(error.args[0])
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror.lower()
+    plain = isinstance(error, ValueError | UserError | SimulationDiverged)
+    return str(error) if plain else f"{type(error).__name__}: {error}"
 
 
 class _ControllerLoop:
@@ -123,12 +138,10 @@ class _ControllerLoop:
         except (EOFError, OSError):
             self.closing = True
             return
-        problem = None
         try:
-            getattr(self, f"do_{name}")(*arguments)
-        except (KeyError, ValueError, TypeError) as error:
-            problem = str(error)
-        self.pipe.send(problem)
+            self.pipe.send(("done", getattr(self, f"do_{name}")(*arguments)))
+        except (KeyError, ValueError, TypeError) as error:  # of the call; what else is raised ends the process
+            self.pipe.send(("refused", _sentence(error)))
 
     def do_advance(self, until: float) -> None:
         if self.realtime:
@@ -146,6 +159,12 @@ class _ControllerLoop:
 
     def do_fault(self, kind: str, details: Mapping[str, float]) -> None:
         self.robot.fault(kind, details)
+
+    def do_start(self) -> bool:
+        return self.robot.start_rapid()
+
+    def do_messages(self) -> list[ControllerMessage]:
+        return list(self.robot.messages)
 
     def do_close(self) -> None:
         self.closing = True

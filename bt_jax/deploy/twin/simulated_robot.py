@@ -31,9 +31,13 @@ from bt_jax.deploy.twin.servo import SetpointFilter
 from bt_jax.deploy.twin.settings import TIMING, Realism
 from bt_jax.deploy.twin.supervision import ContactSupervision
 
-__all__ = ["CellModel", "SimulatedArm", "SimulatedRobot"]
+__all__ = ["CellModel", "SimulatedArm", "SimulatedRobot", "SimulationDiverged"]
 
 MOTION_SUPERVISION = 50204  # the number of ABB's event
+
+
+class SimulationDiverged(ArithmeticError):
+    """Accelerations of the simulated cell are no longer numbers."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -177,7 +181,8 @@ class SimulatedRobot:
         return np.concatenate([self.data.site_xpos[arm.flange], quaternion])
 
     def listen(self, arm: SimulatedArm, patience: float) -> None:
-        """Take what was answered; for at most `patience` seconds wait for the answer to the last message."""
+        """Take what was answered; for at most `patience` seconds wait for the answer to the last message. A client need not
+        repeat the time that it answers."""
         newest: Setpoint | None = None
         deadline = time.monotonic() + patience
         while True:
@@ -189,7 +194,7 @@ class SimulatedRobot:
                 if newest is None or setpoint.sequence > newest.sequence:
                     newest = setpoint
             left = deadline - time.monotonic()
-            if left <= 0 or (newest is not None and newest.time > self.time - CYCLE / 2):
+            if left <= 0 or (newest is not None and (newest.time == 0 or newest.time > self.time - CYCLE / 2)):
                 break
             select.select([arm.socket], [], [], left)
         if newest is None:
@@ -218,6 +223,8 @@ class SimulatedRobot:
         for body, force, _ in self.pushes:
             self.data.xfrc_applied[body, :3] += force
         mujoco.mj_step(self.model, self.data, self.substeps)
+        if self.data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number:
+            raise SimulationDiverged("the simulation diverged")
         self.cycle += 1
         self._supervise()
 

@@ -1,0 +1,102 @@
+"""python -m bt_jax.deploy twin --serve: a simulated robot and its camera, for commands in other terminals to be tried on."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+
+from bt_jax._util.errors import UserError
+from bt_jax.deploy.commands.arguments import DEFAULT_TASK, TwinArguments
+from bt_jax.deploy.execution.program import load_program
+from bt_jax.deploy.execution.settings import Exit
+from bt_jax.deploy.perception.calibration import CameraPose, Intrinsics
+from bt_jax.deploy.perception.camera_file import save_camera
+from bt_jax.deploy.robot.yumi import YUMI
+from bt_jax.deploy.twin.camera_server import CameraServer
+from bt_jax.deploy.twin.cell import CAMERA, TwinScene, build_scene
+from bt_jax.deploy.twin.controller import Controller
+from bt_jax.deploy.twin.rendered_camera import RenderedCamera
+from bt_jax.tasks import Task, load_task
+
+__all__ = ["serve_twin"]
+
+FASTEST = math.radians(15)  # a second, of a joint: BtJax lets EGM turn it no faster
+LENS = 0.1  # px that the residual of the lens is said to be
+POINTS = 8  # markers from which the camera's place is said to be known
+GREETING = """\
+robot      127.0.0.1, Robot Web Services at port {rws}, EGM to ports {left} and {right}; BtJax runs
+camera     {camera}, {width} x {height}, calibration in {calibration}
+try        python -m bt_jax.deploy check {source} --robot 127.0.0.1 --rws-port {rws} --ports {left} {right} \\
+               --camera {camera} --calibration {calibration}
+end        with Ctrl-C"""
+
+
+def serve_twin(arguments: TwinArguments, console: Console) -> int:
+    """Be a robot and a camera until Ctrl-C; print what the controller's event log tells."""
+    realism = arguments.realism
+    realism = dataclasses.replace(realism, egm_speed=min(realism.egm_speed, FASTEST))
+    scene = build_scene(YUMI, _task(arguments), arguments.seed, realism)
+    ports = dict(zip(YUMI.arm_names, arguments.ports, strict=True))
+    _calibrate(scene, arguments)
+    with (
+        Controller(scene.cell, ports=ports, rws_port=arguments.rws_port, realism=realism) as controller,
+        CameraServer(arguments.camera_port) as server,
+    ):
+        controller.press_start()
+        camera = RenderedCamera(scene.model, controller.state, CAMERA, realism=realism, seed=[arguments.seed, 3])
+        try:
+            console.print(
+                GREETING.format(
+                    rws=controller.rws_port,
+                    left=ports["left"],
+                    right=ports["right"],
+                    camera=server.address,
+                    width=realism.width,
+                    height=realism.height,
+                    calibration=arguments.calibration,
+                    source=arguments.source or "TREE",
+                ),
+                markup=False,
+            )
+            _show(controller, camera, server, console, 1 / min(realism.rate, 30.0))
+        except KeyboardInterrupt:
+            stats = controller.stats()
+            console.print(f"cycles     {stats.cycles}, {stats.missed} missed, {stats.unanswered} unanswered")
+        finally:
+            camera.close()
+    return Exit.DONE
+
+
+def _show(
+    controller: Controller, camera: RenderedCamera, server: CameraServer, console: Console, period: float
+) -> None:
+    """Send images as long as somebody looks, and print new lines of the event log. Raise UserError if the robot fails."""
+    told, due = 0, time.monotonic()
+    while controller.alive:
+        if server.watched:
+            server.show(camera.read().image)
+        messages = controller.messages()
+        for message in messages[told:]:
+            console.print(f"event      {escape(str(message))}")
+        told = len(messages)
+        due = max(due + period, time.monotonic())
+        time.sleep(due - time.monotonic() if due > time.monotonic() else 0)
+    raise UserError("the twin's controller has ended; start it again")
+
+
+def _task(arguments: TwinArguments) -> Task:
+    if arguments.source is None:
+        return load_task(arguments.task or DEFAULT_TASK)
+    return load_program(arguments.source, arguments.task, otherwise=DEFAULT_TASK).task
+
+
+def _calibrate(scene: TwinScene, arguments: TwinArguments) -> None:
+    """Write what `calibrate` would have found, which is wrong by as much as the cell's realism says."""
+    camera, realism = scene.camera, scene.realism
+    lens = Intrinsics(camera.matrix, np.zeros(5), camera.width, camera.height, LENS)
+    save_camera(arguments.calibration, lens, CameraPose(scene.calibrated, realism.camera_error, POINTS))
