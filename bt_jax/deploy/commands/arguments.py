@@ -213,8 +213,10 @@ class CalibrateArguments:
     """for intrinsics: edge of the board's squares, measured on the print, in metres"""
     views: int = 20
     """for intrinsics with a live camera: from how many sides to look at the board"""
-    width: int = 640
-    height: int = 480
+    width: int = 1280
+    """of the camera's images, px; the larger, the better markers are read and placed"""
+    height: int = 960
+    """of the camera's images, px"""
 
 
 @dataclasses.dataclass(frozen=True)

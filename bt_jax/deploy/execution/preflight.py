@@ -14,6 +14,7 @@ from rich.markup import escape
 
 from bt_jax._util.errors import UserError
 from bt_jax.deploy.execution.equipment import CheckedLink, Equipment, opened
+from bt_jax.deploy.execution.line_of_sight import in_the_way
 from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.offline_checks import (
     home_clear,
@@ -66,6 +67,7 @@ def preflight(equipment: Equipment) -> Iterator[CheckResult]:
         ("camera: intrinsics", (), _intrinsics),
         ("camera: pose in the base frame", (), _hand_eye),
         (IMAGES, (TREE,), _images),
+        ("camera: nothing is wrong in sight", (TREE, IMAGES), _findings),
         (MARKERS, (TREE, IMAGES), _markers),
         ("arms: every box is within reach", (MARKERS,), _reach),
     ]
@@ -213,6 +215,16 @@ def _images(equipment: Equipment) -> str:
         why = f" ({perception.lost})" if perception.lost else ""
         raise UserError(f"{len(times)} images in {LISTEN:g} s, the last {age:.2f} s old{why}; check the camera's cable")
     return f"{len(times)} images in {LISTEN:g} s"
+
+
+def _findings(equipment: Equipment) -> str:
+    found = opened(equipment.perception).findings(equipment.now())
+    if not isinstance(equipment.link, UserError):
+        arms = [equipment.robot.links(arm, equipment.link.arm(arm).joints) for arm in equipment.link.arms]
+        found = tuple(f for f in found if not f.sight or not any(in_the_way(arm, f.sight) for arm in arms))
+    if found:
+        raise UserError("; ".join(map(str, found)))
+    return "sharp, markers once, heights as they must be"
 
 
 def _markers(equipment: Equipment) -> str:

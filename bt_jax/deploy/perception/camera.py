@@ -93,7 +93,8 @@ class UvcCamera:
             self._capture.release()
             size = "no image" if not found else f"{first.shape[1]} x {first.shape[0]}"
             raise UserError(
-                f"camera {source} gives {size} instead of {width} x {height}; calibrate it at the size it has"
+                f"camera {source} gives {size} instead of {width} x {height}; calibrate it at a size that it has, with "
+                "--width and --height"
             )
         self._newest = (first, clock())
         self._lost = self._closing = False
@@ -182,8 +183,8 @@ def open_camera(
     source: str,
     lens: Intrinsics | None,
     *,
-    width: int = 640,
-    height: int = 480,
+    width: int = 1280,
+    height: int = 960,
     clock: Callable[[], float] = time.monotonic,
 ) -> Camera:
     """Open the camera that a user names: a number or an address, or a folder with a recording, which plays in real time.

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from bt_jax.deploy.perception.level import level
 from bt_jax.deploy.robot.arrays import Point
 from bt_jax.deploy.robot.mjcf import add_to_mjcf
 from bt_jax.deploy.robot.model import RobotModel
@@ -181,8 +182,9 @@ def box_poses(scene: TwinScene, qpos: Qpos) -> dict[str, RigidTransform]:
 
 
 def target_distances(scene: TwinScene, qpos: Qpos) -> list[float]:
-    """Return how far each target's object truly is from its place, m."""
-    poses = box_poses(scene, qpos) | {
+    """Return how far each target's object truly is from its place [m]; on top of a box is against gravity, whichever face
+    it lies on."""
+    poses = {name: level(pose) for name, pose in box_poses(scene, qpos).items()} | {
         scene.task.kit.name: scene.kit,
         scene.task.robot_frame: RigidTransform.from_translation(scene.task.robot_position),
     }

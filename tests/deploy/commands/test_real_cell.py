@@ -37,7 +37,7 @@ def test_check_passes_on_a_good_cell(tmp_path, monkeypatch):
         console = Terminal("")
         code = check_command(CheckArguments(**arguments), console)
         assert code == Exit.DONE, console.said
-        assert console.said.count("✓") == 16
+        assert console.said.count("✓") == 17
 
 
 @pytest.mark.realtime
@@ -61,7 +61,7 @@ def test_check_without_a_controller_tells_all_that_can_be_known(tmp_path, monkey
     )
     assert check_command(arguments, console) == Exit.FAILED
     lines = {line[2:38].strip(): line for line in console.said.splitlines() if line[0] in "✓✗-"}
-    assert len(lines) == 16
+    assert len(lines) == 17
     for name in (
         "tree: every leaf is known",
         "payload: boxes and gripper",

@@ -17,6 +17,7 @@ from bt_jax._util.errors import UserError
 from bt_jax.deploy.execution import preflight as module
 from bt_jax.deploy.execution.equipment import Equipment
 from bt_jax.deploy.execution.log import Log
+from bt_jax.deploy.execution.observation import Finding
 from bt_jax.deploy.execution.preflight import passed, preflight, show
 from bt_jax.deploy.execution.program import Program
 from bt_jax.deploy.link.egm import CYCLE
@@ -51,7 +52,7 @@ class Seeing:
     """Sees what is in a start layout, with images of now."""
 
     def __init__(self, link):
-        self.link, self.image, self.lost, self.frozen, self.hidden = link, 0.0, "", False, ()
+        self.link, self.image, self.lost, self.frozen, self.hidden, self.wrong = link, 0.0, "", False, (), ()
 
     def update(self):
         if not self.frozen:
@@ -61,7 +62,7 @@ class Seeing:
         return observe(TASK, sample_layouts(TASK, 0, 1), unknown=self.hidden).poses
 
     def findings(self, now):
-        return ()
+        return self.wrong
 
     def measured(self):
         return {}
@@ -129,11 +130,11 @@ def good(twin_log):
 def test_a_good_cell_passes(good):
     items = list(preflight(good))
     assert passed(items), [item for item in items if not item.passed]
-    assert len(items) == 16
+    assert len(items) == 17
     out = io.StringIO()
     for item in items:
         show(Console(file=out, width=120), item)
-    assert out.getvalue().count("✓") == 16
+    assert out.getvalue().count("✓") == 17
 
 
 def failing(cell):
@@ -204,13 +205,20 @@ def test_a_frozen_camera_and_a_hidden_box_fail(good):
     assert "GreenBox" in failing(good)["markers:everything"].detail
 
 
+def test_what_is_wrong_with_the_picture_fails(good):
+    good.perception.wrong = (Finding("", "the camera has moved"), Finding("BlueBox", "BlueBox is tilted"))
+    found = failing(good)
+    assert found["camera:nothing"].detail == "the camera has moved; BlueBox is tilted"
+    assert len(found) == 1
+
+
 def test_a_camera_that_raises_does_not_end_the_other_looks(good):
     def lost():
         raise OSError("no such device")
 
     good.perception.update = lost
     items = list(preflight(good))
-    assert len(items) == 16
+    assert len(items) == 17
     assert any("no such device" in item.detail for item in items)
 
 
