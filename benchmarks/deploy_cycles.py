@@ -26,7 +26,7 @@ from bt_jax.deploy.link.loop_timing import LateRound
 from bt_jax.deploy.link.realtime import FIFO_PRIORITY
 from bt_jax.deploy.link.settings import LinkConfig
 from bt_jax.deploy.perception.pipeline import Perception
-from bt_jax.deploy.planning.trajectory import Trajectory
+from bt_jax.deploy.planning.paths import Pace, timed
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.cell import TwinScene, build_scene
 from bt_jax.deploy.twin.controller import Controller
@@ -34,7 +34,7 @@ from bt_jax.deploy.twin.rendered_camera import RenderedCamera, cell_camera
 from bt_jax.tasks import load_task
 
 SWING = 0.2  # rad of a wrist joint, to and fro
-PERIOD = 1.0  # seconds of one swing
+PACE = Pace(share=0.05, acceleration=2.0)
 TICK = 0.1
 PORTS = {"left": 26511, "right": 26512}
 
@@ -48,7 +48,7 @@ def swing(link: Irc5Link, seconds: float) -> None:
         for arm in link.arms:
             if not link.arm(arm).moving:
                 goal = start[arm] + offset * away
-                link.follow(arm, Trajectory(np.array([0.0, PERIOD]), np.stack([link.arm(arm).commanded, goal])))
+                link.follow(arm, timed(np.stack([link.arm(arm).commanded, goal]), PACE, YUMI.arm(arm)))
                 away = not away if arm == link.arms[-1] else away
         link.wait(link.now() + TICK)
 

@@ -12,8 +12,9 @@ from bt_jax.deploy.execution.skills import RobotSkills
 from bt_jax.deploy.link.cell_rules import cell_rules
 from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.deploy.link.protocol import ArmState, RobotLink
-from bt_jax.deploy.link.safety import Rejected, Rules, Supervisor
+from bt_jax.deploy.link.safety import Rejected, Rules
 from bt_jax.deploy.link.settings import LinkConfig, LinkTiming
+from bt_jax.deploy.link.supervision import Supervisor
 from bt_jax.deploy.perception.pipeline import Perception
 from bt_jax.deploy.robot.model import RobotModel
 from bt_jax.deploy.robot.yumi import YUMI

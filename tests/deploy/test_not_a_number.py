@@ -11,7 +11,9 @@ from scipy.spatial.transform import RigidTransform
 from bt_jax._util.errors import UserError
 from bt_jax.deploy.execution.settings import Exit
 from bt_jax.deploy.link.rws import Rws
-from bt_jax.deploy.link.safety import Rejected, Rules, Supervisor, check_setpoint, check_trajectory
+from bt_jax.deploy.link.safety import SIGNED, Rejected, Rules, check_setpoint, check_trajectory
+from bt_jax.deploy.link.setpoints import SetpointStream
+from bt_jax.deploy.link.supervision import Supervisor
 from bt_jax.deploy.perception.tracker import Tracker
 from bt_jax.deploy.planning.clearance import Carried
 from bt_jax.deploy.planning.planner import Planner, Surroundings, Unplannable
@@ -23,7 +25,7 @@ from tests.helpers.ideal import IdealCell
 NOT_FINITE = st.sampled_from([np.nan, np.inf, -np.inf])
 RULES = Rules(lower=(-1.0,) * 7, upper=(1.0,) * 7, speed=(2.0,) * 7)
 REST = np.zeros(7)
-PATH = Trajectory(np.array([0.0, 1.0]), np.array([REST, REST + 0.1]))
+PATH = Trajectory(np.array([0.0, 1.0]), np.array([REST, REST + 0.05]))
 
 
 def spoilt(array, value, at: int):
@@ -41,6 +43,12 @@ def test_no_rule_is_left_out_by_what_is_not_a_number():
         bad = (np.nan, *rules[name][1:]) if isinstance(rules[name], tuple) else np.nan
         with pytest.raises(ValueError, match=f"'{name}' is not a number"):
             dataclasses.replace(RULES, **{name: bad})
+        if name != "override":
+            with pytest.raises(ValueError, match=f"'{name}' is not finite"):
+                dataclasses.replace(RULES, **{name: (np.inf,) * len(bad) if isinstance(bad, tuple) else np.inf})
+        if name not in SIGNED:
+            with pytest.raises(ValueError, match=f"'{name}' is negative"):
+                dataclasses.replace(RULES, **{name: (-1.0,) * len(bad) if isinstance(bad, tuple) else -1.0})
 
 
 @given(NOT_FINITE, st.integers(0, 13))
@@ -65,11 +73,13 @@ def test_no_setpoint_is_admitted(value, at):
     elsewhere = dataclasses.replace(RULES, points=lambda arm, joints: {"tcp": spoilt([0.3, 0, 0.3], value, at)})
     with pytest.raises(Rejected):
         check_setpoint(elsewhere, "left", REST)
-    for numbers in ("target", "commanded", "measured"):
-        supervisor = Supervisor(RULES, ("left", "right"))
-        joints = {"target": REST, "commanded": REST, "measured": REST} | {numbers: spoilt(REST, value, at)}
-        supervisor.admit("left", joints.pop("target"), **joints)
-        assert supervisor.reason is not None
+    supervisor = Supervisor(RULES, ("left", "right"))
+    assert not supervisor.permits("left", spoilt(REST, value, at), before=REST)
+    assert supervisor.reason is not None
+    measured = SetpointStream(RULES, REST).off(spoilt(REST, value, at))
+    supervisor = Supervisor(RULES, ("left", "right"))
+    supervisor.keep_up("left", measured)
+    assert supervisor.reason is not None
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
@@ -80,7 +90,7 @@ def test_the_watchdog_stops_at_a_clock_that_is_not_one(value):
         assert supervisor.reason is not None
     near = dataclasses.replace(RULES, clearance_of=lambda: lambda joints: np.nan)
     supervisor = Supervisor(near, ("left", "right"))
-    supervisor.keep_clear({"left": REST, "right": REST}, moving=True)
+    supervisor.keep_clear({"left": REST, "right": REST}, "setpoints")
     assert supervisor.reason is not None
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bt_jax._util.errors import UserError
+from bt_jax.deploy.link.egm import CYCLE
 from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.deploy.link.protocol import ControllerGone
 from bt_jax.deploy.link.safety import Rejected, Rules
@@ -101,7 +102,15 @@ def run_for(link, seconds: float, *, tick: float = 0.05, until=lambda: False) ->
         link.wait(min(link.now() + tick, end))
 
 
+def smooth(start, goal, seconds: float = 1.0) -> Trajectory:
+    """A straight path from rest to rest, with the least jerk."""
+    times = np.linspace(0, seconds, max(2, round(seconds / CYCLE) + 1))
+    part = times / seconds
+    share = part**3 * (10 - 15 * part + 6 * part**2)
+    return Trajectory(times, np.asarray(start) + share[:, None] * (np.asarray(goal) - start))
+
+
 def move(link, arm: str = "left", by: float = 0.3, seconds: float = 1.0) -> int:
     """Starts a path that turns every joint by some angle [rad]; gives its number."""
     start = link.arm(arm).commanded
-    return link.follow(arm, Trajectory(np.array([0.0, seconds]), np.stack([start, start + by])))
+    return link.follow(arm, smooth(start, start + by, seconds))

@@ -17,6 +17,7 @@ def cell_rules(robot: RobotModel, task: Task, *, override: float = float("inf"))
         lower=tuple(map(float, arm.lower)),
         upper=tuple(map(float, arm.upper)),
         speed=tuple(map(float, arm.speed)),
+        acceleration=tuple(map(float, arm.acceleration)),
         override=override,
         points=robot.points,
         clearance_of=SafetyClearance(robot, task),

@@ -163,8 +163,9 @@ class Irc5Link:
     def wait(self, until: float) -> None:
         self._blocks.alive.value = time.monotonic()
         if self._simulated is None:
-            time.sleep(max(0.0, until - time.monotonic()))
-            self._blocks.alive.value = time.monotonic()
+            while (left := until - time.monotonic()) > 0:  # who waits is alive, however long
+                time.sleep(min(left, self.rules.pause / 3))
+                self._blocks.alive.value = time.monotonic()
             return
         try:
             self._stop_if_dead()

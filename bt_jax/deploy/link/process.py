@@ -1,5 +1,5 @@
-"""The process that talks to the controller: it answers every EGM message of both arms within the cycle, whatever the
-program above does, and owns the supervisor. Commands come through a pipe, states go out through shared memory."""
+"""The process that talks to the controller: it answers every EGM message of all arms within the cycle, whatever the program
+above does. What it answers is decided in `guidance`; commands come through a pipe, states go out through shared memory."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from multiprocessing.connection import Connection
 import numpy as np
 from jaxtyping import Float
 
-from bt_jax.deploy.link.egm import CYCLE, Feedback, Setpoint
+from bt_jax.deploy.link.egm import Feedback, Setpoint
+from bt_jax.deploy.link.guidance import Guidance
 from bt_jax.deploy.link.realtime import take_priority
 from bt_jax.deploy.link.reception import Receiver, open_socket
-from bt_jax.deploy.link.safety import Rules, Supervisor
+from bt_jax.deploy.link.safety import Rules
 from bt_jax.deploy.link.settings import LinkTiming
 from bt_jax.deploy.link.shared_state import MotionState, SharedState
-from bt_jax.deploy.planning.trajectory import Follower, Trajectory
-from bt_jax.deploy.robot.arrays import JointRows, Joints
+from bt_jax.deploy.robot.arrays import JointRows
 
 __all__ = ["LinkStart", "serve"]
 
@@ -38,15 +38,12 @@ class LinkStart:
 
 
 @dataclasses.dataclass
-class _ArmSession:
+class _Session:
+    """The connection of one arm."""
+
     socket: socket.socket
     receiver: Receiver = dataclasses.field(default_factory=Receiver)
-    feedback: Feedback | None = None
     address: tuple | None = None
-    commanded: Joints | None = None
-    velocity: Joints = dataclasses.field(default_factory=lambda: np.zeros(7))
-    follower: Follower | None = None
-    motion: int = 0
     answers: int = 0
 
 
@@ -54,42 +51,40 @@ def serve(start: LinkStart, blocks: SharedState, pipe: Connection) -> None:
     """Run until the program above says so, or is gone."""
     take_priority(realtime=start.realtime)
     try:
-        arms = {arm: _ArmSession(open_socket(port)) for arm, port in start.ports.items()}
+        sessions = {arm: _Session(open_socket(port)) for arm, port in start.ports.items()}
     except OSError as error:
         pipe.send(("failed", f"{error.strerror or error}: {error}"))
         return
-    loop = _LinkLoop(start, blocks, pipe, arms)
+    loop = _LinkLoop(start, blocks, pipe, sessions)
     pipe.send(("ready", None))
     try:
         loop.run()
     finally:
-        for arm in arms.values():
-            arm.socket.close()
+        for session in sessions.values():
+            session.socket.close()
 
 
 class _LinkLoop:
-    def __init__(self, start: LinkStart, blocks: SharedState, pipe: Connection, arms: dict[str, _ArmSession]) -> None:
-        self.start, self.blocks, self.pipe, self.arms = start, blocks, pipe, arms
-        self.supervisor = Supervisor(start.rules, tuple(arms))
-        self.answering = False  # a person has agreed to motion; until `enabled`, the arms hold where they were then
-        self.enabled = False  # the robot was started and must be running from now on
+    def __init__(self, start: LinkStart, blocks: SharedState, pipe: Connection, sessions: dict[str, _Session]) -> None:
+        self.start, self.blocks, self.pipe, self.sessions = start, blocks, pipe, sessions
+        self.guidance = Guidance(start.rules, tuple(sessions), realtime=start.realtime)
         self.closing = False
         self.cycles = self.missed = self.late = 0
         self.told: str | None = None
         self.requests: dict[str, Callable[..., str | None]] = {
             "follow": self.follow,
-            "halt": self.halt,
+            "halt": self.guidance.halt,
             "stop": self.stop,
             "answer": self.begin_answering,
             "enable": self.enable,
-            "disable": self.disable,
+            "disable": self.guidance.disable,
             "close": self.close,
         }
 
     def run(self) -> None:
         selector = selectors.DefaultSelector()
-        for name, arm in self.arms.items():
-            selector.register(arm.socket, selectors.EVENT_READ, name)
+        for name, session in self.sessions.items():
+            selector.register(session.socket, selectors.EVENT_READ, name)
         selector.register(self.pipe, selectors.EVENT_READ, None)
         parted, watch, timing = None, self.blocks.watch, self.start.timing
         deadline = time.monotonic() + timing.idle
@@ -99,17 +94,21 @@ class _LinkLoop:
             watch.begin(began - deadline)
             for key, _ in ready:
                 if key.data is not None:
-                    self.receive(key.data)
+                    try:
+                        self.receive(key.data)
+                    except Exception as error:  # the other arm is answered all the same
+                        self.fail(error)
                     watch.done("messages")
                 elif not self.command():
                     selector.unregister(self.pipe)
                     parted = time.monotonic()
-                    self.supervisor.stop("the program above is gone")
+                    self.guidance.supervisor.stop("the program above is gone")
             watch.done("commands")
             now = time.monotonic()
-            if self.enabled and self.start.realtime:
-                moving = any(arm.follower is not None for arm in self.arms.values())
-                self.supervisor.watch(now, self.blocks.alive.value, moving=moving)
+            try:
+                self.guidance.watch(now, self.blocks.alive.value)
+            except Exception as error:
+                self.fail(error)
             self.tell()
             watch.done("supervision")
             deadline = began + timing.idle
@@ -117,79 +116,78 @@ class _LinkLoop:
             if parted is not None and now - parted > timing.parting:
                 return
 
+    def fail(self, error: Exception) -> None:
+        """Latch a stop after an error in a cycle: the process goes on, and with it the setpoints."""
+        self.guidance.supervisor.stop(f"the link process failed ({type(error).__name__}: {error})")
+
     def tell(self) -> None:
         """Publish a stop that was latched."""
-        if self.supervisor.reason is not None and self.supervisor.reason != self.told:
-            self.told = self.supervisor.reason
-            self.blocks.tell_stop(self.told)
+        reason = self.guidance.supervisor.reason
+        if reason is not None and reason != self.told:
+            self.told = reason
+            self.blocks.tell_stop(reason)
 
     def receive(self, name: str) -> None:
         """Take all messages that wait, and answer the newest."""
-        arm, count, heard = self.arms[name], 0, False
-        newest: Feedback | None = None
+        session, count, heard = self.sessions[name], 0, False
         while True:
             try:
-                data, address = arm.socket.recvfrom(4096)
+                data, address = session.socket.recvfrom(4096)
             except (BlockingIOError, ConnectionError):
                 break
             heard = True
             if address[0] != self.start.host:
-                arm.receiver.drop_foreign(address[0])
+                session.receiver.drop_foreign(address[0])
                 continue
             try:
                 feedback = Feedback.decode(data, len(self.start.rules.lower))
             except ValueError as problem:  # like a lost one: where nothing else comes, the silence stops the robot
-                arm.receiver.drop_invalid(problem)
+                session.receiver.drop_invalid(problem)
                 continue
-            before = arm.feedback
-            if not self.supervisor.accept(name, feedback, time.monotonic(), moving_allowed=self.enabled):
-                arm.receiver.drop_old()
+            if not self.guidance.hear(name, feedback, time.monotonic()):
+                session.receiver.drop_old()
                 continue
-            arm.receiver.take(address, feedback.sequence, feedback.time)
-            if before is not None and feedback.time > before.time:
-                arm.velocity = (feedback.joints - before.joints) / (feedback.time - before.time)
-            arm.feedback, arm.address, newest = feedback, address, feedback
+            session.receiver.take(address, feedback.sequence, feedback.time)
+            session.address = address
             count += 1
         self.late += max(count - 1, 0)
         if heard:
-            self.blocks.receptions[name].write(arm.receiver.reception.numbers())
-        if newest is not None:
-            self.answer(name, arm, newest)
+            self.blocks.receptions[name].write(session.receiver.reception.numbers())
+        if count:
+            self.answer(name, session)
 
-    def answer(self, name: str, arm: _ArmSession, feedback: Feedback) -> None:
-        """Send the arm's next setpoint, checked by the supervisor."""
+    def answer(self, name: str, session: _Session) -> None:
+        """Send the arm's next setpoint. An error in what decides it stops the robot; the arm is braked all the same."""
         self.cycles += 1
-        if arm.commanded is None or not self.answering:
-            arm.commanded = feedback.joints.copy()
-        if arm.follower is not None and not self.enabled:
-            arm.follower = None
-        if self.blocks.interrupted.value and arm.follower is not None:
-            arm.follower.halt()
-        target = arm.commanded if arm.follower is None else arm.follower.advance(CYCLE)
-        if self.enabled:
-            arm.commanded = self.supervisor.admit(name, target, commanded=arm.commanded, measured=feedback.joints)
-            setpoints = {n: a.commanded for n, a in self.arms.items() if a.commanded is not None}
-            self.supervisor.keep_clear(setpoints, moving=arm.follower is not None)
-        if self.supervisor.reason is not None or (arm.follower is not None and arm.follower.done):
-            arm.follower = None
-        self.publish(name, arm, feedback, arm.commanded)
-        self.blocks.record(name, feedback, arm.commanded)
-        if self.answering and arm.address is not None and np.all(np.isfinite(arm.commanded)):
-            arm.answers += 1
-            message = Setpoint(arm.answers, feedback.time, arm.commanded).encode()
+        self.guidance.interrupted = bool(self.blocks.interrupted.value)
+        try:
+            setpoint = self.guidance.answer(name, time.monotonic())
+        except Exception as error:
+            setpoint = self.guidance.recover(name, error)
+        feedback = self.guidance.arms[name].feedback
+        if (
+            setpoint is not None
+            and feedback is not None
+            and session.address is not None
+            and np.isfinite(setpoint).all()
+        ):
+            session.answers += 1
             try:
-                arm.socket.sendto(message, arm.address)
+                session.socket.sendto(Setpoint(session.answers, feedback.time, setpoint).encode(), session.address)
             except OSError:
                 self.missed += 1
+        self.publish(name)
+        if feedback is not None:
+            self.blocks.record(name, feedback, feedback.joints if setpoint is None else setpoint)
 
-    def publish(self, name: str, arm: _ArmSession, feedback: Feedback, commanded: Joints) -> None:
+    def publish(self, name: str) -> None:
         """Write the state that the program above reads."""
-        motion = MotionState(
-            arm.follower is not None, arm.motion, 0.0 if arm.follower is None else arm.follower.remaining
-        )
-        self.blocks.write_arm(name, feedback, arm.velocity, commanded, motion)
-        supervisor = self.supervisor
-        counters = (self.cycles, self.missed, self.late, supervisor.lost, supervisor.reordered, supervisor.clipped)
+        arm, supervisor = self.guidance.arms[name], self.guidance.supervisor
+        if arm.feedback is not None and arm.commanded is not None:
+            motion = MotionState(arm.moving, arm.motion, 0.0 if arm.follower is None else arm.follower.remaining)
+            velocity = np.zeros_like(arm.commanded) if arm.velocity is None else arm.velocity
+            self.blocks.write_arm(name, arm.feedback, velocity, arm.commanded, motion)
+        counters = (self.cycles, self.missed, self.late, supervisor.lost, supervisor.reordered, self.guidance.clipped)
         self.blocks.counters.write(np.array(counters, float))
 
     def command(self) -> bool:
@@ -212,69 +210,28 @@ class _LinkLoop:
         return True
 
     def follow(self, name: str, times: Float[np.ndarray, " n"], joints: JointRows, motion: int) -> str | None:
-        arm = self.arms[name]
-        trajectory = Trajectory(times, joints)
-        if self.supervisor.reason is not None:
-            return f"{name}: stopped ({self.supervisor.reason})"
-        if self.blocks.interrupted.value:
-            return f"{name}: interrupted"
-        if not self.enabled or arm.commanded is None or arm.feedback is None:
-            return f"{name}: the robot was not started"
-        if not np.max(np.abs(joints[0] - arm.commanded)) <= self.start.rules.start:
-            return f"{name}: the path begins elsewhere than the arm is by now"
-        arm.follower, arm.motion = Follower(trajectory), motion
-        self.blocks.alive.value = time.monotonic()
-        self.publish(name, arm, arm.feedback, arm.commanded)
-        return None
-
-    def halt(self, name: str) -> None:
-        follower = self.arms[name].follower
-        if follower is not None:
-            follower.halt()
+        self.guidance.interrupted = bool(self.blocks.interrupted.value)
+        problem = self.guidance.follow(name, times, joints, motion)
+        if problem is None:
+            self.blocks.alive.value = time.monotonic()
+            self.publish(name)
+        return problem
 
     def stop(self, reason: str) -> None:
-        self.supervisor.stop(reason)
+        self.guidance.supervisor.stop(reason)
         self.tell()  # before the answer: who asks afterwards finds the reason
 
-    def fresh(self, name: str, arm: _ArmSession) -> bool:
-        """Does the arm send feedback now? Between its first feedback and guided motion, the robot is silent for a while."""
-        if arm.feedback is None or not self.start.realtime:
-            return arm.feedback is not None
-        return self.supervisor.silence(name, time.monotonic()) < self.start.rules.stale / 2
-
     def begin_answering(self) -> str | None:
-        """Send setpoints from now on: the arms hold where the next message finds them."""
         if not self.start.motion:
             return "this link only listens"
-        if not self.answering:
-            for arm in self.arms.values():
-                arm.commanded = None
-            self.answering = True
+        self.guidance.begin_answering()
         return None
 
     def enable(self) -> str | None:
-        """Require from now on that the robot is running and the executor shows that it is alive."""
-        silent = [
-            name
-            for name, arm in self.arms.items()
-            if arm.feedback is None or not self.fresh(name, arm) or not arm.feedback.running
-        ]
-        if silent:
-            return f"{' and '.join(silent)}: not running"
-        for name, arm in self.arms.items():
-            if (
-                arm.commanded is None
-                or arm.feedback is None
-                or not np.max(np.abs(arm.feedback.joints - arm.commanded)) <= self.start.rules.start
-            ):
-                return f"{name}: not where it was when the start was asked for"
-        self.blocks.alive.value = time.monotonic()
-        self.enabled = True
-        return None
-
-    def disable(self) -> None:
-        """Hold the arms; the robot may end its guided motion."""
-        self.enabled = False
+        problem = self.guidance.enable(time.monotonic())
+        if problem is None:
+            self.blocks.alive.value = time.monotonic()
+        return problem
 
     def close(self) -> None:
         self.closing = True

@@ -1,9 +1,8 @@
-"""What stands between any program above and the arms: every setpoint is checked, every doubt ends in a hold.
+"""What may be sent to the arms: the rules, and the checks of a single setpoint and of a whole path before it begins.
 
-Targets that break a rule are rejected as a whole; only steps are clipped. What goes wrong while the robot runs (silence,
-lost messages, another state, a setpoint out of bounds, an arm that does not follow) latches a stop: the arms hold where
-they were measured until a person starts the program again. This is software: it replaces neither the emergency stop nor
-a risk assessment.
+A target that breaks a rule is rejected as a whole. What is watched while the robot runs is in `supervision`, and how each
+setpoint keeps to the limits of speed and acceleration in `setpoints`. This is software: it replaces neither the emergency
+stop nor a risk assessment.
 """
 
 from __future__ import annotations
@@ -12,12 +11,13 @@ import dataclasses
 from collections.abc import Callable, Mapping
 
 import numpy as np
+from jaxtyping import Float
 
-from bt_jax.deploy.link.egm import CYCLE, Feedback
+from bt_jax.deploy.link.egm import CYCLE
 from bt_jax.deploy.planning.trajectory import Trajectory
-from bt_jax.deploy.robot.arrays import Joints, Point
+from bt_jax.deploy.robot.arrays import JointRows, Joints, Point
 
-__all__ = ["Clearance", "Points", "Rejected", "Rules", "Supervisor", "check_setpoint", "check_trajectory"]
+__all__ = ["Clearance", "Points", "Rejected", "Rules", "check_setpoint", "check_trajectory"]
 
 Points = Callable[[str, Joints], Mapping[str, Point]]
 """points(arm, joints [7]) -> {"tcp": xyz, "elbow": xyz, ...} in the robot's base frame [m]."""
@@ -34,47 +34,92 @@ class Rejected(Exception):
 
 @dataclasses.dataclass(frozen=True)
 class Rules:
-    """What is allowed. Joint bounds [rad] and speeds [rad/s] are [7] in chain order, the same for both arms."""
+    """What is allowed. Joint bounds [rad], speeds [rad/s] and accelerations [rad/s2] are those of the joints in chain order,
+    the same for all arms; one acceleration counts for all joints."""
 
     lower: tuple[float, ...]
     upper: tuple[float, ...]
     speed: tuple[float, ...]  # of the robot: faster targets are rejected
+    acceleration: tuple[float, ...] = (20.0,)
     margin: float = np.radians(2.0)  # distance kept from the joint bounds
+    implausible: float = np.radians(5.0)  # beyond the joint bounds: no arm is measured there
     override: float = np.inf  # rad/s: slower than the robot could; trajectories are slowed down to it
-    start: float = 0.02  # rad between where an arm is sent and where a new path begins
-    lag: float = 0.25  # rad between setpoint and measurement: something blocks the arm
+    agreement: float = 0.005  # rad between the measurements that make the first setpoint
+    moved: float = 0.02  # rad between the first setpoint and where the arm is when it begins to follow
+    start: float = 0.005  # rad between where an arm is sent and where a new path begins
+    deviation: float = 0.02  # rad by which setpoints may leave a path to keep to the limits
+    lag: float = 0.25  # rad between measurement and all that was sent within `response`: something blocks the arm
+    response: float = 0.3  # seconds by which an arm may follow late
     lowest: tuple[float, float, float] = (-0.2, -0.8, 0.0)  # workspace of the points, base frame [m]
     highest: tuple[float, float, float] = (0.8, 0.8, 1.2)
     clearance: float = 0.005  # m
+    longest: float = 0.012  # seconds for which one message may move an arm on, however long none came
     stale: float = 0.1  # seconds without feedback
     gap: int = 10  # messages lost in a row
-    overrun: float = 2.0  # seconds without a sign of life from the executor while an arm moves
+    pause: float = 0.3  # seconds without a sign of life from the executor, until arms pause on their paths
+    overrun: float = 1.0  # the same, until moving arms are stopped for good
     idle: float = 5.0  # the same while the arms rest: nothing is urgent, and a first look takes time
     points: Points | None = None
     clearance_of: Callable[[], Clearance] | None = None  # called once in each process that checks
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if isinstance(value, float | tuple) and np.isnan(value).any():
+            if not isinstance(value, float | int | tuple):
+                continue
+            if np.isnan(value).any():
                 raise ValueError(f"the rule '{name}' is not a number, and would allow everything")
+            if name not in SIGNED and not np.all(np.array(value) >= 0):
+                raise ValueError(f"the rule '{name}' is negative")
+            if name != "override" and np.isinf(value).any():
+                raise ValueError(f"the rule '{name}' is not finite, and would allow everything")
+        if not (np.all(np.array(self.lower) < self.upper) and np.all(np.array(self.lowest) < self.highest)):
+            raise ValueError("a lower bound of the rules is not below its upper bound")
 
 
-def check_setpoint(rules: Rules, arm: str, joints: Joints) -> None:
-    """Raise Rejected if one configuration [7] breaks a rule that needs neither history nor the other arm."""
-    if not np.all(np.isfinite(joints)):
-        raise Rejected(f"{arm}: a joint is not a number")
+SIGNED = {"lower", "upper", "lowest", "highest"}  # rules that may be negative
+
+
+def bounds(
+    rules: Rules, before: Float[np.ndarray, "*rows joints"] | None = None
+) -> tuple[Float[np.ndarray, "*rows joints"], Float[np.ndarray, "*rows joints"]]:
+    """Return the least and the largest joints that may be sent. An arm that is outside, at `before`, may stay there but not
+    go farther outside."""
     lower, upper = np.array(rules.lower) + rules.margin, np.array(rules.upper) - rules.margin
-    beyond = np.maximum(lower - joints, joints - upper)
-    worst = int(np.argmax(beyond))
-    if not beyond[worst] <= SLACK:
+    return (lower, upper) if before is None else (np.minimum(lower, before), np.maximum(upper, before))
+
+
+def check_setpoint(rules: Rules, arm: str, joints: Joints, *, before: Joints | None = None) -> None:
+    """Raise Rejected if one configuration breaks a rule that needs no other arm; `before` is the setpoint before it."""
+    if not np.isfinite(joints).all():
+        raise Rejected(f"{arm}: a joint is not a number")
+    _check_joints(rules, arm, joints[None], None if before is None else before[None])
+    _check_points(rules, arm, joints, before)
+
+
+def _check_joints(rules: Rules, arm: str, rows: JointRows, before: JointRows | None) -> None:
+    """Raise Rejected if a row is out of the bounds of the joints."""
+    lower, upper = bounds(rules, before)
+    beyond = np.maximum(lower - rows, rows - upper)
+    if not beyond.max() <= SLACK:
+        row, worst = np.unravel_index(beyond.argmax(), beyond.shape)
+        least, most = np.degrees(np.array(rules.lower) + rules.margin), np.degrees(np.array(rules.upper) - rules.margin)
         raise Rejected(
-            f"{arm}: joint {worst + 1} of the chain at {np.degrees(joints[worst]):.1f} deg is beyond "
-            f"{np.degrees(lower[worst]):.1f} .. {np.degrees(upper[worst]):.1f} deg"
+            f"{arm}: joint {worst + 1} of the chain at {np.degrees(rows[row, worst]):.1f} deg is beyond "
+            f"{least[worst]:.1f} .. {most[worst]:.1f} deg"
         )
+
+
+def _check_points(rules: Rules, arm: str, joints: Joints, before: Joints | None) -> None:
+    """Raise Rejected if a point of the arm is outside the workspace, and farther than it was before."""
     if rules.points is None:
         return
     for name, point in rules.points(arm, joints).items():
-        if not (np.all(point >= rules.lowest) and np.all(point <= rules.highest)):
+        if (point >= rules.lowest).all() and (point <= rules.highest).all():
+            continue
+        known = None if before is None else rules.points(arm, before)[name]
+        if known is None or not (
+            np.all(point >= np.minimum(rules.lowest, known)) and np.all(point <= np.maximum(rules.highest, known))
+        ):
             raise Rejected(f"{arm}: {name} at ({', '.join(f'{x:.3f}' for x in point)}) m is outside the workspace")
 
 
@@ -103,96 +148,33 @@ def check_trajectory(
     if not np.all(speeds <= np.array(rules.speed) * (1 + 1e-6)):
         worst = int(np.argmax((speeds / rules.speed).max(axis=0)))
         raise Rejected(f"{arm}: joint {worst + 1} of the chain would turn at {speeds[:, worst].max():.2f} rad/s")
-    for joints in trajectory.joints[1:]:
-        check_setpoint(rules, arm, joints)
+    factor = max(1.0, float(speeds.max(initial=0.0)) / rules.override)
+    allowed = trajectory.slowed(factor)
+    _check_acceleration(rules, arm, allowed)
+    rows = trajectory.joints
+    before = np.concatenate([commanded[None], rows[:-1]])
+    _check_joints(rules, arm, rows, before)
+    for joints, last in zip(rows, before, strict=True):
+        _check_points(rules, arm, joints, last)
     if clearance is not None:
         for time in np.append(np.arange(SEEN_EVERY, trajectory.duration, SEEN_EVERY), trajectory.duration):
             distance = clearance({**others, arm: trajectory.at(time)})
             if not distance >= rules.clearance:
                 raise Rejected(f"{arm}: the path comes as near as {1000 * distance:.0f} mm, {time:.2f} s on its way")
-    return trajectory.slowed(max(1.0, float(speeds.max(initial=0.0)) / rules.override))
+    return allowed
 
 
-class Supervisor:
-    """Watches one cycle after the other; knows no clock and no socket, so that every fault can be tried on it.
-
-    `reason` is None until something goes wrong, then says what, for good.
-    """
-
-    def __init__(self, rules: Rules, arms: tuple[str, ...]) -> None:
-        self.rules, self.arms = rules, arms
-        self.reason: str | None = None
-        self.lost = self.reordered = self.clipped = 0
-        self._sequence: dict[str, int] = {}
-        self._heard: dict[str, float] = {}
-        self._hold: dict[str, Joints] = {}  # where each arm was measured when the stop was latched
-        self._clearance = rules.clearance_of() if rules.clearance_of is not None else None
-
-    def stop(self, reason: str) -> None:
-        """Latch a stop; the first reason stays."""
-        self.reason = self.reason or reason
-
-    def accept(self, arm: str, feedback: Feedback, now: float, *, moving_allowed: bool) -> bool:
-        """Take a message at the time `now` [s]; return False if it is older than one before and must be ignored."""
-        last = self._sequence.get(arm)
-        if last is not None:
-            ahead = (feedback.sequence - last + (1 << 31)) % (1 << 32) - (1 << 31)
-            if ahead <= 0 and (moving_allowed or ahead > -self.rules.gap):
-                self.reordered += 1
-                return False
-            ahead = max(ahead, 1)  # a new session: its numbers begin again
-            self.lost += ahead - 1
-            if ahead - 1 > self.rules.gap and moving_allowed:
-                self.stop(f"{arm}: {ahead - 1} messages of the controller were lost in a row")
-        self._sequence[arm], self._heard[arm] = feedback.sequence, now
-        if not np.all(np.isfinite(feedback.joints)):
-            self.stop(f"{arm}: the measured joints are not numbers")
-        if moving_allowed and not feedback.running:
-            self.stop(
-                f"{arm}: the controller is not running (motors {'on' if feedback.motors_on else 'off'}, "
-                f"EGM {feedback.mci.name.lower()}, RAPID {'running' if feedback.rapid_running else 'stopped'})"
-            )
-        return True
-
-    def silence(self, arm: str, now: float) -> float:
-        """Return the seconds since the last message of an arm; 0 if there was none."""
-        return now - self._heard.get(arm, now)
-
-    def watch(self, now: float, alive: float, *, moving: bool) -> None:
-        """Latch a stop if an arm is silent, or the executor gave its last sign of life, `alive`, too long ago [s]."""
-        for arm in self.arms:
-            silence = self.silence(arm, now)
-            if not silence <= self.rules.stale:
-                self.stop(f"{arm}: no feedback for {silence:.2f} s; the controller or the network is down")
-        if not now - alive <= (self.rules.overrun if moving else self.rules.idle):
-            self.stop(f"the executor gave no sign of life for {now - alive:.1f} s; a tick takes too long")
-
-    def admit(self, arm: str, target: Joints, *, commanded: Joints, measured: Joints) -> Joints:
-        """Return the setpoint to send for a target: itself, or less far from `commanded` where the step is too large. Where
-        the target breaks a rule, or the arm lags behind, latches and gives the measured joints; `commanded` where they are
-        not known."""
-        lag = float(np.max(np.abs(commanded - measured)))
-        if not lag <= self.rules.lag:  # also where a joint is not a number
-            self.stop(f"{arm}: the arm is {np.degrees(lag):.0f} deg from its setpoint; something holds it")
-        else:
-            try:
-                if not np.array_equal(
-                    target, commanded
-                ):  # holding is always allowed, also where a start was out of bounds
-                    check_setpoint(self.rules, arm, target)
-            except Rejected as broken:
-                self.stop(str(broken))
-        if self.reason is not None:
-            return self._hold.setdefault(arm, np.where(np.isfinite(measured), measured, commanded))
-        step = np.minimum(self.rules.speed, self.rules.override) * (CYCLE * 1.05)
-        clipped = np.clip(target, commanded - step, commanded + step)
-        self.clipped += not np.array_equal(clipped, target)
-        return clipped
-
-    def keep_clear(self, setpoints: Mapping[str, Joints], *, moving: bool) -> None:
-        """Latch a stop if moving arms, as they are sent now, come too near to each other or to anything fixed."""
-        if self._clearance is None or not moving or len(setpoints) < len(self.arms):
-            return
-        distance = self._clearance(setpoints)
-        if not distance >= self.rules.clearance:
-            self.stop(f"the arms came as near as {1000 * distance:.0f} mm to each other or to a fixture")
+def _check_acceleration(rules: Rules, arm: str, trajectory: Trajectory) -> None:
+    """Raise Rejected if speeds change too much, from rest to rest, in a cycle or between points that are nearer."""
+    gaps = np.diff(trajectory.times)
+    if len(gaps) == 0:
+        return
+    rest = np.zeros((1, trajectory.joints.shape[1]))
+    changes = np.abs(np.diff(np.concatenate([rest, trajectory.speeds(), rest]), axis=0))
+    between = np.concatenate([gaps[:1], (gaps[1:] + gaps[:-1]) / 2, gaps[-1:]])
+    found = changes / np.minimum(between, CYCLE)[:, None]
+    if not np.all(found <= np.array(rules.acceleration) * (1 + 1e-6)):
+        worst = int(np.argmax((found / rules.acceleration).max(axis=0)))
+        raise Rejected(
+            f"{arm}: joint {worst + 1} of the chain would be accelerated by {found[:, worst].max():.0f} rad/s2"
+        )

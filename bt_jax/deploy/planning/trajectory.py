@@ -56,16 +56,19 @@ class Trajectory:
 
 
 class Follower:
-    """Where on its path an arm is. Each call of `advance` is one cycle."""
+    """Where on its path an arm is. It comes to rest on the path, and gets up to speed again, within `ramp` seconds; while
+    `paused` is set it does not go on. Each call of `advance` is one cycle."""
 
-    def __init__(self, trajectory: Trajectory) -> None:
+    def __init__(self, trajectory: Trajectory, *, ramp: float = HALT) -> None:
         self.trajectory = trajectory
+        self.paused = False
+        self._ramp = ramp
         self._time, self._rate, self._halting = 0.0, 1.0, False
 
     @property
     def done(self) -> bool:
-        """At the end of the path, or at rest on it."""
-        return self._rate <= 0 or self._time >= self.trajectory.duration
+        """At the end of the path, or at rest on it for good."""
+        return (self._halting and self._rate <= 0) or self._time >= self.trajectory.duration
 
     @property
     def remaining(self) -> float:
@@ -73,12 +76,12 @@ class Follower:
         return 0.0 if self.done else self.trajectory.duration - self._time
 
     def halt(self) -> None:
-        """Come to rest within `HALT`, on the path."""
+        """Come to rest on the path, for good."""
         self._halting = True
 
     def advance(self, seconds: float) -> Joints:
         """Return the joints for the next cycle, `seconds` later."""
-        if self._halting:
-            self._rate = max(0.0, self._rate - seconds / HALT)
+        change = seconds / self._ramp
+        self._rate = max(0.0, self._rate - change) if self._halting or self.paused else min(1.0, self._rate + change)
         self._time = min(self._time + self._rate * seconds, self.trajectory.duration)
         return self.trajectory.at(self._time)

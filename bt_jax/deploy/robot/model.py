@@ -37,6 +37,7 @@ class JointModel:
     mass: float = 1.0
     armature: float = 0.1  # kg m2, of the geared motor
     stiffness: float = 2000.0  # of the servo, Nm/rad
+    acceleration: float = 20.0  # rad/s2, the largest
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,6 +103,11 @@ class ArmModel:
     def speed(self) -> Joints:
         """The largest speed of each joint, rad/s."""
         return np.array([joint.speed for joint in self.joints])
+
+    @functools.cached_property
+    def acceleration(self) -> Joints:
+        """The largest acceleration of each joint, rad/s2."""
+        return np.array([joint.acceleration for joint in self.joints])
 
     @functools.cached_property
     def weights(self) -> Joints:

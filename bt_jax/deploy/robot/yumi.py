@@ -30,6 +30,9 @@ LINKS: tuple[Placement, ...] = (  # of each joint after the first in the link be
 LOWER = np.radians([-168.5, -143.5, -168.5, -123.5, -290, -88, -229]).tolist()
 UPPER = np.radians([168.5, 43.5, 168.5, 80, 290, 138, 229]).tolist()
 SPEED = np.radians([180, 180, 180, 180, 400, 400, 400]).tolist()
+ACCELERATION = (
+    20.0,
+) * 7  # rad/s2; an estimate, since ABB names that of the tool only: 11 m/s2, here at the reach of 0.56 m
 WEIGHTS = (1.0, 1.0, 0.8, 0.8, 0.3, 0.4, 0.2)
 MASSES = (1.5, 1.3, 1.0, 0.9, 0.6, 0.4, 0.1)
 ARMATURE = (0.3, 0.3, 0.2, 0.2, 0.08, 0.08, 0.05)
@@ -78,7 +81,9 @@ ARM_SHAPES = (
 
 
 def _arm(name: str) -> ArmModel:
-    columns = zip(AXES, (BASE[name], *LINKS), LOWER, UPPER, SPEED, WEIGHTS, MASSES, ARMATURE, STIFFNESS, strict=True)
+    columns = zip(
+        AXES, (BASE[name], *LINKS), LOWER, UPPER, SPEED, WEIGHTS, MASSES, ARMATURE, STIFFNESS, ACCELERATION, strict=True
+    )
     return ArmModel(
         name=name,
         joints=tuple(JointModel(str(axis), *rest) for axis, *rest in columns),

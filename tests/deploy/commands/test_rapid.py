@@ -15,11 +15,10 @@ from bt_jax.deploy.link.egm import CYCLE
 from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.deploy.link.rws import EGM_MOTION, MODULE, TASKS, Motion, Rws, symbol
 from bt_jax.deploy.link.settings import LinkConfig, LinkTiming
-from bt_jax.deploy.planning.trajectory import Trajectory
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.controller import Controller
 from bt_jax.deploy.twin.network import free_ports
-from tests.helpers.cells import ARMS, RULES, cell, run_for, skipped_where_starved
+from tests.helpers.cells import ARMS, RULES, cell, run_for, skipped_where_starved, smooth
 
 CODE = "\n".join(re.sub(r'("[^"]*")|!.*', r"\1", line) for line in rapid_module().splitlines())  # without comments
 STATEMENT = re.sub(r"\s+", " ", CODE)
@@ -140,7 +139,7 @@ def test_a_program_that_runs_already_is_asked_to_follow(realtime):
             link.start()
             assert [rws.number(symbol(arm, EGM_MOTION)) for arm in ARMS] == [Motion.GUIDED] * 2
             start = link.arm("left").commanded
-            link.follow("left", Trajectory(np.array([0.0, 0.5]), np.stack([start, start + 0.1])))
+            link.follow("left", smooth(start, start + 0.1, 0.5))
             run_for(link, 1.0)
             assert link.stopped() is None
             np.testing.assert_allclose(link.arm("left").joints, start + 0.1, atol=5e-3)

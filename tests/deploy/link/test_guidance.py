@@ -1,0 +1,316 @@
+"""What leaves the link in each state; and whatever happens, no setpoint that is not finite, more than one step from the one
+before, out of bounds, or too sudden."""
+
+import dataclasses
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from bt_jax.deploy.link.egm import CYCLE, Feedback, Mci
+from bt_jax.deploy.link.guidance import Guidance
+from bt_jax.deploy.link.safety import Rules
+from bt_jax.deploy.planning.trajectory import HALT, Trajectory
+from tests.helpers.cells import smooth
+from tests.helpers.hostile import EPISODE, play
+
+RULES = Rules(lower=(-1.0,) * 7, upper=(1.0,) * 7, speed=(2.0,) * 7, acceleration=(10.0,) * 7)
+HERE = np.full(7, 0.1)
+FAR = np.full(7, 0.8)
+
+
+class Cell:
+    """One arm that is where it was sent some cycles ago, and a program above that is alive unless it `hangs`."""
+
+    def __init__(self, rules=RULES, *, start=True, lag=1, period=CYCLE, arms=("left",), here=HERE) -> None:
+        self.guidance, self.period, self.lag = Guidance(rules, arms, realtime=True), period, lag
+        self.arm, self.supervisor = self.guidance.arms[arms[0]], self.guidance.supervisor
+        self.time, self.sequence, self.alive, self.hangs = 10.0, 0, 10.0, False
+        self.measured = None  # where the arm is held, if it is
+        self.sent = [here.copy()]
+        if start:
+            self.guidance.begin_answering()
+            self.run(5 * self.period)
+            assert self.guidance.enable(self.time) is None
+            self.alive = self.time
+
+    def cycle(self, joints=None, *, passed=None):
+        """Send one message to every arm; gives the setpoint that answers the first one."""
+        self.time += self.period if passed is None else passed
+        self.alive = self.alive if self.hangs else self.time
+        self.guidance.watch(self.time, self.alive)
+        self.sequence += 1
+        where = self.measured if self.measured is not None else self.sent[-min(self.lag, len(self.sent))]
+        where = where if joints is None else joints
+        answers = []
+        for arm in self.guidance.arms:
+            message = Feedback(self.sequence, self.time, where.copy(), None, True, Mci.RUNNING, True)
+            answers.append(
+                self.guidance.answer(arm, self.time) if self.guidance.hear(arm, message, self.time) else None
+            )
+        if answers[0] is not None:
+            self.sent.append(answers[0])
+        return answers[0]
+
+    def run(self, seconds):
+        """The setpoints of some time."""
+        return np.array([self.cycle() for _ in range(round(seconds / self.period))], object)
+
+    def follow(self, goal=FAR, seconds=2.0):
+        path = smooth(self.sent[-1], goal, seconds)
+        assert self.guidance.follow("left", path.times, path.joints, 1) is None
+
+    def speeds(self, since):
+        """The speeds of the first joint from a setpoint on."""
+        return np.diff(np.array(self.sent[since:])[:, 0]) / self.period
+
+
+def test_the_first_setpoint_is_measured_three_times():
+    cell = Cell(start=False)
+    assert cell.cycle() is None, "nobody has agreed to motion"
+    cell.guidance.begin_answering()
+    assert cell.cycle() is None
+    assert cell.cycle() is None
+    np.testing.assert_array_equal(cell.cycle(), HERE)
+
+
+@pytest.mark.parametrize("bad", [np.radians(170.0), np.nan, np.inf, -np.inf, 0.2])
+def test_what_is_measured_once_is_never_a_setpoint(bad):
+    cell = Cell(start=False)
+    cell.guidance.begin_answering()
+    wrong = HERE.copy()
+    wrong[1] = bad
+    for joints in (None, None, wrong, None, None, wrong, wrong):
+        assert cell.cycle(joints) is None
+    assert cell.guidance.enable(cell.time) is not None
+    for _ in range(2):
+        assert cell.cycle() is None
+    np.testing.assert_array_equal(cell.cycle(), HERE)
+
+
+def test_where_no_arm_can_be_nothing_begins():
+    cell = Cell(start=False)
+    cell.guidance.begin_answering()
+    wrong = HERE.copy()
+    wrong[1] = np.radians(170.0)
+    assert all(cell.cycle(wrong) is None for _ in range(20))
+
+
+@pytest.mark.parametrize("lag", [1, 50])
+def test_a_stop_comes_to_rest_on_the_path_however_late_the_arm_follows(lag):
+    cell = Cell(lag=lag)
+    cell.follow()
+    cell.run(1.0)
+    before = len(cell.sent)
+    cell.supervisor.stop("somebody shouted")
+    cell.run(1.0)
+    speeds = cell.speeds(before - 2)
+    assert speeds[0] > 0.5
+    assert np.all(np.diff(speeds) <= 1e-9), "speed only falls"
+    assert np.all(np.abs(np.diff(speeds)) <= 10.0 * CYCLE + 1e-9)
+    assert not cell.arm.moving
+    assert np.ptp(np.array(cell.sent[-100:]), axis=0).max() == 0, "then it holds"
+    assert round(HALT / CYCLE) == pytest.approx(np.count_nonzero(speeds[2:]), abs=3)
+    assert np.ptp(cell.sent[-1]) < 1e-9, "on the path all joints are alike"
+
+
+def test_a_blocked_arm_is_not_pulled_to_where_it_is_held():
+    cell = Cell()
+    cell.follow()
+    cell.run(0.7)
+    cell.measured = cell.sent[-1]
+    cell.run(1.5)
+    assert "holds it" in cell.supervisor.reason
+    rest = cell.sent[-1]
+    assert rest[0] > cell.measured[0] + RULES.lag
+    cell.run(1.0)
+    np.testing.assert_array_equal(cell.sent[-1], rest)
+
+
+@pytest.mark.parametrize("corrupt", [np.radians(170.0), np.nan])
+def test_a_corrupt_measurement_stops_without_a_step(corrupt):
+    cell = Cell()
+    cell.follow()
+    cell.run(1.0)
+    before, wrong = len(cell.sent), cell.sent[-1].copy()
+    wrong[1] = corrupt
+    cell.cycle(wrong)
+    assert cell.supervisor.reason is not None
+    cell.run(1.0)
+    assert np.all(np.abs(np.diff(cell.speeds(before - 2))) <= 10.0 * CYCLE + 1e-9)
+    assert not cell.arm.moving
+
+
+@pytest.mark.parametrize("period", [0.001, 0.002, 0.004, 0.008])
+def test_speed_does_not_depend_on_how_often_messages_come(period):
+    cell = Cell(period=period)
+    cell.follow(seconds=1.0)
+    began = cell.time
+    while cell.arm.moving:
+        cell.cycle()
+    assert cell.time - began == pytest.approx(1.0, abs=0.02)
+    np.testing.assert_allclose(cell.sent[-1], FAR, atol=1e-9)
+    assert cell.supervisor.reason is None
+
+
+def test_messages_of_one_time_have_one_answer():
+    cell = Cell()
+    cell.follow()
+    cell.run(1.0)
+    first = cell.cycle()
+    for _ in range(5):
+        np.testing.assert_array_equal(cell.cycle(passed=0.0), first)
+    assert cell.cycle()[0] > first[0]
+
+
+def test_a_clock_that_runs_ahead_moves_nothing_faster():
+    cell = Cell()
+    cell.follow()
+    cell.run(0.8)
+    start, ours = cell.sent[-1], cell.time
+    for number in range(50):
+        cell.sequence += 1
+        message = Feedback(cell.sequence, ours + 0.012 * number, cell.sent[-1], None, True, Mci.RUNNING, True)
+        cell.guidance.hear("left", message, ours + CYCLE * number)
+        cell.sent.append(cell.guidance.answer("left", ours + CYCLE * number))
+    assert np.all(cell.sent[-1] - start <= 2.0 * (50 * CYCLE + RULES.longest))
+    assert (cell.sent[-1] - start)[0] < 0.75 * (50 * CYCLE + RULES.longest), "its path has 0.66 rad/s there at most"
+
+
+def test_a_program_that_hangs_pauses_the_arm_which_goes_on_when_it_is_back():
+    cell = Cell()
+    cell.follow()
+    cell.run(0.8)
+    cell.hangs = True
+    cell.run(RULES.pause + HALT + 0.05)
+    assert cell.supervisor.reason is None
+    assert cell.arm.moving
+    assert np.ptp(np.array(cell.sent[-5:]), axis=0).max() == 0, "at rest, on its path"
+    paused = cell.sent[-1]
+    assert np.all(paused < FAR)
+    cell.hangs = False
+    cell.run(2.5)
+    np.testing.assert_allclose(cell.sent[-1], FAR, atol=1e-9)
+    assert np.all(np.abs(np.diff(cell.speeds(0))) <= 10.0 * CYCLE + 1e-9)
+    assert cell.supervisor.reason is None
+
+
+def test_a_slow_tick_pauses_and_a_normal_one_does_not():
+    for tick, slower in ((0.1, False), (0.29, False), (0.5, True)):
+        cell = Cell()
+        cell.follow()
+        began, cycles = cell.time, 0
+        while cell.arm.moving:
+            cell.hangs = cycles % round(tick / CYCLE) != 0
+            cell.cycle()
+            cycles += 1
+        assert cell.supervisor.reason is None
+        np.testing.assert_allclose(cell.sent[-1], FAR, atol=1e-9)
+        assert (cell.time - began > 2.1) == slower
+
+
+def test_a_program_that_does_not_come_back_is_stopped():
+    cell = Cell()
+    cell.follow()
+    cell.run(0.8)
+    cell.hangs = True
+    cell.run(RULES.overrun - 0.05)
+    assert cell.supervisor.reason is None
+    cell.run(0.1)
+    assert "executor" in cell.supervisor.reason
+    assert not cell.arm.moving
+
+
+def test_arms_are_kept_apart_where_they_are_measured_too():
+    rules = dataclasses.replace(RULES, clearance_of=lambda: lambda joints: 0.6 - float(joints["left"][0]))
+    for measured, what in ((HERE + 0.51, "measured joints"), (None, "setpoints")):
+        cell = Cell(dataclasses.replace(rules, lag=1.0), arms=("left", "right"))
+        cell.follow()
+        cell.run(0.4)
+        cell.measured = measured
+        cell.run(1.6)
+        assert "near" in cell.supervisor.reason
+        assert what in cell.supervisor.reason
+        assert cell.sent[-1][0] < 0.6, "it came to rest before"
+
+
+def test_a_path_that_nobody_checked_cannot_exceed_the_limits():
+    cell = Cell()
+    at_once = Trajectory(np.array([0.0, 0.1]), np.stack([HERE, FAR]))
+    cell.guidance.follow("left", at_once.times, at_once.joints, 1)
+    cell.run(1.0)
+    assert "more than the arm's speeds" in cell.supervisor.reason
+    assert np.all(np.abs(np.diff(cell.speeds(0))) <= 10.0 * CYCLE + 1e-9)
+
+
+def test_no_path_begins_while_the_arm_moves():
+    cell = Cell()
+    cell.follow()
+    cell.run(0.5)
+    path = smooth(cell.sent[-1], HERE)
+    assert "still moves" in cell.guidance.follow("left", path.times, path.joints, 2)
+    six = np.zeros((2, 6))
+    assert "6 joints" in cell.guidance.follow("left", np.array([0.0, 1.0]), six, 2)
+
+
+def test_an_error_in_a_cycle_brakes():
+    cell = Cell()
+    cell.follow()
+    cell.run(0.8)
+    before = len(cell.sent)
+
+    def fail(seconds):
+        raise ZeroDivisionError("of course")
+
+    cell.arm.follower.advance = fail
+    cell.sequence, cell.time = cell.sequence + 1, cell.time + CYCLE
+    message = Feedback(cell.sequence, cell.time, cell.sent[-1], None, True, Mci.RUNNING, True)
+    cell.guidance.hear("left", message, cell.time)
+    with pytest.raises(ZeroDivisionError) as error:
+        cell.guidance.answer("left", cell.time)
+    cell.sent.append(cell.guidance.recover("left", error.value))
+    cell.run(0.5)
+    assert "of course" in cell.supervisor.reason
+    speeds = cell.speeds(before - 2)
+    assert np.all(np.abs(np.diff(speeds)) <= 10.0 * CYCLE + 1e-9)
+    assert speeds[-1] == 0
+
+
+def test_disabling_brings_the_arm_to_rest_and_holds_it():
+    cell = Cell()
+    cell.follow()
+    cell.run(0.8)
+    cell.guidance.disable()
+    cell.run(1.0)
+    assert np.all(np.abs(np.diff(cell.speeds(0))) <= 10.0 * CYCLE + 1e-9)
+    assert np.ptp(np.array(cell.sent[-50:]), axis=0).max() == 0
+    cell.measured = cell.sent[-1] - 0.5  # the robot no longer is ours
+    cell.run(0.2)
+    assert np.ptp(np.array(cell.sent[-50:]), axis=0).max() == 0
+
+
+def test_an_arm_that_begins_outside_its_bounds_is_held_there():
+    here = np.full(7, 0.98)
+    cell = Cell(here=here)
+    cell.run(0.5)
+    np.testing.assert_array_equal(cell.sent[-1], here)
+    assert cell.supervisor.reason is None
+    cell.follow(HERE)
+    cell.run(2.2)
+    np.testing.assert_allclose(cell.sent[-1], HERE, atol=1e-9)
+    assert cell.supervisor.reason is None
+
+
+def test_no_setpoint_leaves_its_limits_whatever_happens():
+    found = play(range(8))
+    assert found["moved"] > 500
+    assert 0 < found["stopped"] < 8
+
+
+def test_no_setpoint_leaves_its_limits_in_100_000_hostile_cycles():
+    """In a process whose annotations are not checked, which takes most of the time here."""
+    episodes = 100_000 // (2 * EPISODE)  # of two arms
+    code = f"from tests.helpers.hostile import play; play(range(1000, {1000 + episodes}))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
