@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.cell import build_scene, solved, target_distances
 from bt_jax.deploy.twin.settings import Realism
 from bt_jax.tasks import load_task
@@ -10,7 +11,7 @@ from bt_jax.tasks import load_task
 @pytest.mark.parametrize("lying", [Rotation.identity(), Rotation.from_euler("x", 90, degrees=True)])
 def test_a_stack_on_a_box_that_lies_on_its_side_is_solved(lying):
     task = load_task("yumi_stack")
-    scene = build_scene(task, 0, Realism.perfect())
+    scene = build_scene(YUMI, task, 0, Realism.perfect())
     qpos, place, turn = scene.cell.qpos.copy(), scene.kit, Rotation.from_euler("z", 0.4)
     for level, target in enumerate(task.targets):
         at = scene.model.jnt_qposadr[scene.model.body(target.object).jntadr[0]]
