@@ -80,7 +80,7 @@ class Log:
         """Write setpoints and feedback, of each arm every n-th cycle by sequence number."""
         for index, arm in enumerate(arms):
             rows = records[records[:, 0] == index]
-            rows = rows[rows[:, 16] % every == 0]
+            rows = rows[rows[:, -1] % every == 0]
             if len(rows):
                 self.write("motion", arm=arm, time=rows[:, 1].round(4).tolist(), **_joints(rows))
 
@@ -172,7 +172,8 @@ class RunLog:
 
 
 def _joints(rows: Records) -> dict[str, list]:
-    return {"setpoint": _numbers(rows[:, 2:9]), "measured": _numbers(rows[:, 9:16])}
+    setpoint, measured = np.split(rows[:, 2:-1], 2, axis=1)
+    return {"setpoint": _numbers(setpoint), "measured": _numbers(measured)}
 
 
 def _numbers(rows: JointRows) -> list[list[float | None]]:

@@ -42,7 +42,7 @@ class Irc5Link:
         self._timing = config.timing
         self._simulated = None if controller is None or controller.realtime else controller
         self._clearance = rules.clearance_of() if rules.clearance_of is not None else None
-        self._blocks = SharedState(self.arms)
+        self._blocks = SharedState(self.arms, len(rules.lower))
         self._pipe, theirs = CONTEXT.Pipe()
         start = LinkStart(
             _address(config.host), dict(config.ports), rules, self._simulated is None, config.motion, config.timing

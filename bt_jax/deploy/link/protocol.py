@@ -15,8 +15,8 @@ from bt_jax.deploy.robot.arrays import Joints
 __all__ = ["ArmState", "ControllerGone", "Counters", "Records", "RobotLink", "SimulatedController"]
 
 
-Records = Float[np.ndarray, "n 17"]
-"""Cycles for the log, one a row: arm, time [s], setpoint [7], measured [7], sequence number; joints in rad."""
+Records = Float[np.ndarray, "n fields"]
+"""Cycles for the log, one a row: arm, time [s], setpoints of all joints, measured joints, sequence number; joints in rad."""
 
 
 class ControllerGone(Exception):
@@ -42,7 +42,7 @@ class ArmState:
 
 @dataclasses.dataclass(frozen=True)
 class Counters:
-    """What the link counted; messages of both arms together."""
+    """What the link counted; messages of all arms together."""
 
     cycles: int  # messages answered
     missed: int  # answers that could not be sent

@@ -17,8 +17,6 @@ from bt_jax.deploy.robot.arrays import Joints, PoseRow
 __all__ = ["COUNTERS", "MotionState", "SharedState"]
 
 HISTORY = 8192  # cycles of one arm that are kept for the log
-RECORD = 17  # numbers of a record: arm, time, setpoint [7], measured [7], sequence
-ARM_FIELDS = 34  # time, joints, velocity, commanded [7 each], flange [7], moving, motion, remaining, running, known
 COUNTERS = ("cycles", "missed", "late", "lost", "reordered", "clipped")
 
 
@@ -32,17 +30,21 @@ class MotionState:
 
 
 class SharedState:
-    """Written by the link process, read by the program; `alive` and `interrupted` the other way round."""
+    """Written by the link process, read by the program; `alive` and `interrupted` the other way round. Each arm has the same
+    number of `joints`."""
 
-    def __init__(self, arms: tuple[str, ...]) -> None:
-        self.arms = {arm: Snapshot(ARM_FIELDS) for arm in arms}
+    def __init__(self, arms: tuple[str, ...], joints: int) -> None:
+        self._joints = joints
+        self._record = 3 + 2 * joints  # numbers of a record: arm, time, setpoint, measured, sequence
+        fields = 1 + 3 * joints + 7 + 5  # time; joints, velocity, commanded; flange; five of the motion
+        self.arms = {arm: Snapshot(fields) for arm in arms}
         self.receptions = {arm: Snapshot(len(dataclasses.fields(Reception))) for arm in arms}
         self.counters = Snapshot(len(COUNTERS))
         self.alive = CONTEXT.RawValue("d", 0.0)  # the executor's last sign of life, `time.monotonic()`
         self.interrupted = CONTEXT.RawValue("b", 0)  # everything must come to rest
         self._reason = CONTEXT.RawArray("c", 512)
         self._stopped = CONTEXT.RawValue("b", 0)  # `_reason` is complete
-        self._history = CONTEXT.RawArray("d", HISTORY * RECORD)
+        self._history = CONTEXT.RawArray("d", HISTORY * self._record)
         self._written = CONTEXT.RawValue("L", 0)  # records so far
         self.watch = LoopTimer(("messages", "commands", "supervision"))
 
@@ -56,19 +58,20 @@ class SharedState:
     def read_arm(self, arm: str, *, opening: float, grip_target: float) -> ArmState | None:
         """Return the state of an arm, None before its first feedback; its gripper's numbers come from elsewhere."""
         values = self.arms[arm].read()
-        moving, motion, remaining, running, known = values[29:]
+        n = self._joints
+        moving, motion, remaining, running, known = values[3 * n + 8 :]
         if not known:
             return None
         return ArmState(
             time=float(values[0]),
-            joints=values[1:8],
-            velocity=values[8:15],
-            commanded=values[15:22],
+            joints=values[1 : n + 1],
+            velocity=values[n + 1 : 2 * n + 1],
+            commanded=values[2 * n + 1 : 3 * n + 1],
             moving=bool(moving),
             motion=int(motion),
             remaining=float(remaining),
             running=bool(running),
-            flange=_pose(values[22:29]),
+            flange=_pose(values[3 * n + 1 : 3 * n + 8]),
             opening=opening,
             grip_target=grip_target,
         )
@@ -77,13 +80,13 @@ class SharedState:
         """Keep one cycle of an arm for the log."""
         index, written = list(self.arms).index(arm), self._written.value
         row = [index, feedback.time, *commanded, *feedback.joints, feedback.sequence]
-        np.frombuffer(self._history).reshape(HISTORY, RECORD)[written % HISTORY] = row
+        np.frombuffer(self._history).reshape(HISTORY, self._record)[written % HISTORY] = row
         self._written.value = written + 1
 
     def records(self, since: int) -> tuple[Records, int]:
         """Return the cycles after the first `since`, without those that were overwritten, and how many there are in all."""
         written = self._written.value
-        rows = np.frombuffer(self._history).reshape(HISTORY, RECORD)
+        rows = np.frombuffer(self._history).reshape(HISTORY, self._record)
         first = max(since, written - HISTORY + 64)
         return rows[np.arange(first, written) % HISTORY].copy(), written
 
