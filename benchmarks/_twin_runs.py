@@ -29,8 +29,9 @@ class Job:
     limit: float = 240.0  # s
 
 
-def carry_out(source: Path, job: Job) -> dict[str, Any]:
-    """Return what a run came to, as JSON has it. `after`: seconds from the last touch, or from the start, to the end."""
+def carry_out(source: Path, job: Job, logs: Path | None = None) -> dict[str, Any]:
+    """Return what a run came to, as JSON has it; its log goes into the folder `logs`. `after`: seconds from the last touch,
+    or from the start, to the end."""
     realism = dataclasses.replace(Realism().scaled(job.factor), width=job.width, height=job.width * 3 // 4)
     run = run_twin(
         YUMI,
@@ -40,6 +41,7 @@ def carry_out(source: Path, job: Job) -> dict[str, Any]:
         disturbances=job.touches,
         disturbance=job.disturbance or None,
         limits=Limits(run=job.limit),
+        log=None if logs is None else logs / f"{job.disturbance or 'twin'}-{job.touches}-{job.seed}.jsonl",
     )
     last = max((touch.time for touch in run.touches), default=run.start)
     return {
@@ -59,18 +61,24 @@ def carry_out(source: Path, job: Job) -> dict[str, Any]:
     }
 
 
-def accumulated(path: Path, source: Path, jobs: Sequence[Job], processes: int) -> Iterator[dict[str, Any]]:
+def stored(path: Path) -> list[dict[str, Any]]:
+    """Return the records in a file, none if it is missing."""
+    return json.loads(path.read_text(encoding="utf-8")).get("runs", []) if path.exists() else []
+
+
+def accumulated(
+    path: Path, source: Path, jobs: Sequence[Job], processes: int, logs: Path | None = None
+) -> Iterator[dict[str, Any]]:
     """Yield the record of each job: those in the file first, then new ones as they end and are added to it."""
-    content = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    records = content.get("runs", [])
+    records = stored(path)
     done = {tuple(record[field.name] for field in dataclasses.fields(Job)): record for record in records}
     missing = [job for job in jobs if dataclasses.astuple(job) not in done]
     yield from (done[dataclasses.astuple(job)] for job in jobs if dataclasses.astuple(job) in done)
     context = multiprocessing.get_context("spawn")
     with concurrent.futures.ProcessPoolExecutor(processes, mp_context=context) as pool:
-        futures = [pool.submit(carry_out, source, job) for job in missing]
+        futures = [pool.submit(carry_out, source, job, logs) for job in missing]
         for future in concurrent.futures.as_completed(futures):
             records.append(future.result())
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(json.dumps({**content, "runs": records}, indent=1) + "\n", encoding="utf-8")
+            path.write_text(json.dumps({"runs": records}, indent=1) + "\n", encoding="utf-8")
             yield records[-1]

@@ -16,7 +16,7 @@ import tyro
 from rich.console import Console
 
 from benchmarks._report import RESULTS, report
-from benchmarks._twin_runs import Job, accumulated
+from benchmarks._twin_runs import Job, accumulated, stored
 from bt_jax.deploy.twin.disturbances import DISTURBANCES, disturbance
 
 SOON = 20.0  # s within which a run that cannot be solved should stop
@@ -24,9 +24,9 @@ BOX = r"(Yellow|Green|Blue)Box"
 UNSEEN = rf"{BOX}.* (is|are) not seen"
 PICTURE = r"picture|dark|bright|light|image|not seen|soft|blur|flicker|nois"
 MOVED_CAMERA = r"camera .*(off|moved|calibrat|turned)"
-CONTACT = r"[Mm]otion supervision|[Cc]ollision|contact|something (unknown|holds)|in the way"
+CONTACT = r"(?i:motion supervision|collision)|contact|something (unknown|holds)|in the way"
 TRUE = {
-    "swap": rf"{UNSEEN}|do not stay",
+    "swap": rf"{UNSEEN}|do not stay|no free way to (put|grasp) .*Box",
     "turn-early": rf"{CONTACT}|do not stay",
     "turn-late": CONTACT,
     "steal": rf"{UNSEEN}|closed on nothing",
@@ -62,6 +62,8 @@ class Arguments:
     """of the images, px"""
     jobs: int = 1
     """runs at a time"""
+    logs: Path | None = None
+    """folder for the log of each run"""
     out: Path | None = None
     """where the JSON file is, to which runs are added"""
 
@@ -78,20 +80,19 @@ def verdict(record: dict[str, Any]) -> str:
 
 def rows(records: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return the table: a line for each kind."""
-    by_kind: dict[str, list[dict[str, Any]]] = {}
+    by_kind: dict[tuple[str, int], list[dict[str, Any]]] = {}
     for record in records:
-        by_kind.setdefault(record["disturbance"], []).append(record)
-    table = []
-    for kind in filter(by_kind.__contains__, DISTURBANCES):
-        verdicts = [verdict(record) for record in by_kind[kind]]
-        stops = [
-            r["after"] for r, v in zip(by_kind[kind], verdicts, strict=True) if v not in ("solved", "wrong success")
-        ]
+        by_kind.setdefault((record["disturbance"], record["width"]), []).append(record)
+    order, table = list(DISTURBANCES), []
+    for kind, width in sorted(by_kind, key=lambda key: (order.index(key[0]), key[1])):
+        runs = by_kind[kind, width]
+        verdicts = [verdict(record) for record in runs]
+        stops = [r["after"] for r, v in zip(runs, verdicts, strict=True) if v not in ("solved", "wrong success")]
         counts = {
             name: verdicts.count(name) for name in ("solved", "true reason", "late", "other reason", "wrong success")
         }
         median = statistics.median(stops) if stops else float("nan")
-        table.append({"disturbance": kind, "runs": len(verdicts), **counts, "s to the stop": median})
+        table.append({"disturbance": kind, "width px": width, "runs": len(verdicts), **counts, "s to the stop": median})
     return table
 
 
@@ -104,14 +105,13 @@ def main(arguments: Arguments) -> None:
         for seed in range(arguments.seeds)
         for kind in arguments.kinds
     ]
-    records = []
-    for record in accumulated(path, arguments.source, jobs, arguments.jobs):
-        records.append(record)
+    for record in accumulated(path, arguments.source, jobs, arguments.jobs, arguments.logs):
         console.print(
             f"{record['disturbance']:16s} {record['seed']:3d}  {verdict(record):13s} {record['after']:6.1f} s  "
             f"{record['reason']}  [{record['touched']}]",
             markup=False,
         )
+    records = stored(path)
     report("deploy_disturbances", "disturbances on the twin", rows(records), out=path, runs=records)
 
 

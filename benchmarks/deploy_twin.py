@@ -1,24 +1,23 @@
 """How often a tree succeeds on the twin of the robot, left alone and with a person who interferes.
 
-python -m benchmarks.deploy_twin RUN_FOLDER|TREE [--layouts 20] [--realtime]
+python -m benchmarks.deploy_twin RUN_FOLDER|TREE [--layouts 20] [--factor 1.5] [--jobs 2]
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import tyro
 from rich.console import Console
 
-from benchmarks._report import report
-from bt_jax.deploy.commands.arguments import DEFAULT_TASK
-from bt_jax.deploy.commands.twin import survey
-from bt_jax.deploy.execution.program import load_program
-from bt_jax.deploy.execution.settings import Exit
-from bt_jax.deploy.twin.run import TwinRun
+from benchmarks._report import RESULTS, report
+from benchmarks._twin_runs import Job, accumulated, stored
+
+WITH_A_PERSON = 1000  # the first layout of these
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,40 +25,61 @@ class Arguments:
     source: Annotated[Path, tyro.conf.Positional]
     """run folder or tree"""
     layouts: int = 20
-    realtime: bool = False
-    """keep 250 Hz by the clock"""
+    factor: float = 1.0
+    """how many times as far from perfect as a real cell the twin is, see `Realism.scaled`"""
+    width: int = 1280
+    """of the images, px"""
+    jobs: int = 1
+    """runs at a time"""
     out: Path | None = None
-    """where to write the JSON file"""
+    """where the JSON file is, to which runs are added"""
 
 
-def row(title: str, runs: list[TwinRun]) -> dict:
-    """One line of the table; distances are true ones, of the runs that were solved."""
-    good = [run for run in runs if run.exit_code == Exit.DONE]
-    distances = [1000 * distance for run in good for distance in run.distances]
-    return {
-        "runs": title,
-        "layouts": len(runs),
-        "solved": len(good),
-        "touches": sum(len(run.touches) for run in runs),
-        "mm median": float(np.median(distances)) if distances else float("nan"),
-        "mm worst": max(distances, default=float("nan")),
-        "robot s": float(np.mean([run.outcome.seconds for run in runs])),
-        "wall s": float(np.mean([run.seconds for run in runs])),
-        "cycles": sum(run.stats.cycles for run in runs),
-        "missed": sum(run.stats.missed for run in runs),
-        "ticks": sum(run.outcome.ticks for run in runs),
-        "slow ticks": sum(run.outcome.overruns for run in runs),
-    }
+def solved(record: dict[str, Any]) -> bool:
+    """Did the robot believe that it was done, and was it?"""
+    return record["status"] == "SUCCESS" and record["solved"]
+
+
+def rows(records: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the table; distances are true ones, of the runs that were solved."""
+    surveys: dict[tuple[bool, float, int], list[dict[str, Any]]] = {}
+    for record in records:
+        surveys.setdefault((record["touches"] > 0, record["factor"], record["width"]), []).append(record)
+    table = []
+    for (touched, factor, width), runs in sorted(surveys.items()):
+        distances = [distance for run in filter(solved, runs) for distance in run["mm"]]
+        table.append(
+            {
+                "runs": "with a person" if touched else "alone",
+                "factor": factor,
+                "width px": width,
+                "layouts": len(runs),
+                "solved": sum(map(solved, runs)),
+                "wrong success": sum(run["status"] == "SUCCESS" and not run["solved"] for run in runs),
+                "mm median": float(np.median(distances)) if distances else float("nan"),
+                "mm worst": max(distances, default=float("nan")),
+                "robot s": float(np.mean([run["robot s"] for run in runs])),
+                "wall s": float(np.mean([run["wall s"] for run in runs])),
+            }
+        )
+    return table
 
 
 def main(arguments: Arguments) -> None:
-    program, console = load_program(arguments.source, otherwise=DEFAULT_TASK), Console(highlight=False)
-    rows = []
-    for title, first, disturbances in (("alone", 0, 0), ("with a person", 1000, 1)):
-        seeds = range(first, first + arguments.layouts)
-        runs = survey(program, seeds, disturbances=disturbances, realtime=arguments.realtime, console=console)
-        rows.append(row(title, runs))
-    report("deploy_twin", "a tree on the twin", rows, out=arguments.out, realtime=str(arguments.realtime))
+    console, path = Console(highlight=False, soft_wrap=True), arguments.out or RESULTS / "deploy_twin.json"
+    jobs = [
+        Job("", first + layout, touches, arguments.width, arguments.factor)
+        for layout in range(arguments.layouts)
+        for first, touches in ((0, 0), (WITH_A_PERSON, 1))
+    ]
+    for record in accumulated(path, arguments.source, jobs, arguments.jobs):
+        console.print(
+            f"layout {record['seed']:4d}  {'✓' if solved(record) else '✗'} {record['robot s']:6.1f} s  "
+            f"worst {max(record['mm']):5.1f} mm  {record['reason']}  {record['touched']}",
+            markup=False,
+        )
+    runs = stored(path)
+    report("deploy_twin", "a tree on the twin", rows(runs), out=path, runs=runs)
 
 
 if __name__ == "__main__":
