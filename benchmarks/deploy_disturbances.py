@@ -43,7 +43,7 @@ TRUE = {
     "blur-1.0": PICTURE,
     "camera-5mm": MOVED_CAMERA,
     "camera-1deg": MOVED_CAMERA,
-    "duplicate-ids": r"twice|several|more than one",
+    "duplicate-ids": r"twice|two (places|things)",
     "on-its-side": r"side|face|lies",
     "egm-lag": r"lag|from its setpoint|slow",
     "gripper-latency": r"fingers|gripper",

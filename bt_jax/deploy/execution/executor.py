@@ -145,7 +145,8 @@ class Executor:
             raise Halt("interrupted", Exit.INTERRUPTED)
         reason = self.link.stopped()
         if reason is not None:
-            raise Halt(reason, Exit.STOPPED)
+            during = "" if self.runner.action is None else f", during {self.runner.action}"
+            raise Halt(f"{reason}{during}", Exit.STOPPED)
 
     def _context(self, seen: Observation) -> Context:
         self._last_seen.update(seen.poses)

@@ -195,7 +195,8 @@ class Movements:
         size, state = self.sizes[box], self.link.arm(arm)
         if self.holds(arm, size):
             return ""
-        if state.opening <= state.grip_target + self.grasp.nothing:
+        ends = (0.0, state.grip_target)  # some grippers close as far as they can
+        if any(abs(state.opening - end) <= self.grasp.nothing for end in ends):
             return f"the {arm} fingers closed on nothing"
         wide = f"{1000 * state.opening:.0f} mm"
         if state.opening >= self.robot.arm(arm).gripper.opening - self.grasp.nothing:

@@ -397,6 +397,13 @@ def test_a_robot_that_is_stopped_while_its_arms_come_to_rest_has_not_succeeded()
     assert (outcome.exit_code, outcome.reason) == (Exit.STOPPED, "left: no feedback")
 
 
+def test_a_stop_says_what_was_being_done():
+    cell = IdealCell(PICK["YellowBox"])
+    cell.skills.polls = 100
+    cell.on_tick = lambda shown: cell.link.stop("left: it met something") if shown.phase == "acting" else None
+    assert cell.executor.run().reason == "left: it met something, during pick(YellowBox)"
+
+
 def test_what_is_not_seen_uses_no_attempt_up():
     tree = parse_tree("RetryUntilSuccessful(2, Sequence(reachable(YellowBox), pick(YellowBox)))")
     cell = IdealCell(tree)
