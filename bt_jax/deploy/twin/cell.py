@@ -129,11 +129,11 @@ def _mjcf(
     body.extend(ET.fromstring(f"<body>{markers.kit_xml}</body>"))
     for box in task.boxes:
         _found(root, f".//geom[@name='{box.name}']").set("material", f"{box.name}_markers")
-    if stranger is not None:
-        _found(root, "worldbody").append(_stranger(root, task, stranger))
     _found(root, "worldbody").append(ET.fromstring(camera.mjcf(CAMERA)))
     _found(root, "worldbody").append(ET.fromstring(_film_camera(task)))
     add_to_mjcf(robot, root, task.robot_position)
+    if stranger is not None:
+        _found(root, "worldbody").append(_stranger(root, task, stranger))
     return markers.files, ET.tostring(root, encoding="unicode")
 
 
