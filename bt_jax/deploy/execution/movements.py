@@ -148,7 +148,21 @@ class Movements:
             yield
         if not np.abs(state.commanded - trajectory.joints[-1]).max() <= self.motion.arrived:
             raise Failed(f"the {arm} arm was halted on its way")
+        yield from self._settled(arm, trajectory.joints[-1])
         return False
+
+    def _settled(self, arm: str, end: Joints) -> Routine:
+        """Wait until an arm is measured where its path ends: it follows its setpoints late.
+
+        Raise Failed if it does not come there.
+        """
+        began = self.link.now()
+        while not (off := float(np.abs(self.link.arm(arm).joints - end).max())) <= self.motion.arrived:
+            if not self.link.now() - began <= self.motion.settle:
+                raise Failed(
+                    f"the {arm} arm rests {np.degrees(off):.1f} deg from the end of its path; something holds it"
+                )
+            yield
 
     def fingers(self, arm: str, *, at_least: float | None = None) -> Routine:
         """Wait until the fingers, told to move just now, are as far apart, or have moved and rest. A reading may be older

@@ -69,7 +69,8 @@ class MotionSettings:
 
     replans: int = 3  # times that an attempt plans again where things have moved
     spots: int = 25  # places tried for setting a box down
-    arrived: float = 0.01  # rad from the end of a path
+    arrived: float = 0.01  # rad from the end of a path, as sent and as measured
+    settle: float = 1.0  # s after its last setpoint within which an arm must have come there
     at_home: float = 0.05  # rad from the place of rest
     shifted: float = 0.006  # m by which what is aimed at must have moved for a new plan
     aside: float = 0.015  # m by which what is to be avoided must have moved for a new plan
