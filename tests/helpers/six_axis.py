@@ -60,7 +60,8 @@ ARM = ArmModel(
     body_apart=3,
     cell_apart=2,
 )
-SIX_AXIS = RobotModel("six_axis", (ARM,), (LinkShape(0, "box", (-0.05, 0, 0.02), (0.15, 0.15, 0.04)),))
+WORKSPACE = ((-0.5, -0.6, 0.0), (0.6, 0.6, 0.9))
+SIX_AXIS = RobotModel("six_axis", (ARM,), WORKSPACE, (LinkShape(0, "box", (-0.05, 0, 0.02), (0.15, 0.15, 0.04)),))
 
 
 def denavit_hartenberg(joints: np.ndarray) -> np.ndarray:

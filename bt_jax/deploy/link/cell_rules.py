@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from bt_jax.deploy.link.safety import Rules
 from bt_jax.deploy.planning.clearance import SafetyClearance
 from bt_jax.deploy.robot.model import RobotModel
@@ -11,14 +13,22 @@ __all__ = ["cell_rules"]
 
 
 def cell_rules(robot: RobotModel, task: Task, *, override: float = float("inf")) -> Rules:
-    """Return what a robot may do in a task's cell; `override` is the largest joint speed, rad/s."""
-    arm = robot.arms[0]
+    """Return what a robot may do in a task's cell; `override` is the largest joint speed, rad/s.
+
+    Raise ValueError if its arms have different limits: the rules are the same for all.
+    """
+    arm, *others = robot.arms
+    for name in ("lower", "upper", "speed", "acceleration"):
+        if not all(np.array_equal(getattr(arm, name), getattr(other, name)) for other in others):
+            raise ValueError(f"the arms of {robot.name} differ in their limits ({name}), which the rules cannot say")
     return Rules(
         lower=tuple(map(float, arm.lower)),
         upper=tuple(map(float, arm.upper)),
         speed=tuple(map(float, arm.speed)),
         acceleration=tuple(map(float, arm.acceleration)),
         override=override,
+        lowest=robot.workspace[0],
+        highest=robot.workspace[1],
         points=robot.points,
         clearance_of=SafetyClearance(robot, task),
     )

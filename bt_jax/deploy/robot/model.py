@@ -185,6 +185,7 @@ class RobotModel:
 
     name: str
     arms: tuple[ArmModel, ...]
+    workspace: tuple[Vec3, Vec3]  # least and largest coordinates of TCPs and landmarks in the base frame
     shapes: tuple[LinkShape, ...] = ()  # of the body
 
     @property

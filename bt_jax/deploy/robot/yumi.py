@@ -100,4 +100,4 @@ def _arm(name: str) -> ArmModel:
     )
 
 
-YUMI = RobotModel("yumi", (_arm("left"), _arm("right")), BODY_SHAPES)
+YUMI = RobotModel("yumi", (_arm("left"), _arm("right")), ((-0.2, -0.8, 0.0), (0.8, 0.8, 1.2)), BODY_SHAPES)

@@ -12,6 +12,7 @@ from bt_jax.deploy.twin.settings import Realism
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.mjx_env.render.offscreen import available
 from bt_jax.tasks import load_task
+from tests.helpers.six_axis import SIX_AXIS
 
 pytestmark = [
     pytest.mark.slow,
@@ -63,3 +64,13 @@ def test_a_box_is_handed_over_where_no_arm_reaches_both_ends():
     assert run.exit_code == Exit.DONE
     assert run.solved
     assert list(hands) == ["right", "left"]
+
+
+def test_another_robot_has_the_twin_for_free():
+    """One arm of six joints, by EGM without an external axis."""
+    task = dataclasses.replace(load_task("yumi_stack"), targets=load_task("yumi_stack").targets[:1])
+    program = Program(task, parse_tree("move(YellowBox, (0, 0, 0.022), KittingBox)"))
+    run = run_twin(SIX_AXIS, program, 0, realism=PERFECT)
+    assert run.exit_code == Exit.DONE, run.outcome.reason
+    assert run.solved
+    assert max(run.distances) < 0.005
