@@ -10,6 +10,7 @@ from scipy.spatial.transform import RigidTransform
 
 from bt_jax._util.errors import UserError
 from bt_jax.deploy.execution.settings import Exit
+from bt_jax.deploy.execution.skills import RobotSkills
 from bt_jax.deploy.link.rws import Rws
 from bt_jax.deploy.link.safety import SIGNED, Rejected, Rules, check_setpoint, check_trajectory
 from bt_jax.deploy.link.setpoints import SetpointStream
@@ -19,7 +20,9 @@ from bt_jax.deploy.planning.clearance import Carried
 from bt_jax.deploy.planning.planner import Planner, Surroundings, Unplannable
 from bt_jax.deploy.planning.trajectory import Trajectory
 from bt_jax.deploy.robot.yumi import YUMI
+from bt_jax.encoding.status import Status
 from bt_jax.tasks import load_task
+from tests.helpers.following import FollowingLink
 from tests.helpers.ideal import IdealCell
 
 NOT_FINITE = st.sampled_from([np.nan, np.inf, -np.inf])
@@ -106,7 +109,7 @@ def test_nothing_is_tracked(value, at):
         tracker.update(0.3 + 0.1 * number, {"Box": here}, {"Box": value})
     assert set(tracker.poses(0.4)) == {"Box"}
     np.testing.assert_allclose(tracker.poses(0.4)["Box"].translation, here.translation)
-    assert tracker.poses(value) == {} or value == -np.inf
+    assert tracker.poses(value) == {}
 
 
 @given(NOT_FINITE, st.integers(0, 6))
@@ -127,6 +130,16 @@ def test_no_place_is_planned_to():
     assert not planner.can_reach("left", RigidTransform.from_translation([0.3, np.nan, 0.1]))
 
 
+@given(NOT_FINITE, st.integers(0, 6))
+def test_no_arm_is_at_home_by_it(value, at):
+    link = FollowingLink(load_task("yumi_stack"), {})
+    link.joints["left"] = spoilt(link.joints["left"], value, at)
+    skills = RobotSkills(YUMI, load_task("yumi_stack"), link)
+    skills.look()
+    assert skills.poll(link.seen()) == Status.FAILURE
+    assert "not a number" in skills.reason
+
+
 @pytest.mark.parametrize("text", ["nan", "inf", "-INF", "1,5", "", "TRUE"])
 def test_no_number_of_the_controller_is_taken(text, monkeypatch):
     rws = Rws("127.0.0.1", 1, "", "")
@@ -135,9 +148,10 @@ def test_no_number_of_the_controller_is_taken(text, monkeypatch):
         rws.number("RAPID/T_ROB_L/BtJax/grip_actual")
 
 
-def test_no_image_without_a_time_is_enough():
+@pytest.mark.parametrize("age", [np.nan, np.inf, -np.inf, -3600.0])
+def test_no_image_without_a_time_is_enough(age):
     cell = IdealCell()
-    cell.image = np.nan
+    cell.image = age
     outcome = cell.executor.run()
     assert (outcome.exit_code, outcome.ticks) == (Exit.STOPPED, 0)
     assert "camera" in outcome.reason

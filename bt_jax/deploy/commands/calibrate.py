@@ -99,7 +99,7 @@ def _place(arguments: CalibrateArguments, console: Console) -> int:
     missing = sorted(set(known) - set(seen))
     if missing:
         console.print(f"not seen: {', '.join(map(str, missing))}")
-    if not place.residual <= LIMITS.residual:
+    if not 0 <= place.residual <= LIMITS.residual:
         raise UserError(
             f"camera and markers disagree by {1000 * place.residual:.1f} mm, and {1000 * LIMITS.residual:g} mm is needed; "
             f"measure again the places in {arguments.points} that are furthest off, and check that they are metres"

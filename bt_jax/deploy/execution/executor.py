@@ -112,7 +112,7 @@ class Executor:
         self._time = now = self.link.now()
         self._check(now, start)
         seen = self.observe()
-        if not seen.time - seen.image <= self.limits.image:
+        if not abs(seen.time - seen.image) <= self.limits.image:
             why = f": {seen.lost}" if seen.lost else ""
             raise Halt(f"camera: no new image for {seen.time - seen.image:.1f} s{why}", Exit.STOPPED)
         wrong = self._diagnosis.take(seen)

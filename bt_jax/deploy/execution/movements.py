@@ -97,7 +97,7 @@ class Movements:
     def go_home(self, arms: Iterable[str]) -> Routine:
         for arm in arms:
             plans = 0
-            while np.abs((joints := self.joints())[arm] - self.robot.home[arm]).max() > self.motion.at_home:
+            while not np.abs((joints := self.joints())[arm] - self.robot.home[arm]).max() <= self.motion.at_home:
                 if plans == self.motion.replans:
                     raise Failed(f"things do not stay where they are on the {arm} arm's way home")
                 among = Surroundings(self.obstacles(), joints, next(iter(self.carried.values()), None))

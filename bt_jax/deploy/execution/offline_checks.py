@@ -81,7 +81,7 @@ def payload_allowed(equipment: Equipment) -> str:
         gripper = arm.gripper.total_mass if equipment.gripper_mass is None else equipment.gripper_mass
         for box in task.boxes:
             mass = gripper + box.density * box.size**3
-            if not mass <= arm.payload:
+            if not (gripper >= 0 and mass <= arm.payload):
                 raise UserError(
                     f"{box.name} ({1000 * (mass - gripper):.0f} g) and the gripper ({1000 * gripper:.0f} g) are more than "
                     f"the {1000 * arm.payload:.0f} g that the {arm.name} arm may carry; use lighter boxes and give their "

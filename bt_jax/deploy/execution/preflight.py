@@ -1,6 +1,7 @@
 """What is checked before a robot may move. Each item passes with what was found, or fails with the remedy.
 
-Every limit is written as `not (value <= limit)`, here and wherever something may move the robot: NaN fails.
+Every limit is written as `not (value <= limit)`, here and wherever something may move the robot: NaN fails. So does what is
+negative and cannot be: `not 0 <= value <= limit`.
 """
 
 from __future__ import annotations
@@ -189,7 +190,7 @@ def _intrinsics(equipment: Equipment) -> str:
     error = opened(
         equipment.intrinsics_error, "the camera is not calibrated; run python -m bt_jax.deploy calibrate intrinsics"
     )
-    if not error <= CALIBRATION.reprojection:
+    if not 0 <= error <= CALIBRATION.reprojection:
         raise UserError(f"the calibration is off by {error:.2f} pixels; repeat it with sharper pictures")
     return f"reprojection error {error:.2f} pixels"
 
@@ -198,7 +199,7 @@ def _hand_eye(equipment: Equipment) -> str:
     residual = opened(
         equipment.camera_residual, "where the camera stands is not known; run python -m bt_jax.deploy calibrate base"
     )
-    if not residual <= CALIBRATION.residual:
+    if not 0 <= residual <= CALIBRATION.residual:
         raise UserError(f"camera and robot disagree by {1000 * residual:.1f} mm; repeat the calibration")
     return f"residual {1000 * residual:.1f} mm"
 
@@ -210,8 +211,8 @@ def _images(equipment: Equipment) -> str:
         perception.update()
         times.add(perception.image)
         equipment.wait(0.05)
-    age = equipment.now() - max(times)
-    if not (age <= IMAGE and len(times) >= 4):
+    age = equipment.now() - float(np.max(list(times)))  # of NaN too, which is no largest for `max`
+    if not (abs(age) <= IMAGE and len(times) >= 4):
         why = f" ({perception.lost})" if perception.lost else ""
         raise UserError(f"{len(times)} images in {LISTEN:g} s, the last {age:.2f} s old{why}; check the camera's cable")
     return f"{len(times)} images in {LISTEN:g} s"

@@ -115,7 +115,7 @@ def calibrate_lens(
         raise UserError(
             "no lens explains the pictures; take others, sharp ones on which the whole board is large"
         ) from problem
-    if not error <= LIMITS.reprojection:
+    if not 0 <= error <= LIMITS.reprojection:
         raise UserError(
             f"the lens explains the pictures to {error:.2f} px, and {LIMITS.reprojection:g} is needed; glue the board to "
             "something flat, take sharper pictures, and do not change the focus"
@@ -123,7 +123,7 @@ def calibrate_lens(
     focal = float(np.max(deviations.ravel()[:2] / np.diag(matrix)[:2]))
     centre = float(np.max(deviations.ravel()[2:4])) / width
     turned = _largest_turn(turns)
-    if not (focal <= LIMITS.focal and centre <= LIMITS.centre and turned >= LIMITS.turned):
+    if not (0 <= focal <= LIMITS.focal and 0 <= centre <= LIMITS.centre and turned >= LIMITS.turned):
         remedy = "take more and sharper pictures"
         if not turned >= LIMITS.turned:
             remedy = "take more, with the board turned by 20 to 40 degrees to every side and at other distances"

@@ -178,7 +178,7 @@ class Detector:
             number
             for number, corners in seen.items()
             if not self._faces(fit, self._markers[number], -self.gates.facing)
-            or self._error(fit, [number], seen, view) > max(_side(corners), 4 * self.gates.marker)
+            or not self._error(fit, [number], seen, view) <= max(_side(corners), 4 * self.gates.marker)
         )
 
     def _confirm(
@@ -221,7 +221,7 @@ class Detector:
         best, alternative = fits[0], None
         for fit in fits[1:]:
             as_good = len(fit.markers) == len(best.markers) and fit.residual < self.gates.ratio * best.residual
-            if as_good and _angle(fit, best) > self.gates.distinct:
+            if as_good and not _angle(fit, best) <= self.gates.distinct:
                 alternative = fit.pose
         module = self._module(best, [self._markers[number] for number in best.markers], view)
         unlike = self._unlike(best, view, body, best.blur)

@@ -72,7 +72,7 @@ class Tracker:
             return {
                 name: track.pose
                 for name, track in self._known.items()
-                if time - track.time <= self.settings.max_age and not self._doubted(name)
+                if abs(time - track.time) <= self.settings.max_age and not self._doubted(name)
             }
 
     def last(self) -> dict[str, RigidTransform]:

@@ -97,7 +97,7 @@ class ArmKinematics:
             position = here.translation + part * (target.translation - here.translation)
             rotation = here.rotation * type(here.rotation).from_rotvec(part * turn)
             found = self.descend(RigidTransform.from_components(position, rotation), rows[-1], 20)
-            if found is None or np.abs(found - rows[-1]).max() > 0.5:
+            if found is None or not np.abs(found - rows[-1]).max() <= 0.5:
                 return None
             rows.append(found)
         return np.array(rows)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import io
+import itertools
 import json
 import socket
 import time
@@ -153,15 +154,12 @@ def failing(cell):
         ({"flange": lambda arm, q: flange(arm, q) * OFF}, "arms:feedback", "10.0 mm"),
         ({"intrinsics_error": None}, "camera:intrinsics", "calibrate"),
         ({"intrinsics_error": 3.0}, "camera:intrinsics", "pixels"),
-        ({"intrinsics_error": float("nan")}, "camera:intrinsics", "pixels"),
         ({"camera_residual": None}, "camera:pose", "calibrate"),
         ({"camera_residual": 0.02}, "camera:pose", "20.0 mm"),
-        ({"camera_residual": float("nan")}, "camera:pose", "nan mm"),
         ({"perception": None}, "camera:images", "--camera"),
         ({"reachable": lambda name, seen: name != "BlueBox"}, "arms:every", "BlueBox"),
         ({"may_take_priority": lambda: False}, "computer:real-time", "rtprio"),
         ({"gripper_mass": 1.2}, "payload:boxes", "--gripper-mass"),
-        ({"gripper_mass": float("nan")}, "payload:boxes", "--gripper-mass"),
         ({"rules": RULES}, "arms:home", "may not rest at home"),
         ({"intrinsics_error": UserError("line 3 is broken")}, "camera:intrinsics", "line 3"),
     ],
@@ -171,6 +169,35 @@ def test_each_item_fails_with_its_remedy(good, change, name, word):
     assert name in found
     assert word in found[name].detail
     assert all(item.passed is None for key, item in found.items() if key != name)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf"), -0.01])
+def test_no_number_passes_that_is_none_or_cannot_be(good, value, monkeypatch):
+    monkeypatch.setattr(module, "LISTEN", 0.3)
+    for change, name in [
+        ({"intrinsics_error": value}, "camera:intrinsics"),
+        ({"camera_residual": value}, "camera:pose"),
+        ({"gripper_mass": value}, "payload:boxes"),
+    ]:
+        assert name in failing(dataclasses.replace(good, **change))
+    state = good.link.arm("left")
+    for change, name in [
+        ({"joints": np.where(np.arange(7) == 3, value, state.joints)}, "arms:joints"),
+        ({"opening": value}, "grippers:position"),
+    ]:
+        if np.isfinite(value) and name == "arms:joints":
+            continue
+        with monkeypatch.context() as patch:
+            patch.setattr(good.link, "arm", lambda arm, change=change: dataclasses.replace(state, **change))
+            assert name in failing(good)
+
+
+@pytest.mark.parametrize("odd", [float("nan"), float("inf"), 1e6])
+def test_one_image_of_an_impossible_time_fails(good, odd, monkeypatch):
+    monkeypatch.setattr(module, "LISTEN", 0.3)
+    looks = itertools.count()
+    good.perception.update = lambda: setattr(good.perception, "image", odd if next(looks) == 2 else good.link.now())
+    assert "camera:images" in failing(good)
 
 
 def test_what_cannot_be_opened_fails_alone(good, monkeypatch):
