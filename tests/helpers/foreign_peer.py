@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from bt_jax.deploy.link.rws import EGM_MOTION, Motion, symbol
+from bt_jax.deploy.link.rws import EGM_REQUEST, EGM_STATE, Motion, symbol
 
 egm_pb2 = pytest.importorskip("ABBRobotEGM._egm_protobuf.egm_pb2", reason="ABBRobotEGM is not installed")
 CYCLE = 0.004
@@ -17,7 +17,7 @@ class ForeignArm:
     """ABB's axes 1 to 6 and axis 7, the external joint [deg], of an arm that does at once what it is told."""
 
     def __init__(self, arm: str, host: str) -> None:
-        self.motion = symbol(arm, EGM_MOTION)
+        self.request, self.state = symbol(arm, EGM_REQUEST), symbol(arm, EGM_STATE)
         self.axes, self.seventh = np.linspace(2.0, 7.0, 6), 8.0
         self.told: list[np.ndarray] = []
         self.sequence, self.running = 0, False
@@ -80,8 +80,8 @@ class ForeignPeer(threading.Thread):
             cycle += 1
             for name, arm in self.arms.items():
                 arm.listen()
-                if self.controller.numbers[arm.motion] == Motion.ASKED:
-                    self.controller.numbers[arm.motion], arm.running = float(Motion.GUIDED), True
+                if self.controller.numbers[arm.request] == Motion.GUIDED:
+                    self.controller.numbers[arm.state], arm.running = float(Motion.GUIDED), True
                 data = arm.message(cycle * CYCLE, seventh=self.seventh)
                 arm.socket.sendto(data, ("127.0.0.1", self.ports[name]))
 

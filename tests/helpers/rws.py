@@ -4,10 +4,19 @@ import contextlib
 import threading
 import time
 
-from bt_jax.deploy.link.rws import EGM_MOTION, GRIP_ACTUAL, GRIP_FORCE, GRIP_TARGET, ControllerMessage, Rws, symbol
+from bt_jax.deploy.link.rws import (
+    EGM_REQUEST,
+    EGM_STATE,
+    GRIP_ACTUAL,
+    GRIP_FORCE,
+    GRIP_TARGET,
+    ControllerMessage,
+    Rws,
+    symbol,
+)
 from bt_jax.deploy.twin.rws_server import PASSWORD, USER, RwsLimits, serve_rws
 
-NAMES = (EGM_MOTION, GRIP_ACTUAL, GRIP_FORCE, GRIP_TARGET)
+NAMES = (EGM_REQUEST, EGM_STATE, GRIP_ACTUAL, GRIP_FORCE, GRIP_TARGET)
 
 
 class FakeController:

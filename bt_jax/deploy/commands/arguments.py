@@ -225,10 +225,15 @@ class RapidArguments:
 
     It was never run on a controller. It has to be loaded into both arms' tasks, T_ROB_L and T_ROB_R, of a YuMi with
     RobotWare 6.07 or a newer 6, option 689-1 Externally Guided Motion and the SmartGripper add-in. Each arm needs a UDPUC
-    transmission protocol, BtJax_L (remote port 6511) and BtJax_R (6512), with the address of this computer. A person starts
-    the program; the arms then stand still, tell where they are, and follow setpoints only once `run --motion` asks for it.
+    transmission protocol, BtJax_L (remote port 6511) and BtJax_R (6512), with the address of this computer. A person teaches
+    where the arms begin and starts the program; the arms then stand still, tell where they are, and follow setpoints only
+    once `run --motion` asks for it.
     """
 
+    task: str = "yumi_stack"
+    """name or .yaml file of the task whose heaviest box the controller is told"""
+    gripper_mass: float | None = None
+    """kg of a gripper with its fingers (default: that of the model)"""
     out: Path = Path("rapid")
     """folder for the module"""
 

@@ -12,6 +12,7 @@ from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
 from bt_jax.deploy.commands.arguments import RapidArguments
 from bt_jax.deploy.link.rws import MODULE
+from bt_jax.tasks import Task, load_task
 
 __all__ = ["rapid_command", "rapid_module"]
 
@@ -21,25 +22,33 @@ It was never run on a controller: read it, and try it in RobotStudio first.
    T_ROB_R.
 2. Configuration > Communication > Transmission Protocol: BtJax_L and BtJax_R of type UDPUC, with the address of this
    computer as remote address, and remote port 6511 (left) and 6512 (right). Restart the controller.
-3. Load {file} into both tasks, as the only module with a main; set the program pointers to main.
-4. Calibrate both grippers. Automatic mode, motors on, low speed, the emergency stop in your hand: start the program.
+3. Load {file} into both tasks, as the only module with a main. The loads in it are those of the task and of the model of
+   the gripper: measure them with LoadIdentify.
+4. Once for each arm, in manual mode: PP to routine calibrate_hand, fingers closed; then jog the arm to where it shall begin,
+   and PP to routine teach_ready. Later, go_ready takes it there again.
+5. PP to main in both tasks. Automatic mode, motors on, low speed, the emergency stop in your hand: start the program.
    The arms stand still and tell where they are.
-5. Now python -m bt_jax.deploy check sees both arms."""
+6. Now python -m bt_jax.deploy check --robot ADDRESS sees both arms."""
 
 
-def rapid_module() -> str:
-    """Return the text of the module."""
-    return importlib.resources.files("bt_jax.deploy.commands").joinpath(f"{MODULE}.mod").read_text(encoding="ascii")
+def rapid_module(task: Task | None = None, *, gripper_mass: float | None = None) -> str:
+    """Return the text of the module, with the mass of the heaviest box of a task, and of a gripper [kg]."""
+    text = importlib.resources.files("bt_jax.deploy.commands").joinpath(f"{MODULE}.mod").read_text(encoding="ascii")
+    if gripper_mass is not None:
+        text = re.sub(r"(tooldata gripper:=\[TRUE,\[\[0,0,0\],\[1,0,0,0\]\],\[)[^,]+", rf"\g<1>{gripper_mass:g}", text)
+    if task is not None:
+        heaviest = max(box.density * box.size**3 for box in task.boxes)
+        text = re.sub(r"(loaddata part:=\[)[^,]+", rf"\g<1>{heaviest:.3f}", text)
+    return text
 
 
 def rapid_command(arguments: RapidArguments, console: Console | None = None) -> int:
     """Write the module and print the next steps; the exit code is 0. Raise UserError if it cannot be written."""
     console = Console(highlight=False, soft_wrap=True) if console is None else console
     path = arguments.out / f"{MODULE}.mod"
+    text = rapid_module(load_task(arguments.task), gripper_mass=arguments.gripper_mass)
     try:
-        write_atomic(
-            path, re.sub("\r?\n", "\r\n", rapid_module()).encode("ascii")
-        )  # lines end as controllers write them
+        write_atomic(path, re.sub("\r?\n", "\r\n", text).encode("ascii"))  # lines end as controllers write them
     except OSError as error:
         raise UserError(f"{path} cannot be written ({error.strerror}); choose another folder with --out") from error
     console.print(f"written    {escape(str(path))}")

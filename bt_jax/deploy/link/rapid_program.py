@@ -15,7 +15,9 @@ import numpy as np
 from bt_jax.deploy.link.program_stop import ProgramStop
 from bt_jax.deploy.link.request_budget import RequestBudget
 from bt_jax.deploy.link.rws import (
-    EGM_MOTION,
+    EGM_HERE,
+    EGM_REQUEST,
+    EGM_STATE,
     GRIP_ACTUAL,
     GRIP_FORCE,
     GRIP_TARGET,
@@ -59,8 +61,11 @@ class RapidProgram:
         """Return the controller's state, asked for now."""
         return self._rws.state()
 
-    def start(self) -> None:
-        """Start the program from its beginning; the arms stand still until they are asked to follow."""
+    def start(self, *, here: bool = False) -> None:
+        """Start the program from its beginning; the arms stand still until they are asked to follow. They must be at their
+        ready targets, unless they are to begin where they are `here`."""
+        for arm in self.arms if here else ():
+            self._rws.set_number(symbol(arm, EGM_HERE), 1.0)
         self._rws.start()
 
     def expect_stop(self) -> None:
@@ -85,17 +90,15 @@ class RapidProgram:
         """Ask the arms that do not follow EGM yet to do so. Return which do not, None where all follow."""
         waiting = []
         for arm in self.arms:
-            motion = self._rws.number(symbol(arm, EGM_MOTION))
-            if motion == Motion.LISTEN:
-                self._rws.set_number(symbol(arm, EGM_MOTION), float(Motion.ASKED))
-            if motion != Motion.GUIDED:
+            if self._rws.number(symbol(arm, EGM_STATE)) != Motion.GUIDED:
+                self._rws.set_number(symbol(arm, EGM_REQUEST), float(Motion.GUIDED))
                 waiting.append(arm)
         return f"{' and '.join(waiting)}: not guided" if waiting else None
 
     def end_guided_motion(self) -> None:
         """Have the program end guided motion itself, smoothly; the arms must still be held while it does."""
         for arm in self.arms:
-            self._rws.set_number(symbol(arm, EGM_MOTION), float(Motion.LISTEN))
+            self._rws.set_number(symbol(arm, EGM_REQUEST), float(Motion.LISTEN))
 
     def grip(self, arm: str, opening: float, force: float) -> None:
         """Move an arm's fingers to a distance from each other [m], with a force [N], both clipped to what is possible."""

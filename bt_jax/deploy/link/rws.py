@@ -8,7 +8,8 @@ of cookies (-http-session-, ABBCX) that comes with the first answer; a controlle
 
 On the controller runs the RAPID module BtJax (`commands/BtJax.mod`), in each arm's task. EGM moves only the axes: the module
 keeps `grip_target` and `grip_actual` (mm a finger) and `grip_force` (N), and moves the Smart Gripper. The arm stands still
-and tells where it is until `egm_motion` asks for guided motion, see `Motion`.
+and tells where it is until `egm_request` asks for guided motion, and tells in `egm_state` what it does: each is written by
+one side only, so that no request is lost while another is carried out. `egm_here` lets it begin away from its ready target.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ from bt_jax.deploy.link.request_budget import RequestBudget
 from bt_jax.deploy.link.rws_errors import ControllerBusy, ControllerSilent, refusal
 
 __all__ = [
-    "EGM_MOTION",
+    "EGM_HERE",
+    "EGM_REQUEST",
+    "EGM_STATE",
     "GRIP_ACTUAL",
     "GRIP_FORCE",
     "GRIP_TARGET",
@@ -42,7 +45,7 @@ __all__ = [
 
 MODULE = "BtJax"
 TASKS = {"left": "T_ROB_L", "right": "T_ROB_R", "arm": "T_ROB1"}  # in which the arms run; a single one is "arm"
-EGM_MOTION = "egm_motion"
+EGM_REQUEST, EGM_STATE, EGM_HERE = "egm_request", "egm_state", "egm_here"
 GRIP_TARGET, GRIP_ACTUAL, GRIP_FORCE = "grip_target", "grip_actual", "grip_force"
 TIMEOUT = 2.0  # seconds a request may take
 BACK_OFF = (0.2, 0.4)  # seconds to wait before each further try where the controller is busy
@@ -57,11 +60,10 @@ START = {
 
 
 class Motion(enum.IntEnum):
-    """Values of `egm_motion`: the program answers ASKED with GUIDED once an arm follows EGM."""
+    """Values of `egm_request` and `egm_state`."""
 
     LISTEN = 0
-    ASKED = 1
-    GUIDED = 2
+    GUIDED = 1  # by EGM
 
 
 def symbol(arm: str, name: str) -> str:

@@ -15,7 +15,9 @@ from jaxtyping import Float
 
 from bt_jax.deploy.link.egm import CYCLE, Feedback, Mci, Setpoint
 from bt_jax.deploy.link.rws import (
-    EGM_MOTION,
+    EGM_HERE,
+    EGM_REQUEST,
+    EGM_STATE,
     GRIP_ACTUAL,
     GRIP_FORCE,
     GRIP_TARGET,
@@ -83,7 +85,9 @@ class SimulatedArm:
         self.numbers = {
             GRIP_TARGET: opening,
             GRIP_FORCE: 10.0,
-            EGM_MOTION: float(Motion.LISTEN),
+            EGM_REQUEST: float(Motion.LISTEN),
+            EGM_STATE: float(Motion.LISTEN),
+            EGM_HERE: 0.0,
         }  # of its RAPID program
         self.setpoints = SetpointFilter(realism, cell.qpos[self.joints])
         self.hand = SimulatedHand(realism, opening, self.numbers[GRIP_FORCE])
@@ -125,7 +129,8 @@ class SimulatedRobot:
             return False
         if not self.rapid:
             for arm in self.arms:
-                arm.numbers[EGM_MOTION], arm.mci = float(Motion.LISTEN), Mci.STOPPED
+                arm.numbers[EGM_REQUEST] = arm.numbers[EGM_STATE] = float(Motion.LISTEN)
+                arm.mci = Mci.STOPPED
             self.rapid = True
         return True
 
@@ -145,11 +150,11 @@ class SimulatedRobot:
         arm, name = self._symbol(url)
         if name not in arm.numbers:
             raise KeyError(url)
-        if name == EGM_MOTION and self.rapid:
-            arm.silent, arm.mci = 0.0, Mci.RUNNING if value == Motion.ASKED else Mci.STOPPED
-            arm.setpoints.brake()
-            value = float(Motion.GUIDED if value == Motion.ASKED else Motion.LISTEN)
         arm.numbers[name] = value
+        if name == EGM_REQUEST and self.rapid and arm.numbers[EGM_STATE] != value:
+            arm.silent, arm.mci = 0.0, Mci.RUNNING if value == Motion.GUIDED else Mci.STOPPED
+            arm.setpoints.brake()
+            arm.numbers[EGM_STATE] = value
 
     def _symbol(self, url: str) -> tuple[SimulatedArm, str]:
         name = url.rsplit("/", 1)[-1]

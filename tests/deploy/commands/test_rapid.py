@@ -1,7 +1,10 @@
 """The robot's program cannot be run here: what can be checked is that it is whole, and that it is what our side expects."""
 
 import io
+import os
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -13,16 +16,20 @@ from bt_jax.deploy.commands.rapid import rapid_command, rapid_module
 from bt_jax.deploy.link import rws
 from bt_jax.deploy.link.egm import CYCLE
 from bt_jax.deploy.link.irc5_link import Irc5Link
-from bt_jax.deploy.link.rws import EGM_MOTION, MODULE, TASKS, Motion, Rws, symbol
+from bt_jax.deploy.link.rws import EGM_REQUEST, EGM_STATE, MODULE, TASKS, Motion, Rws, symbol
 from bt_jax.deploy.link.settings import LinkConfig, LinkTiming
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.controller import Controller
 from bt_jax.deploy.twin.network import free_ports
+from bt_jax.tasks import load_task
 from tests.helpers.cells import ARMS, RULES, cell, run_for, skipped_where_starved, smooth
 
 CODE = "\n".join(re.sub(r'("[^"]*")|!.*', r"\1", line) for line in rapid_module().splitlines())  # without comments
 STATEMENT = re.sub(r"\s+", " ", CODE)
-NUMBERS = [getattr(rws, name) for name in ("EGM_MOTION", "GRIP_TARGET", "GRIP_FORCE", "GRIP_ACTUAL")]
+BY_HAND = {"teach_ready", "go_ready", "calibrate_hand"}  # routines that a person runs
+NUMBERS = [
+    getattr(rws, name) for name in ["EGM_REQUEST", "EGM_STATE", "EGM_HERE", "GRIP_TARGET", "GRIP_FORCE", "GRIP_ACTUAL"]
+]
 
 
 def constant(name):
@@ -39,7 +46,8 @@ def test_every_number_that_we_ask_for_is_there_for_each_arm():
                 "a PERS alone is shared by both arms"
             )
             assert task in TASKS.values()
-    assert len(re.findall(r"\bPERS\b", CODE)) == len(NUMBERS)
+    assert len(re.findall(r"\bPERS num\b", CODE)) == len(NUMBERS)
+    assert "PERS" not in re.sub(r"\bTASK PERS\b", "", CODE), "a PERS alone is shared by both arms"
 
 
 def test_the_values_of_the_motion_are_ours():
@@ -77,8 +85,60 @@ def test_egm_is_set_up_in_order():
     assert connected.index("EGMReset") < connected.index("EGMGetId") < connected.index("EGMSetupUC")
     main = re.search(r"PROC main\(\)(.*?)ENDPROC", STATEMENT)[1]
     assert (
-        main.index("LISTEN") < main.index("stand_still") < main.index("tell_position") < main.index("follow_setpoints")
+        main.index("LISTEN")
+        < main.index("begin_at_ready")
+        < main.index("tell_position")
+        < main.index("follow_setpoints")
     )
+
+
+def test_it_is_rapid(tmp_path):
+    (tmp_path / "rapidchecker.toml").write_text("indentation_size = 4\n")
+    (tmp_path / "BtJax.mod").write_text(rapid_module())
+    command = [sys.executable, "-m", "rapidchecker", "BtJax.mod"]
+    found = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env={**os.environ, "PYTHONUTF8": "1"})
+    assert found.returncode == 0, found.stdout + found.stderr
+
+
+def test_texts_are_no_longer_than_a_string_of_rapid():
+    assert all(len(text) <= 80 for text in re.findall('"([^"]*)"', CODE))
+
+
+def test_each_side_of_the_handshake_writes_its_own_number():
+    """A request that comes while another is carried out would be overwritten by its answer."""
+    assert re.findall(r"(?<!num )egm_request:=(\w+);", CODE) == ["LISTEN"], (
+        "only to forget what was asked for before the start"
+    )
+    assert re.search(r"PROC main\(\) egm_request:=LISTEN;", STATEMENT)
+    assert re.findall(r"(?<!num )egm_state:=(\w+);", CODE) == ["LISTEN", "LISTEN", "GUIDED", "LISTEN"]
+
+
+def test_the_arm_begins_at_a_target_that_a_person_has_taught():
+    begun = re.search(r"PROC begin_at_ready\(\)(.*?)ENDPROC", STATEMENT)[1]
+    assert "WHILE NOT ready_taught OR joint_gap(here,ready)>AT_READY DO" in begun
+    assert "Stop;" in begun
+    motions = re.findall(r"MoveAbsJ ([^;]+);", CODE)
+    assert motions == ["ready\\NoEOffs,v50,fine,gripper", "here\\NoEOffs,v10,fine,gripper"]
+    assert re.search(r"PROC teach_ready\(\) ready:=CJointT\(\); ready_taught:=TRUE;", STATEMENT)
+
+
+def test_every_routine_of_the_program_hands_its_errors_on_to_main():
+    routines = dict(re.findall(r"PROC (\w+)\([^)]*\)(.*?)ENDPROC", STATEMENT))
+    for name in routines.keys() - BY_HAND - {"main"}:
+        assert routines[name].rstrip().endswith("RAISE;"), name
+    assert re.search(r"ERROR .*Stop; $", routines["main"])
+
+
+def test_the_controller_knows_what_the_arms_carry():
+    for instruction in ("MoveAbsJ", "EGMActJoint"):
+        assert all("gripper" in found for found in re.findall(rf"{instruction} [^;]+;", STATEMENT)), instruction
+    served = re.search(r"PROC serve_hand\(\)(.*?)ENDPROC", STATEMENT)[1]
+    assert re.search(r"Hand_GripInward[^;]+; GripLoad part; .*Hand_MoveTo[^;]+; GripLoad load0;", served)
+    text = rapid_module(load_task("yumi_stack"), gripper_mass=0.248)
+    assert "TASK PERS tooldata gripper:=[TRUE,[[0,0,0],[1,0,0,0]],[0.248,[" in text
+    part = float(re.search(r"loaddata part:=\[([^,]+),", text)[1])
+    assert part == pytest.approx(max(box.density * box.size**3 for box in load_task("yumi_stack").boxes), abs=1e-3)
+    assert f"[{YUMI.arm('left').gripper.total_mass:g},[" in rapid_module()
 
 
 def test_no_hand_moves_before_it_is_calibrated():
@@ -89,16 +149,12 @@ def test_no_hand_moves_before_it_is_calibrated():
     assert loop[2].startswith("Hand_Initialize")
 
 
-def test_blocks_are_closed_and_what_is_called_is_there():
-    for begin, end in [("MODULE", "ENDMODULE"), ("PROC", "ENDPROC"), ("WHILE", "ENDWHILE")]:
-        assert len(re.findall(rf"\b{begin}\b", CODE)) == len(re.findall(rf"\b{end}\b", CODE)), begin
-    assert len(re.findall(r"\bTHEN\b", CODE)) == len(re.findall(r"\bENDIF\b", CODE))
-    assert CODE.count("(") == CODE.count(")")
+def test_what_is_called_is_there():
     assert all(line.isascii() and len(line) <= 130 for line in rapid_module().splitlines())
-    procedures = set(re.findall(r"PROC (\w+)\(", CODE))
+    procedures = set(re.findall(r"PROC (\w+)\(", CODE)) - BY_HAND
     names = set(re.findall(r"(?:num|egm_minmax|egmident|jointtarget) (\w+)", CODE))
     statements = re.sub(r"\b(DO|THEN|ENDIF|ENDWHILE|ELSE)\b|\)", ";", STATEMENT).split(";")
-    called = {words.split()[0] for words in statements if re.match(r" *[a-z]+_[a-z]+( [\w]+)? *$", words)}
+    called = {words.split()[0] for words in statements if re.match(r" *[a-z]+(_[a-z]+)+( [\w]+)? *$", words)}
     assert called - names == procedures - {"main"}
     assert all(len(name) <= 32 for name in names | procedures)
 
@@ -112,7 +168,7 @@ def test_the_command_writes_it_and_says_what_next(tmp_path):
     console = Console(file=io.StringIO(), width=200)
     assert rapid_command(RapidArguments(out=tmp_path / "new"), console) == 0
     written = (tmp_path / "new" / "BtJax.mod").read_bytes()
-    assert written.replace(b"\r\n", b"\n").decode() == rapid_module()
+    assert written.replace(b"\r\n", b"\n").decode() == rapid_module(load_task("yumi_stack"))
     said = console.file.getvalue()
     for word in ("never run on a controller", "UDPUC", "6511", "6512", "T_ROB_L", "emergency stop"):
         assert word in said
@@ -135,9 +191,9 @@ def test_a_program_that_runs_already_is_asked_to_follow(realtime):
         with skipped_where_starved(controller, link), link:
             run_for(link, 0.2)
             assert not any(link.arm(arm).running for arm in ARMS)
-            assert rws.number(symbol("left", EGM_MOTION)) == Motion.LISTEN
+            assert rws.number(symbol("left", EGM_REQUEST)) == Motion.LISTEN
             link.start()
-            assert [rws.number(symbol(arm, EGM_MOTION)) for arm in ARMS] == [Motion.GUIDED] * 2
+            assert [rws.number(symbol(arm, EGM_STATE)) for arm in ARMS] == [Motion.GUIDED] * 2
             start = link.arm("left").commanded
             link.follow("left", smooth(start, start + 0.1, 0.5))
             run_for(link, 1.0)

@@ -8,7 +8,7 @@ import pytest
 
 from bt_jax._util.errors import UserError
 from bt_jax.deploy.link.irc5_link import Irc5Link
-from bt_jax.deploy.link.rws import EGM_MOTION, Motion, Rws, symbol
+from bt_jax.deploy.link.rws import EGM_REQUEST, Motion, Rws, symbol
 from bt_jax.deploy.link.settings import LinkConfig
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.controller import Controller
@@ -43,7 +43,7 @@ def test_nothing_is_answered_before_the_start_and_then_the_first_joints_are_held
         rws = Rws("127.0.0.1", controller.rws_port, "Default User", "robotics")
         rws.start()
         for arm in ARMS:  # somebody else asks the robot to follow: nobody answers, and it gives up
-            rws.set_number(symbol(arm, EGM_MOTION), float(Motion.ASKED))
+            rws.set_number(symbol(arm, EGM_REQUEST), float(Motion.GUIDED))
         run_for(link, 1.0)
         assert controller.stats().unanswered > 50
         assert rws.state().rapid == "stopped"

@@ -8,7 +8,7 @@ import pytest
 
 from bt_jax._util.errors import UserError
 from bt_jax.deploy.link.irc5_link import Irc5Link
-from bt_jax.deploy.link.rws import EGM_MOTION, Motion, Rws, symbol
+from bt_jax.deploy.link.rws import EGM_REQUEST, Motion, Rws, symbol
 from bt_jax.deploy.link.rws_errors import ControllerBusy
 from bt_jax.deploy.link.safety import Rejected
 from bt_jax.deploy.link.settings import LinkConfig, LinkTiming
@@ -144,7 +144,7 @@ def test_guided_motion_is_ended_before_the_program_where_all_is_well(well, monke
         told.clear()
         link.close()
         rws = Rws("127.0.0.1", controller.rws_port, "Default User", "robotics")
-        listen = [("set_number", symbol(arm, EGM_MOTION), float(Motion.LISTEN)) for arm in ARMS]
+        listen = [("set_number", symbol(arm, EGM_REQUEST), float(Motion.LISTEN)) for arm in ARMS]
         assert told == ([*listen, ("stop",)] if well else []), "a stop that is confirmed needs no other"
         assert rws.state().rapid == "stopped"
         rws.close()

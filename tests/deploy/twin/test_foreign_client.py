@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bt_jax.deploy.link.egm import EXTERNAL
-from bt_jax.deploy.link.rws import EGM_MOTION, Motion, Rws, symbol
+from bt_jax.deploy.link.rws import EGM_REQUEST, Motion, Rws, symbol
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.controller import Controller
 from bt_jax.deploy.twin.network import free_ports
@@ -62,7 +62,7 @@ def test_a_foreign_client_moves_both_arms_with_all_seven_axes(realism):
             rws = Rws("127.0.0.1", controller.rws_port, USER, PASSWORD)
             rws.start()
             for arm in ARMS:
-                rws.set_number(symbol(arm, EGM_MOTION), float(Motion.ASKED))
+                rws.set_number(symbol(arm, EGM_REQUEST), float(Motion.GUIDED))
             controller.advance(0.1 + SECONDS)
             turned = np.degrees(controller.state()[1] - start)
             rws.close()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bt_jax.deploy.link.egm import CYCLE, Mci
-from bt_jax.deploy.link.rws import EGM_MOTION, GRIP_TARGET, Motion, symbol
+from bt_jax.deploy.link.rws import EGM_REQUEST, GRIP_TARGET, Motion, symbol
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.cell import build_scene
 from bt_jax.deploy.twin.network import free_ports
@@ -24,7 +24,7 @@ def guided(realism):
     robot = SimulatedRobot(build_scene(YUMI, TASK, 3, realism).cell, free_ports(YUMI.arm_names), realism)
     assert robot.start_rapid()
     for arm in robot.arms:
-        robot.set_number(symbol(arm.name, EGM_MOTION), float(Motion.ASKED))
+        robot.set_number(symbol(arm.name, EGM_REQUEST), float(Motion.GUIDED))
         arm.silent = -math.inf  # nobody speaks over the network here
     return robot, robot.arms[0]
 
