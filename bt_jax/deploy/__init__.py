@@ -1,4 +1,4 @@
-"""A learnt tree on an ABB YuMi, or on its twin: perception, planning, the link to the controller, execution.
+"""A learnt tree on a robot, or on its twin: perception, planning, the link to the controller, execution.
 
 Nothing of this was ever tried on a real robot. Importing it needs no extra; using a name may need `bt_jax[robot]`.
 """

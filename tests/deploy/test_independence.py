@@ -1,4 +1,4 @@
-"""What is general of a robot does not know which one it is: YuMi's numbers, its link and the commands do."""
+"""Only YuMi's numbers and the commands, which choose the robot, name it."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from bt_jax import deploy
 ROOT = Path(deploy.__file__).parent
 
 
-@pytest.mark.parametrize("room", ["planning", "execution", "twin", "robot"])
+@pytest.mark.parametrize("room", ["robot", "planning", "link", "execution", "perception", "twin"])
 def test_a_general_room_does_not_name_a_robot(room):
     naming = [
         path.name

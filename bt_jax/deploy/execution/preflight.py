@@ -31,7 +31,7 @@ from bt_jax.deploy.link.reception import complaint
 __all__ = ["CONTROLLER", "CheckResult", "passed", "preflight", "show"]
 
 TREE, IMAGES, MARKERS = "tree: every leaf is known", "camera: images", "markers: everything is seen"  # needed by others
-CONTROLLER, FEEDBACK = "controller: state", "link: feedback of both arms"
+CONTROLLER, FEEDBACK = "controller: state", "link: feedback of all arms"
 
 LISTEN = 2.0  # seconds for which feedback and camera are watched
 FLANGE = (

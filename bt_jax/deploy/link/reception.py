@@ -141,7 +141,7 @@ def complaint(arm: str, port: int, host: str, before: Reception, after: Receptio
     if came.axes > 0:
         return (
             f"{came.axes} EGM messages {where} with {came.joints} joints and {came.external} external ones instead of 6 "
-            "and 1: another robot, or an EGM setup without axis 7; give the address of the YuMi with --robot, and start "
+            "and 1: another robot, or an EGM setup without axis 7; give the address of this robot with --robot, and start "
             "BtJax in both arms' tasks"
         )
     if came.unreadable > 0:

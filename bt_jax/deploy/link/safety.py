@@ -20,9 +20,9 @@ from bt_jax.deploy.robot.arrays import JointRows, Joints, Point
 __all__ = ["Clearance", "Points", "Rejected", "Rules", "check_setpoint", "check_trajectory"]
 
 Points = Callable[[str, Joints], Mapping[str, Point]]
-"""points(arm, joints [7]) -> {"tcp": xyz, "elbow": xyz, ...} in the robot's base frame [m]."""
+"""points(arm, joints) -> {"tcp": xyz, "elbow": xyz, ...} in the robot's base frame [m]."""
 Clearance = Callable[[Mapping[str, Joints]], float]
-"""clearance({arm: joints [7]}) of all arms -> smallest distance [m] between the arms, and to tables and fixtures."""
+"""clearance({arm: joints}) of all arms -> smallest distance [m] between the arms, and to tables and fixtures."""
 
 SEEN_EVERY = 0.02  # seconds of a trajectory between two looks at clearance
 SLACK = 1e-9
@@ -134,7 +134,7 @@ def check_trajectory(
 ) -> Trajectory:
     """Return the trajectory as it may run, slowed down to `rules.override`.
 
-    `commanded` [7] is where the arm is sent now, `others` where each other arm is. Raise Rejected if any point
+    `commanded` is where the arm is sent now, `others` where each other arm is. Raise Rejected if any point
     breaks a rule: it is not entered, not even in part.
     """
     if trajectory.joints.shape[1] != len(commanded):

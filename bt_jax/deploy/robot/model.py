@@ -42,7 +42,8 @@ class JointModel:
 
 @dataclasses.dataclass(frozen=True)
 class GripperModel:
-    """Two parallel fingers, each of which moves by up to `stroke` along the -x of its placement in the hand."""
+    """Two parallel fingers, each of which moves by up to `stroke` along the -x of its placement in the hand. They close
+    along the hand's x, and point along its z. Of the shapes of a finger the second is its pad."""
 
     stroke: float
     fingers: tuple[Placement, Placement]
