@@ -11,7 +11,7 @@ from bt_jax.deploy.twin.settings import Realism
 __all__ = ["Sensor"]
 
 GAMMA = 2.2  # of the images: a stop is a factor of 2 in light
-PATTERNS = 4  # of noise, drawn once and shifted for every image, since drawing costs more than rendering
+SHIFT = 64  # px in each direction within which the pattern of noise is shifted, since drawing a new one takes too long
 
 
 class Sensor:
@@ -19,21 +19,20 @@ class Sensor:
 
     def __init__(self, realism: Realism, seed: int | list[int] = 0) -> None:
         self._realism, self._random = realism, np.random.default_rng(seed)
-        shape = (PATTERNS, realism.height, realism.width, 3)
-        self._patterns = realism.noise * self._random.standard_normal(
-            shape if realism.noise else (0, 1, 1, 3), np.float32
-        )
+        shape = (realism.height + SHIFT, realism.width + SHIFT, 3) if realism.noise > 0 else (0, 0, 3)
+        noise = realism.noise * self._random.standard_normal(shape, np.float32)
+        self._noise = np.rint(noise).astype(np.int16)
 
     def __call__(self, image: ColorImage) -> ColorImage:
         """Return what the camera makes of an image."""
         realism = self._realism
         gain = 2 ** (realism.exposure / GAMMA) * (1 + realism.flicker * float(self._random.uniform(-1, 1)))
-        if realism.blur == 0 and realism.noise == 0 and gain == 1:
-            return image
-        seen = image.astype(np.float32) * np.float32(gain)
+        if gain != 1:
+            image = cv2.convertScaleAbs(image, alpha=gain)
         if realism.blur > 0:
-            cv2.GaussianBlur(seen, (0, 0), realism.blur, dst=seen)
+            image = cv2.GaussianBlur(image, (0, 0), realism.blur)
         if realism.noise > 0:
-            pattern = self._patterns[self._random.integers(PATTERNS)]
-            seen += np.roll(pattern, self._random.integers(0, min(pattern.shape[:2]), 2), (0, 1))
-        return np.clip(np.rint(seen), 0, 255).astype(np.uint8)
+            down, right = self._random.integers(0, SHIFT, 2)
+            noise = self._noise[down : down + realism.height, right : right + realism.width]
+            image = cv2.add(image, noise, dtype=cv2.CV_8U)
+        return image

@@ -27,9 +27,8 @@ targets:
   - {object: YellowBox, position: [0, 0, 0.021], frame: KittingBox}
 """
 LIGHT = ["--realism.width", "640", "--realism.height", "480", "--realism.blur", "0.35", "--realism.rate", "5"]
-STARVED = re.compile(
-    r"✗ (camera: images|link: feedback)|no new image|no feedback for|no sign of life|messages .* were lost"
-)
+STARVED = re.compile("check the camera's cable|no new image|no feedback for|no sign of life|were lost; use a cable")
+PLAIN = {**os.environ, "TERM": "dumb", "COLUMNS": "200"}
 
 
 @contextlib.contextmanager
@@ -79,11 +78,14 @@ needs_renderer = pytest.mark.skipif(available() is not True, reason=f"needs a re
 @pytest.mark.slow
 def test_check_passes_on_a_twin_in_another_process(tmp_path):
     with served(tmp_path) as words:
-        found = subprocess.run(command("check", *words), cwd=tmp_path, capture_output=True, text=True, timeout=120)
+        found = subprocess.run(
+            command("check", *words), cwd=tmp_path, env=PLAIN, capture_output=True, text=True, timeout=120
+        )
     skip_where_starved(found.stdout)
     assert found.returncode == Exit.FAILED, "no log of the twin was given"
-    assert found.stdout.count("✓") == 12, found.stdout + found.stderr
-    assert "✗ twin: this tree ran there" in found.stdout
+    bad = [line for line in found.stdout.splitlines() if not line.startswith("✓")]
+    assert len(bad) == 1, found.stdout + found.stderr
+    assert bad[0].startswith("✗ twin: this tree ran there")
 
 
 @needs_renderer
@@ -109,7 +111,7 @@ def test_a_tree_runs_with_motion_on_a_twin_in_another_process(tmp_path):
 def typed(words, answer, folder):
     """Run a command at a terminal where somebody types an answer once asked; return exit code and what was said."""
     ours, theirs = pty.openpty()
-    process = subprocess.Popen(words, cwd=folder, stdin=theirs, stdout=theirs, stderr=theirs)
+    process = subprocess.Popen(words, cwd=folder, env=PLAIN, stdin=theirs, stdout=theirs, stderr=theirs)
     os.close(theirs)
     said, answered = b"", False
     while True:
