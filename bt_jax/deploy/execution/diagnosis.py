@@ -44,6 +44,18 @@ class Diagnosis:
         left = self.limits.unseen - (now - max(times, default=now))
         return min(self.limits.patience, max(left, self.limits.patience / 2))
 
+    def hopeless(self, action: Behavior, now: float, *, looked: bool) -> str:
+        """Return why an action need not be begun, "" if it may work: what it acts on has not been seen for long, though it
+        was looked for, or missing in an attempt."""
+        gone = [
+            name
+            for name in (action.object, action.frame)
+            if name in self._hidden and now - self._seen_at.get(name, 0.0) >= self.limits.unseen
+        ]
+        if not gone or not (looked or action in self.runner.failures):
+            return ""
+        return joined(f"{action} cannot be carried out", self.troubles(frozenset([action])))
+
     def repeated(self) -> str:
         """Return which action was broken off again and again without anything achieved, and why, "" if none was."""
         reason = self.runner.repeated(self.limits.broken_off)

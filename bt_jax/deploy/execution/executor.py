@@ -183,6 +183,9 @@ class Executor:
                     self.runner.look(now)
             case Step.STARTING:
                 assert wanted is not None
+                hopeless = self._diagnosis.hopeless(wanted, now, looked=decision.sight.looked is not None)
+                if hopeless and not self.dry:
+                    raise self._failed(hopeless, now)
                 return self.runner.start(wanted, seen, now)
             case Step.WAITING:
                 self._judge(ticked.status, decision.sight.undecided, now)

@@ -283,7 +283,7 @@ DISTURBANCES: Mapping[str, Disturbance] = {
     "unknown-on": Disturbance(Disturber.add_on, stranger=""),
     "kit-moved": Disturbance(Disturber.move_kit),
     "kit-covered": Disturbance(Disturber.cover_kit),
-    "dark": _pictures(exposure=-5.0),
+    "dark": _pictures(exposure=-10.0),
     "bright": _pictures(exposure=3.0),
     "flicker": _pictures(flicker=0.3),
     "noise": _pictures(noise=12.0),
