@@ -5,7 +5,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bt_jax.deploy.robot.model import ArmModel, GripperModel, JointModel, RobotModel
-from bt_jax.deploy.robot.shapes import LinkShape, Placement
+from bt_jax.deploy.robot.shapes import Box, Capsule, Link, LinkShape, Placement
 
 # Standard parameters of each joint: d [m], a [m], alpha [rad].
 DH = (
@@ -28,13 +28,14 @@ def _after(d: float, a: float, alpha: float) -> Placement:
 
 def _shape(link: int) -> LinkShape:
     d, a, _ = DH[link - 1]
-    return LinkShape(link, "capsule", (0, 0, 0), (a, 0, d), RADII[link - 1])
+    return LinkShape(link, Capsule((0, 0, 0), (a, 0, d), RADII[link - 1]))
 
 
 _FINGER = (
-    ("box", (-0.006, 0.0065, 0.028), (0.008, 0.014, 0.056)),
-    ("box", (-0.001, 0.0065, 0.0443), (0.002, 0.016, 0.02)),
+    (Box((-0.006, 0.0065, 0.028), (0.008, 0.014, 0.056)), False),
+    (Box((-0.001, 0.0065, 0.0443), (0.002, 0.016, 0.02)), True),
 )
+_PLACES: dict[Link, int] = {**{link: link for link in range(7)}, "hand": 7, "finger_a": 8, "finger_b": 8}
 ARM = ArmModel(
     name="arm",
     joints=tuple(
@@ -52,16 +53,16 @@ ARM = ArmModel(
     home=HOME,
     shapes=(
         *(_shape(link) for link in range(1, 6)),
-        LinkShape("hand", "box", (0, 0, 0.042), (0.09, 0.05, 0.08)),
-        *(LinkShape(name, *box) for name in ("finger_a", "finger_b") for box in _FINGER),
+        LinkShape("hand", Box((0, 0, 0.042), (0.09, 0.05, 0.08))),
+        *(LinkShape(name, box, pad=pad) for name in ("finger_a", "finger_b") for box, pad in _FINGER),
     ),
     landmarks=(("wrist", 5), ("elbow", 3)),
-    own_apart=4,
-    body_apart=3,
-    cell_apart=2,
+    unchecked=tuple(  # its shapes are so rough that near ones overlap
+        (a, b) for a, i in _PLACES.items() for b, j in _PLACES.items() if 0 < j - i < (4 if i else 3)
+    ),
 )
 WORKSPACE = ((-0.5, -0.6, 0.0), (0.6, 0.6, 0.9))
-SIX_AXIS = RobotModel("six_axis", (ARM,), WORKSPACE, (LinkShape(0, "box", (-0.05, 0, 0.02), (0.15, 0.15, 0.04)),))
+SIX_AXIS = RobotModel("six_axis", (ARM,), WORKSPACE, (LinkShape(0, Box((-0.05, 0, 0.02), (0.15, 0.15, 0.04))),))
 
 
 def denavit_hartenberg(joints: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""How far arms and what they carry are from each other and from the cell: Pinocchio and Coal on the shapes of the robot.
+"""How far arms and what they carry are from each other and from the cell.
 
 Pairs that are meant to touch (a finger and the box that it grasps, a box and what it is set down on) are told by name.
 """
@@ -8,24 +8,23 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping
 
-import coal
 import numpy as np
-import pinocchio as pin
 from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform
 
+from bt_jax.deploy.planning.collisions import CollisionModel
 from bt_jax.deploy.robot.arrays import Joints
 from bt_jax.deploy.robot.model import RobotModel
-from bt_jax.deploy.robot.shapes import LinkShape, Vec3
-from bt_jax.deploy.robot.urdf import urdf
+from bt_jax.deploy.robot.shapes import Box, Capsule, Hull, Link
 from bt_jax.tasks import Task
 
 __all__ = ["Carried", "CellClearance", "SafetyClearance"]
 
-FAR = RigidTransform.from_translation([0, 0, -50.0])  # of what is not there
+HERE = RigidTransform.identity()
 ARM_MARGIN = 0.01  # m between arms, and between an arm and the body
 WORLD_MARGIN = 0.004  # m between an arm and tables, kit and boxes
 CARRIED_MARGIN = 0.006  # m between a carried box and anything else
+FIXED = ("body", "thing")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,11 +39,11 @@ class Carried:
 @dataclasses.dataclass(frozen=True)
 class _Part:
     """What a shape belongs to: `kind` is "body", "link", "hand", "finger", "held" (a box in a hand) or "thing" (of the
-    cell); `owner` the arm, or the thing's name; `place` that in the arm's chain."""
+    cell); `owner` the arm, or the thing's name; `link` that of the arm."""
 
     kind: str
     owner: str = ""
-    place: int = 0
+    link: Link = 0
 
     @property
     def gripping(self) -> bool:
@@ -58,24 +57,17 @@ class CellClearance:
 
     def __init__(self, robot: RobotModel, task: Task, *, movable: bool = True) -> None:
         self.robot, self.task = robot, task
-        self._model = pin.buildModelFromXML(urdf(robot))
-        self._data = self._model.createData()
-        self._q = pin.neutral(self._model)
-        self._columns = {
-            arm.name: [self._column(name) for name in arm.joint_names]
-            + [self._column(f"{name}_joint") for name in arm.finger_names]
-            for arm in robot.arms
-        }
-        self._geometry = pin.GeometryModel()
-        self._of: list[_Part] = []  # of each geometry
+        self._model = CollisionModel(robot)
+        self._of: list[_Part] = []  # of each solid
+        self._things: dict[str, list[int]] = {}  # the solids of kit and boxes
+        self._held: dict[tuple[str, str], int] = {}
         self._add_robot()
         self._add_tables()
-        self._parts: dict[str, list[tuple[int, RigidTransform]]] = {}  # movable things: geometries and where in them
-        self._held: dict[tuple[str, str], int] = {}
         if movable:
             self._add_movable()
-        self._pairs = self._add_pairs()
-        self._geometry_data = pin.GeometryData(self._geometry)
+        solids = range(len(self._of))
+        self._pairs = [(i, j) for i in solids for j in solids[i + 1 :] if self._wanted(self._of[i], self._of[j])]
+        self._model.watch(self._pairs)
         self._margins = np.array([self._margin(*pair) for pair in self._pairs])
         self._active = np.ones(len(self._pairs), bool)
         self.place({})
@@ -91,134 +83,113 @@ class CellClearance:
         """Say where kit and boxes are; what is not named is nowhere. A carried box is where its gripper is. Hands may touch
         the box `gripped`, and the carried box may touch what is in `supports`."""
         supports, inactive = set(supports), set()
-        for name, parts in self._parts.items():
+        for name, solids in self._things.items():
             there = name in poses and (carried is None or carried.box != name)
-            for index, offset in parts:
-                self._geometry.geometryObjects[index].placement = _se3(poses[name] * offset if there else FAR)
-                if not there:
-                    inactive.add(index)
-        for (arm, box), index in self._held.items():
+            for solid in solids:
+                if there:
+                    self._model.place(solid, poses[name])
+                else:
+                    inactive.add(solid)
+        for (arm, box), solid in self._held.items():
             if carried is not None and (carried.arm, carried.box) == (arm, box):
-                tcp = self._model.frames[self._model.getFrameId(f"{arm}_tcp")].placement
-                self._geometry.geometryObjects[index].placement = tcp * _se3(carried.pose)
+                self._model.place(solid, carried.pose)
             else:
-                inactive.add(index)
+                inactive.add(solid)
         for k, (i, j) in enumerate(self._pairs):
-            active = i not in inactive and j not in inactive and not self._may_touch(i, j, gripped, supports)
-            if active != self._active[k]:
-                self._active[k] = active
-                change = (
-                    self._geometry_data.activateCollisionPair if active else self._geometry_data.deactivateCollisionPair
-                )
-                change(k)
+            self._active[k] = not ({i, j} & inactive or self._may_touch(i, j, gripped, supports))
 
     def distance(self, joints: Mapping[str, Joints], *, opening: float | None = None) -> float:
         """Return the least distance [m], negative if something overlaps; inf if there are no pairs."""
-        return self._least(joints, opening)[0]
+        return self._least(joints, opening, np.zeros(len(self._pairs)))[0]
 
     def slack(self, joints: Mapping[str, Joints], *, opening: float | None = None) -> float:
         """Return the least of each pair's distance less the margin that it should keep [m]."""
-        return self._least(joints, opening)[1]
+        return self._least(joints, opening, self._margins)[0]
 
     def slacks(self, joints: Mapping[str, Joints], *, opening: float | None = None) -> Float[np.ndarray, " pairs"]:
-        """Each pair's distance less the margin that it should keep [m]; inf where a pair does not count."""
-        return self._distances(joints, opening) - self._margins
+        """Return each pair's distance less the margin that it should keep [m], and where that is positive perhaps less of
+        it; inf where a pair does not count."""
+        found = self._bounds(joints, opening)
+        for pair in np.flatnonzero(found < self._margins):  # none where a joint is not a number
+            found[pair] = self._model.distance(int(pair))
+        return found - self._margins
 
     def nearest(self, joints: Mapping[str, Joints], *, opening: float | None = None) -> str:
         """Which two shapes are nearest to what they may be, for messages."""
-        _, slack, pair = self._least(joints, opening)
-        i, j = self._pairs[pair]
-        names = [self._geometry.geometryObjects[k].name.rsplit(":", 1)[0] for k in (i, j)]
-        return f"{names[0]} and {names[1]} ({1000 * slack:.0f} mm)"
+        slack, pair = self._least(joints, opening, self._margins)
+        first, second = (self._model.names[solid] for solid in self._pairs[pair])
+        return f"{first} and {second} ({1000 * slack:.0f} mm)"
 
-    def _least(self, joints: Mapping[str, Joints], opening: float | None) -> tuple[float, float, int]:
-        found = self._distances(joints, opening)
-        slack = found - self._margins
-        worst = int(np.argmin(slack))
-        return float(found.min()), float(slack[worst]), worst
+    def _least(
+        self, joints: Mapping[str, Joints], opening: float | None, margins: Float[np.ndarray, " pairs"]
+    ) -> tuple[float, int]:
+        """Return the least of the distances less `margins`, and of which pair it is; NaN if a joint is not a number."""
+        bounds = self._bounds(joints, opening) - margins
+        least, nearest = np.inf, 0
+        if np.isnan(bounds).any():
+            return np.nan, nearest
+        for pair in np.argsort(bounds):
+            if bounds[pair] >= least:
+                break
+            slack = self._model.distance(int(pair)) - margins[pair]
+            if slack < least:
+                least, nearest = slack, int(pair)
+        return float(least), nearest
 
-    def _distances(self, joints: Mapping[str, Joints], opening: float | None) -> Float[np.ndarray, " pairs"]:
-        for arm, columns in self._columns.items():
-            finger = self.robot.arm(arm).gripper.stroke if opening is None else opening / 2
-            self._q[columns] = (*joints[arm], finger, finger)
-        pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._geometry_data, self._q)
-        pin.computeDistances(self._geometry, self._geometry_data)
-        found = np.array([result.min_distance for result in self._geometry_data.distanceResults])
-        found[~self._active] = np.inf
-        return found
+    def _bounds(self, joints: Mapping[str, Joints], opening: float | None) -> Float[np.ndarray, " pairs"]:
+        """Move the arms; return what each pair is apart at least, inf where it does not count."""
+        return np.where(self._active, self._model.move(joints, opening), np.inf)
 
-    def _column(self, joint: str) -> int:
-        return self._model.joints[self._model.getJointId(joint)].idx_q
-
-    def _add(self, name: str, frame: int, placement: RigidTransform, shape: coal.ShapeBase, part: _Part) -> int:
-        joint = self._model.frames[frame].parentJoint
-        inside = self._model.frames[frame].placement * _se3(placement)
+    def _add(self, part: _Part, name: str, link: str, solid: Box | Capsule | Hull, pose: RigidTransform = HERE) -> int:
         self._of.append(part)
-        return self._geometry.addGeometryObject(pin.GeometryObject(name, joint, frame, inside, shape))
+        return self._model.add(name, link, pose, solid)
 
     def _add_robot(self) -> None:
-        body, root = self.robot.body, self._model.getFrameId(self.robot.body)
-        for i, shape in enumerate(self.robot.shapes):
-            self._add(f"{body}:{i}", root, shape.placement, _shape(shape), _Part("body"))
+        for shape in self.robot.shapes:
+            self._add(_Part("body"), self.robot.body, self.robot.body, shape.solid)
         for arm in self.robot.arms:
-            for i, shape in enumerate(arm.shapes):
+            for shape in arm.shapes:
                 name = arm.link_name(shape.link)
                 kind = "link" if isinstance(shape.link, int) else shape.link.split("_")[0]
-                part = _Part(kind, arm.name, arm.place_in_chain(shape.link))
-                self._add(f"{name}:{i}", self._model.getFrameId(name), shape.placement, _shape(shape), part)
+                self._add(_Part(kind, arm.name, shape.link), name, name, shape.solid)
 
     def _add_tables(self) -> None:
-        base, root = (
-            RigidTransform.from_translation(self.task.robot_position).inv(),
-            self._model.getFrameId(self.robot.body),
-        )
+        base = RigidTransform.from_translation(self.task.robot_position).inv()
         for table in self.task.tables:
-            placement = base * RigidTransform.from_translation(table.position)
-            self._add(f"{table.name}:0", root, placement, coal.Box(*table.size), _Part("thing", table.name))
+            pose = base * RigidTransform.from_translation(table.position)
+            self._add(_Part("thing", table.name), table.name, self.robot.body, Box((0, 0, 0), table.size), pose)
 
     def _add_movable(self) -> None:
-        root, kit = self._model.getFrameId(self.robot.body), self.task.kit
+        kit = self.task.kit
         half, high = kit.size / 2, kit.thickness / 2 + kit.wall_height / 2
         edge = half - kit.wall_thickness / 2
-        parts: list[tuple[Vec3, Vec3]] = [((0, 0, 0), (kit.size, kit.size, kit.thickness))]
-        parts += [((s * edge, 0, high), (kit.wall_thickness, kit.size, kit.wall_height)) for s in (-1, 1)]
-        parts += [((0, s * edge, high), (kit.size, kit.wall_thickness, kit.wall_height)) for s in (-1, 1)]
-        things = {kit.name: parts} | {box.name: [((0, 0, 0), (box.size,) * 3)] for box in self.task.boxes}
-        for name, shapes in things.items():
-            self._parts[name] = [
-                (
-                    self._add(f"{name}:{i}", root, FAR, coal.Box(*size), _Part("thing", name)),
-                    RigidTransform.from_translation(at),
-                )
-                for i, (at, size) in enumerate(shapes)
-            ]
+        walls = [Box((0, 0, 0), (kit.size, kit.size, kit.thickness))]
+        walls += [Box((s * edge, 0, high), (kit.wall_thickness, kit.size, kit.wall_height)) for s in (-1, 1)]
+        walls += [Box((0, s * edge, high), (kit.size, kit.wall_thickness, kit.wall_height)) for s in (-1, 1)]
+        cubes = {box.name: Box((0, 0, 0), (box.size,) * 3) for box in self.task.boxes}
+        for name, solids in {kit.name: walls, **{name: [cube] for name, cube in cubes.items()}}.items():
+            part = _Part("thing", name)
+            self._things[name] = [self._add(part, name, self.robot.body, solid) for solid in solids]
         for arm in self.robot.arm_names:
-            hand = self._model.getFrameId(f"{arm}_hand")
-            for box in self.task.boxes:
-                shape, part = coal.Box(*(box.size,) * 3), _Part("held", arm)
-                self._held[arm, box.name] = self._add(f"{box.name} in hand:{arm}", hand, FAR, shape, part)
-
-    def _add_pairs(self) -> list[tuple[int, int]]:
-        count = len(self._of)
-        pairs = [(i, j) for i in range(count) for j in range(i + 1, count) if self._wanted(self._of[i], self._of[j])]
-        for i, j in pairs:
-            self._geometry.addCollisionPair(pin.CollisionPair(i, j))
-        return pairs
+            for name, cube in cubes.items():
+                part = _Part("held", arm)
+                self._held[arm, name] = self._add(part, f"{name} in hand", f"{arm}_tcp", cube)
 
     def _wanted(self, first: _Part, second: _Part) -> bool:
         """Can they meet, and would it matter?"""
         kinds = (first.kind, second.kind)
         if "held" in kinds:
             held, other = (first, second) if first.kind == "held" else (second, first)
-            return other.kind in ("thing", "body") or (other.kind != "held" and other.owner != held.owner)
-        on_arm = [part for part in (first, second) if part.kind not in ("body", "thing")]
-        if len(on_arm) == 2:
-            apart = abs(first.place - second.place)
-            return first.owner != second.owner or apart >= self.robot.arm(first.owner).own_apart
-        if not on_arm:
+            arm = self.robot.arm(held.owner)  # in which the box moves as the fingers do
+            return other.kind in FIXED or (
+                other.kind != "held" and (other.owner != arm.name or arm.may_meet(other.link, "finger_a"))
+            )
+        if first.kind in FIXED and second.kind in FIXED:
             return False
-        part, arm = on_arm[0], self.robot.arm(on_arm[0].owner)
-        return part.place >= (arm.body_apart if "body" in kinds else arm.cell_apart)
+        if "thing" in kinds or (first.owner != second.owner and "body" not in kinds):
+            return True
+        arm = self.robot.arm(first.owner or second.owner)
+        return arm.may_meet(first.link, second.link)
 
     def _margin(self, i: int, j: int) -> float:
         kinds = (self._of[i].kind, self._of[j].kind)
@@ -245,11 +216,3 @@ class SafetyClearance:
 
     def __call__(self) -> Callable[[Mapping[str, Joints]], float]:
         return CellClearance(self.robot, self.task, movable=False).distance
-
-
-def _shape(shape: LinkShape) -> coal.ShapeBase:
-    return coal.Box(*shape.end) if shape.kind == "box" else coal.Capsule(shape.radius, shape.length)
-
-
-def _se3(pose: RigidTransform) -> pin.SE3:
-    return pin.SE3(pose.as_matrix())

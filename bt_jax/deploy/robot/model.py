@@ -15,7 +15,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy.robot.arrays import Joints, Point
-from bt_jax.deploy.robot.shapes import LinkShape, Placement, Vec3, placement_matrix
+from bt_jax.deploy.robot.shapes import Link, LinkShape, Placement, Vec3, placement_matrix
 
 __all__ = ["ArmModel", "GripperModel", "JointModel", "RobotModel"]
 
@@ -70,8 +70,7 @@ class GripperModel:
 class ArmModel:
     """A chain of joints with a gripper at its end. `hand` is the flange's frame (tool0) in the last link, `tcp` the point
     between the finger tips in the hand. `landmarks` are links, by their number in the chain, whose origins must stay in the
-    workspace. Links that are less than `own_apart` apart in the chain, or less than `body_apart` from the body, cannot meet
-    or always overlap; links before `cell_apart` cannot reach what stands in the cell."""
+    workspace. `unchecked` are pairs of links, besides neighbours, that never meet or always nearly touch."""
 
     name: str
     joints: tuple[JointModel, ...]
@@ -81,10 +80,8 @@ class ArmModel:
     home: tuple[float, ...]
     shapes: tuple[LinkShape, ...]
     landmarks: tuple[tuple[str, int], ...]
-    own_apart: int
-    body_apart: int
-    cell_apart: int
     payload: float = float("inf")  # with the gripper
+    unchecked: tuple[tuple[Link, Link], ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.home) != len(self.joints):
@@ -140,13 +137,24 @@ class ArmModel:
         """The names of the fingers, of their joints and of their simulated servos."""
         return f"{self.name}_finger_a", f"{self.name}_finger_b"
 
-    def link_name(self, link: int | str) -> str:
+    def link_name(self, link: Link) -> str:
         """Return the name of the link that a shape of this arm belongs to."""
         return self.link_names[link - 1] if isinstance(link, int) else f"{self.name}_{link}"
 
-    def place_in_chain(self, link: int | str) -> int:
-        """Return where in the chain a link is: the hand comes after the last, then both fingers."""
-        return link if isinstance(link, int) else len(self.joints) + (1 if link == "hand" else 2)
+    @property
+    def links(self) -> tuple[Link, ...]:
+        """The links that move, in chain order."""
+        return (*range(1, len(self.joints) + 1), "hand", "finger_a", "finger_b")
+
+    def may_meet(self, first: Link, second: Link) -> bool:
+        """Can two links of this arm, or the body and a link, touch each other? Links with at most one joint between them
+        cannot."""
+        counts = [link if isinstance(link, int) else len(self.joints) + (link != "hand") for link in (first, second)]
+        return abs(counts[0] - counts[1]) > 1 and not {(first, second), (second, first)} & self._unchecked
+
+    @functools.cached_property
+    def _unchecked(self) -> frozenset[tuple[Link, Link]]:
+        return frozenset(self.unchecked)
 
     @functools.cached_property
     def _fixed(self) -> tuple[Float[np.ndarray, "4 4"], ...]:

@@ -1,4 +1,4 @@
-"""Placements, and the primitives that stand for a robot's links. Lengths in metres, angles in radians."""
+"""Placements, and the solids that stand for a robot's links. Lengths in metres, angles in radians."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import dataclasses
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import Rotation
 
-__all__ = ["LinkShape", "Placement", "Vec3", "placement_matrix"]
+__all__ = ["Box", "Capsule", "Hull", "Link", "LinkShape", "Placement", "Vec3", "placement_matrix"]
 
 Vec3 = tuple[float | int, float | int, float | int]
 Placement = tuple[Vec3, Vec3]  # xyz [m], rpy [rad] about fixed axes x, y, z
+Link = int | str
+"""0 is the robot's body, 1 to n are the links of an arm in chain order, then come "hand", "finger_a", "finger_b"."""
 
 
 def placement_matrix(placement: Placement) -> Float[np.ndarray, "4 4"]:
@@ -22,27 +24,34 @@ def placement_matrix(placement: Placement) -> Float[np.ndarray, "4 4"]:
 
 
 @dataclasses.dataclass(frozen=True)
-class LinkShape:
-    """A primitive around a link, in its frame: a capsule from `start` to `end`, or a box with centre `start` and edges
-    `end`. Link 0 is the robot's body, 1 to n the arm's in chain order, then "hand", "finger_a", "finger_b"."""
+class Box:
+    """A box with its edges along the axes of the link."""
 
-    link: int | str
-    kind: str
+    centre: Vec3
+    edges: Vec3
+
+
+@dataclasses.dataclass(frozen=True)
+class Capsule:
+    """All within `radius` of the line from `start` to `end`."""
+
     start: Vec3
     end: Vec3
-    radius: float = 0.0
+    radius: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Hull:
+    """The convex hull of its corners."""
+
+    corners: tuple[Vec3, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class LinkShape:
+    """A solid that stands for a link, or for a part of it, in the link's frame. A `pad` is what a finger grips with."""
+
+    link: Link
+    solid: Box | Capsule | Hull
     dark: bool = False
-
-    @property
-    def placement(self) -> RigidTransform:
-        """Of its centre; the axis of a capsule is its z."""
-        if self.kind == "box":
-            return RigidTransform.from_translation(self.start)
-        start, end = np.array(self.start), np.array(self.end)
-        rotation = Rotation.align_vectors([end - start], [[0, 0, 1.0]])[0]
-        return RigidTransform.from_components((start + end) / 2, rotation)
-
-    @property
-    def length(self) -> float:
-        """Between the centres of a capsule's ends."""
-        return float(np.linalg.norm(np.subtract(self.end, self.start)))
+    pad: bool = False

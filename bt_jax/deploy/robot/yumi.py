@@ -1,18 +1,24 @@
 """ABB YuMi (IRB 14000) with Smart Grippers: two arms of seven joints.
 
-The joints are ABB's nominal ones; the shapes are primitives of our own around the links, a little larger than the links.
+The joints are ABB's nominal ones. The shapes are convex hulls around points on the surface of public coarse meshes, made by
+`benchmarks/collision_shapes.py`, which also found by sampling which pairs of links never meet and which always nearly touch.
 Masses, armatures and stiffnesses are our estimates: the servos carry them.
 """
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
 import numpy as np
 
 from bt_jax.deploy.robot.model import ArmModel, GripperModel, JointModel, RobotModel
-from bt_jax.deploy.robot.shapes import LinkShape, Placement
+from bt_jax.deploy.robot.shapes import Box, Hull, Link, LinkShape, Placement
 
-__all__ = ["YUMI"]
+__all__ = ["SHAPES_FILE", "YUMI"]
 
+SHAPES_FILE = Path(__file__).with_name("yumi_shapes.json")
 QUARTER = np.pi / 2
 BASE: dict[str, Placement] = {
     "left": ((0.053711, 0.072573, 0.415010), (0.979068, -0.569211, 2.316178)),
@@ -51,33 +57,29 @@ SMART_GRIPPER = GripperModel(
 )
 
 
-def _capsule(link: int, radius: float, dark: bool = False) -> LinkShape:
-    return LinkShape(link, "capsule", (0, 0, 0), LINKS[link - 1][0], radius, dark)
+DARK = {3, 5, 7, "finger_a", "finger_b"}
+PAD = Box((-0.001, 0.0065, 0.0405), (0.002, 0.012, 0.02))  # of a finger; its face is where the fingers meet
 
 
-_FINGER = (
-    (
-        "box",
-        (-0.006, 0.0065, 0.028),
-        (0.008, 0.014, 0.056),
-    ),  # ends 8 mm beyond the TCP; the pad is its face at x = -2 mm
-    ("box", (-0.001, 0.0065, 0.0443), (0.002, 0.016, 0.02)),
-)
-BODY_SHAPES = (
-    LinkShape(0, "box", (-0.06, 0, 0.19), (0.2, 0.2, 0.36)),
-    LinkShape(0, "box", (-0.01, 0, 0.42), (0.16, 0.12, 0.16)),
-)
-ARM_SHAPES = (
-    _capsule(1, 0.06),
-    _capsule(2, 0.055),
-    _capsule(3, 0.05, dark=True),
-    _capsule(4, 0.047),
-    _capsule(5, 0.042, dark=True),
-    _capsule(6, 0.036),
-    LinkShape(7, "capsule", (0, 0, -0.01), (0, 0, 0.004), 0.032, dark=True),
-    LinkShape("hand", "box", (0, 0, 0.042), (0.09, 0.05, 0.08)),
-    *(LinkShape(name, *box, dark=True) for name in ("finger_a", "finger_b") for box in _FINGER),
-)
+def _link(name: str) -> Link:
+    """Return the link that a name of `SHAPES_FILE` means."""
+    return 0 if name == "body" else int(name[5:]) if name.startswith("link_") else name
+
+
+def _shapes(table: Mapping[str, list[list[list[float]]]]) -> list[LinkShape]:
+    """Return the shapes of the body and of an arm."""
+    shapes = []
+    for name, hulls in table.items():
+        for link in ("finger_a", "finger_b") if name == "finger" else (_link(name),):
+            solids = [Hull(tuple((x, y, z) for x, y, z in corners)) for corners in hulls]
+            shapes += [LinkShape(link, solid, dark=link in DARK) for solid in solids]
+            shapes += [LinkShape(link, PAD, dark=True, pad=True)] if name == "finger" else []
+    return shapes
+
+
+_TABLE = json.loads(SHAPES_FILE.read_text(encoding="utf-8"))
+SHAPES = _shapes(_TABLE["hulls"])
+UNCHECKED = tuple((_link(a), _link(b)) for a, b in (*_TABLE["never"], *_TABLE["always"]))
 
 
 def _arm(name: str) -> ArmModel:
@@ -91,13 +93,12 @@ def _arm(name: str) -> ArmModel:
         tcp=(0, 0, 0.13),
         gripper=SMART_GRIPPER,
         home=tuple(CALIBRATION[name]),
-        shapes=ARM_SHAPES,
+        shapes=tuple(shape for shape in SHAPES if shape.link != 0),
         landmarks=(("wrist", 6), ("elbow", 4)),
-        own_apart=5,
-        body_apart=4,
-        cell_apart=3,
         payload=0.5,
+        unchecked=UNCHECKED,
     )
 
 
+BODY_SHAPES = tuple(shape for shape in SHAPES if shape.link == 0)
 YUMI = RobotModel("yumi", (_arm("left"), _arm("right")), ((-0.2, -0.8, 0.0), (0.8, 0.8, 1.2)), BODY_SHAPES)

@@ -84,7 +84,7 @@ def test_ticks_go_on_while_a_plan_is_made(process):
 def test_a_path_is_timed_among_what_it_was_planned_among():
     """Whatever was planned in between: a corner that has no room stays a stop."""
     planner, among = Planner(YUMI, TASK), Surroundings({}, {arm: YUMI.home[arm].copy() for arm in YUMI.arm_names})
-    bend = YUMI.home["left"] + 0.3 * np.array([[0, 0, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0, 0], [1, 0, 0, 0, 1, 0, 0]])
+    bend = YUMI.home["left"] + 0.5 * np.array([[0, 0, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0, 0], [1, 1, 0, 0, 0, 0, 0]])
     path = JointPath("left", bend, among)
     expected = planner.timed(path, Pace())
     crowd = {box: YUMI.forward("left", bend[1]) for box in TASK.box_names}
