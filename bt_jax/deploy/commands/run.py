@@ -41,7 +41,7 @@ WARNING = (
     "hand and people out of reach. This program was never tried on a real robot."
 )
 STOPPED = """\
-This was a protective stop. The arms hold where they were measured, and the robot's program was stopped; on our side the
+This was a protective stop. The arms have come to rest and hold, and the robot's program was stopped; on our side the
 stop ends with this process, so that nothing has to be reset here. Remove the cause, clear the error on the pendant,
 choose PP to main and start BtJax on the controller, then run again: preflight and sentence come first, as always."""
 

@@ -54,6 +54,7 @@ class Feedback:
     mci: Mci
     rapid_running: bool
     flange: PoseRow | None = None  # in the base frame; None if the controller does not send it
+    stamp: float | None = None  # seconds of the measurement, finer than `time`, since whenever; None if not sent
 
     @property
     def running(self) -> bool:
@@ -96,6 +97,7 @@ class Feedback:
             Mci(message.mciState.state),
             message.rapidExecState.state == 2,
             _read_pose(message.feedBack) if message.feedBack.HasField("cartesian") else None,
+            message.feedBack.time.sec + message.feedBack.time.usec / 1e6 if message.feedBack.HasField("time") else None,
         )
 
 

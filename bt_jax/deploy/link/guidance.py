@@ -86,7 +86,8 @@ class Guidance:
         """Return the setpoint that answers an arm's newest message, None if it is not to be answered."""
         arm = self.arms[name]
         assert arm.feedback is not None
-        arm.seconds = arm.elapsed.since_last(arm.feedback.time, now if self.realtime else arm.feedback.time)
+        feedback = arm.feedback
+        arm.seconds = arm.elapsed.since_last(feedback.time, now if self.realtime else feedback.time, feedback.stamp)
         if not self.answering or arm.setpoints is None:
             return None
         if self.enabled and arm.moving:

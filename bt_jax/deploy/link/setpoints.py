@@ -15,6 +15,9 @@ from bt_jax.deploy.robot.arrays import Joints
 __all__ = ["ElapsedTime", "SetpointStream"]
 
 
+ROUNDED = 0.0011  # seconds by which a difference of whole milliseconds may be off
+
+
 class ElapsedTime:
     """For how long a message may move an arm on: the time since the one before by the controller's clock, but no longer than
     by ours, and than `longest` [s]. Neither a clock that jumps nor a burst of messages moves an arm faster."""
@@ -22,13 +25,17 @@ class ElapsedTime:
     def __init__(self, longest: float) -> None:
         self._longest = self._left = longest
         self._time: float | None = None
+        self._stamp: float | None = None
         self._now = 0.0
 
-    def since_last(self, time: float, now: float) -> float:
-        """Return the seconds, 0 to `longest`, for a message of `time` by the controller's clock, answered at `now`, ours."""
+    def since_last(self, time: float, now: float, stamp: float | None = None) -> float:
+        """Return the seconds, 0 to `longest`, for a message of `time` by the controller's clock, answered at `now`, ours.
+        `stamp`: the same in finer steps, where it is known; `time` is in milliseconds."""
         passed = 0.0 if self._time is None else time - self._time
         ours = 0.0 if self._time is None else now - self._now
-        self._time, self._now = time, now
+        if self._stamp is not None and stamp is not None and abs(stamp - self._stamp - passed) <= ROUNDED:
+            passed = stamp - self._stamp
+        self._time, self._stamp, self._now = time, stamp, now
         if ours > 0:
             self._left = min(self._left + ours, self._longest)
         seconds = min(passed, self._left) if passed > 0 else 0.0

@@ -1,6 +1,7 @@
 """What goes wrong while the arms move ends in a hold, or does not disturb them."""
 
 import dataclasses
+import multiprocessing
 import os
 import signal
 import socket
@@ -153,6 +154,29 @@ def test_the_cycle_is_kept_beside_busy_threads():
         assert link.stopped() is None
         assert len(records) > 0.9 * 2 * 2.0 / CYCLE
         assert link.counters().late < 0.05 * link.counters().cycles
+
+
+def fail_below():
+    """Clearance that cannot be told, in the link process only."""
+
+    def clearance(joints):
+        if multiprocessing.parent_process() is not None:
+            raise ZeroDivisionError("no distance")
+        return 1.0
+
+    return clearance
+
+
+def test_an_error_in_a_cycle_stops_the_robot_while_setpoints_go_on():
+    with running(realtime=False, rules=dataclasses.replace(RULES, clearance_of=fail_below)) as (_, link):
+        move(link, by=0.5)
+        run_for(link, 0.5)
+        assert "no distance" in link.stopped()
+        assert link._process.is_alive()
+        held, before = link.arm("left").commanded, link.counters().cycles
+        run_for(link, 0.2)
+        assert link.counters().cycles > before + 20
+        np.testing.assert_array_equal(link.arm("left").commanded, held)
 
 
 @pytest.mark.parametrize(

@@ -164,6 +164,24 @@ def test_messages_of_one_time_have_one_answer():
     assert cell.cycle()[0] > first[0]
 
 
+def test_times_in_whole_milliseconds_do_not_make_the_arm_shake():
+    """The cycle of an IRC5 is 4.032 ms."""
+    period = 0.004032
+    cell = Cell()
+    cell.follow()
+    began, time = cell.time, 0.0
+    while cell.arm.moving:
+        time, cell.sequence = time + period, cell.sequence + 1
+        rounded = began + round(time, 3)
+        where = cell.sent[-1].copy()
+        message = Feedback(cell.sequence, rounded, where, None, True, Mci.RUNNING, True, stamp=7.0 + time)
+        cell.guidance.hear("left", message, began + time)
+        cell.sent.append(cell.guidance.answer("left", began + time))
+    assert time == pytest.approx(2.0, abs=2 * period)
+    jerks = np.diff(np.array(cell.sent[5:])[:, 0] / period, 2)
+    assert np.abs(jerks).max() < 2 * CYCLE, "by the millisecond it would be 0.08 rad/s"
+
+
 def test_a_clock_that_runs_ahead_moves_nothing_faster():
     cell = Cell()
     cell.follow()
