@@ -16,6 +16,12 @@ COMMANDS = {  # name -> module, arguments, function, one line
     "twin": ("twin", "TwinArguments", "twin_command", "run a tree on the simulated YuMi"),
     "check": ("check", "CheckArguments", "check_command", "look at a real cell before anything moves"),
     "run": ("run", "RunArguments", "run_command", "run a tree on a real YuMi; dry unless told otherwise"),
+    "recover": (
+        "recover",
+        "RecoverArguments",
+        "recover_command",
+        "take the arms home after a stop, whatever they hold",
+    ),
     "markers": ("markers", "MarkersArguments", "markers_command", "print the markers of a task"),
     "calibrate": ("calibrate", "CalibrateArguments", "calibrate_command", "measure the camera and where it stands"),
     "rapid": ("rapid", "RapidArguments", "rapid_command", "write the program of the robot's controller"),

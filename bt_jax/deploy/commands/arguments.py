@@ -22,6 +22,7 @@ __all__ = [
     "MarkersArguments",
     "RapidArguments",
     "RealCellArguments",
+    "RecoverArguments",
     "ReplayArguments",
     "RunArguments",
     "TwinArguments",
@@ -109,6 +110,23 @@ class RunArguments(RealCellArguments):
 def _is_recorded(camera: str) -> bool:
     """Does it name something on a disk that `open_camera` would play?"""
     return Path(camera).is_dir() or (Path(camera).is_file() and not camera.isdigit())
+
+
+@dataclasses.dataclass(frozen=True)
+class RecoverArguments(RealCellArguments):
+    """Take the arms home after a stop, whatever they hold.
+
+    Shows the state, and asks for a word: "release" opens the grippers first, "keep" takes along what they hold. Then each
+    arm rises straight up and goes home, slowly. Give what was given to `run`: with a camera, what it sees is kept clear of.
+    """
+
+    speed: float = FASTEST / 2
+    """largest joint speed, rad/s"""
+
+    def check(self) -> None:
+        """Raise UserError for arguments that cannot work."""
+        if not 0 < self.speed <= FASTEST:
+            raise UserError(f"--speed is {self.speed}; choose rad/s above 0 and up to {FASTEST}")
 
 
 @dataclasses.dataclass(frozen=True)

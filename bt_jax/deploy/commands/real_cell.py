@@ -15,6 +15,7 @@ from bt_jax.deploy.execution.program import Program, load_program
 from bt_jax.deploy.execution.skills import RobotSkills
 from bt_jax.deploy.link.cell_rules import cell_rules
 from bt_jax.deploy.link.irc5_link import Irc5Link
+from bt_jax.deploy.link.safety import Rules
 from bt_jax.deploy.link.settings import LinkConfig
 from bt_jax.deploy.perception.calibration import CameraPose, Intrinsics
 from bt_jax.deploy.perception.camera import open_camera
@@ -82,11 +83,6 @@ def open_real_cell(arguments: RealCellArguments, *, motion: bool, override: floa
     rules = _tried(lambda: cell_rules(YUMI, opened(program).task, override=override))
     with contextlib.ExitStack() as stack:
 
-        def connect() -> Irc5Link:
-            if arguments.robot is None:
-                raise UserError("no controller was named; give its address with --robot")
-            return stack.enter_context(Irc5Link(config, opened(rules)))
-
         def see() -> BackgroundPerception[Perception] | None:
             if arguments.camera is None or calibration is None:
                 return None
@@ -100,7 +96,7 @@ def open_real_cell(arguments: RealCellArguments, *, motion: bool, override: floa
             planning = stack.enter_context(PlanningProcess(YUMI, task)) if motion else None
             return RobotSkills(YUMI, task, opened(link), background=planning)
 
-        perception, link = _tried(see), _tried(connect)
+        perception, link = _tried(see), _tried(lambda: stack.enter_context(_link(arguments, config, rules)))
         skills = _tried(act)
         equipment = Equipment(
             robot=YUMI,
@@ -117,6 +113,13 @@ def open_real_cell(arguments: RealCellArguments, *, motion: bool, override: floa
             gripper_mass=arguments.gripper_mass,
         )
         yield OpenedCell(equipment, program, link, perception, skills)
+
+
+def _link(arguments: RealCellArguments, config: LinkConfig, rules: Rules | UserError) -> Irc5Link:
+    """Return the link, not opened. Raise UserError if no controller was named."""
+    if arguments.robot is None:
+        raise UserError("no controller was named; give its address with --robot")
+    return Irc5Link(config, opened(rules))
 
 
 def _tried(make: Callable[[], Part]) -> Part | UserError:

@@ -41,9 +41,10 @@ WARNING = (
     "hand and people out of reach. This program was never tried on a real robot."
 )
 STOPPED = """\
-This was a protective stop. The arms have come to rest and hold, and the robot's program was stopped; on our side the
-stop ends with this process, so that nothing has to be reset here. Remove the cause, clear the error on the pendant,
-choose PP to main and start BtJax on the controller, then run again: preflight and sentence come first, as always."""
+This was a protective stop: the arms have come to rest and hold. On our side the stop ends with this process, so that nothing
+has to be reset here. Remove the cause, clear the error on the pendant, and take the arms home, with or without what they
+hold: python -m bt_jax.deploy recover, with the same arguments. Then choose PP to main, start BtJax on the controller, and
+run again: preflight and sentence come first, as always."""
 
 
 def confirm(console: Console) -> None:

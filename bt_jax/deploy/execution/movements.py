@@ -225,9 +225,9 @@ class Movements:
             if carried.box == self.seen.holding or self.holds(arm, self.sizes[carried.box])
         }
 
-    def surroundings(self) -> Surroundings:
-        """Return what a motion is planned among now, with nothing carried."""
-        return Surroundings(self.obstacles(), self.joints())
+    def surroundings(self, arm: str = "") -> Surroundings:
+        """Return what a motion is planned among now, with nothing carried but what `arm` does."""
+        return Surroundings(self.obstacles(), self.joints(), self.carried.get(arm))
 
     def joints(self) -> dict[str, Joints]:
         """Return the last setpoints of each arm."""

@@ -16,6 +16,7 @@ from scipy.spatial.transform import RigidTransform
 from bt_jax.behaviors import Behavior
 from bt_jax.deploy.execution.movements import Failed, Moved, Movements, Routine
 from bt_jax.deploy.execution.observation import Observation
+from bt_jax.deploy.execution.recovery import recovery
 from bt_jax.deploy.execution.settings import GraspSettings, MotionSettings
 from bt_jax.deploy.link.protocol import RobotLink
 from bt_jax.deploy.link.safety import Rejected
@@ -90,6 +91,10 @@ class RobotSkills:
         if math.isfinite(self._moves.seen.time):
             self._moves.forget_lost()
         self._begin(self._moves.go_home(self.link.arms))
+
+    def recover(self, *, keep: bool) -> None:
+        """Begin to take the arms home from where a stop has left them, without what they hold, or with it."""
+        self._begin(recovery(self._moves, keep=keep))
 
     def poll(self, seen: Observation) -> Status:
         """Continue what was begun."""

@@ -23,7 +23,7 @@ from bt_jax.deploy.link.protocol import ArmState, ControllerGone, Counters, Reco
 from bt_jax.deploy.link.rapid_program import RapidProgram
 from bt_jax.deploy.link.realtime import CONTEXT
 from bt_jax.deploy.link.reception import USUAL_PORTS, Reception, complaint, senders
-from bt_jax.deploy.link.rws import ControllerState
+from bt_jax.deploy.link.rws import ControllerMessage, ControllerState
 from bt_jax.deploy.link.safety import Rejected, Rules, check_trajectory
 from bt_jax.deploy.link.settings import LinkConfig
 from bt_jax.deploy.link.shared_state import COUNTERS, SharedState
@@ -96,9 +96,18 @@ class Irc5Link:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def start(self) -> None:
+    def messages(self) -> list[ControllerMessage]:
+        """Return the last lines of the controller's event log, the newest first."""
+        return self._program.messages()
+
+    def openings(self) -> dict[str, float]:
+        """Return how far apart each arm's fingers are [m], as read last: the arms need not send anything."""
+        return dict(self._program.openings)
+
+    def start(self, *, here: bool = False) -> None:
         """Ask the robot's program, which is started if it does not run, for guided motion; from now on the arms hold,
-        follow paths, and must keep running.
+        follow paths, and must keep running. The program begins with the arms at their ready targets, or, with `here`, where
+        they are.
 
         Raise UserError if the controller is not ready or does not begin.
         """
@@ -115,7 +124,7 @@ class Irc5Link:
         self._program.expect_stop()
         self._answering = True
         if state.rapid != "running":
-            self._program.start()
+            self._program.start(here=here)
         problem = "silent"
         deadline = time.monotonic() + self._timing.guided
         while problem is not None and time.monotonic() < deadline:

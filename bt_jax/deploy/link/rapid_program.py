@@ -21,6 +21,7 @@ from bt_jax.deploy.link.rws import (
     GRIP_ACTUAL,
     GRIP_FORCE,
     GRIP_TARGET,
+    ControllerMessage,
     ControllerState,
     Motion,
     Rws,
@@ -80,6 +81,10 @@ class RapidProgram:
     def stopped(self, seconds: float) -> bool:
         """Wait until the controller confirms the stop; return whether it does."""
         return self._stop.wait(seconds)
+
+    def messages(self) -> list[ControllerMessage]:
+        """Return the last lines of the controller's event log, the newest first."""
+        return self._rws.messages()
 
     def complaint(self) -> str | None:
         """Return the newest warning or error in the controller's event log since `expect_stop`, None if it has none."""

@@ -7,6 +7,7 @@ clearance with what was last seen of the cell.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import numpy as np
@@ -110,6 +111,14 @@ class Planner:
         if rows is None:
             raise Unplannable(f"the {arm} arm finds no way home")
         return JointPath(arm, rows, among)
+
+    def lift(self, arm: str, among: Surroundings) -> JointRows | None:
+        """Return a straight line up from where an arm is, as far as it is free; None if it cannot go up at all."""
+        self._looks = 0
+        here, free = among.joints[arm], self._free(arm, among)
+        line = self._kinematics[arm].line(raised(self.robot.forward(arm, here), ABOVE), here, STEPS)
+        rows = [] if line is None else list(itertools.takewhile(free, line))
+        return np.array(rows) if len(rows) > 1 else None
 
     def can_reach(self, arm: str, tcp: RigidTransform) -> bool:
         """Are there joints for a pose and for the one above it?"""

@@ -260,3 +260,22 @@ def test_a_box_that_is_seen_elsewhere_leaves_something_unknown_in_the_fingers(li
     link.seen = seen
     assert carried_out(skills, link, PLACE, seconds=started + 60) == Status.FAILURE
     assert "something unknown is between the left fingers" in skills.reason
+
+
+@pytest.mark.parametrize("keep", [False, True])
+def test_arms_that_a_stop_left_with_a_box_come_home_without_it_or_with_it(link, keep):
+    before = RobotSkills(YUMI, TASK, link)
+    assert carried_out(before, link, PICK) == Status.SUCCESS
+    arm, box = next((arm, box) for arm, (box, _) in link.held.items())
+    fresh = RobotSkills(YUMI, TASK, link)  # of another process, that knows nothing of the grasp
+    for known in (link.seen(), dataclasses.replace(link.seen(), poses={})):  # with and without a camera
+        fresh.recover(keep=keep)
+        height, heights = link.boxes[box].translation[2], []
+        while (status := fresh.poll(dataclasses.replace(known, time=link.time))) == Status.RUNNING:
+            heights.append(float(YUMI.forward(arm, link.joints[arm]).translation[2]))
+            link.wait(link.time + 0.1)
+        assert status == Status.SUCCESS, fresh.reason
+        assert (arm in link.held) == keep
+        assert all(np.abs(link.joints[each] - YUMI.home[each]).max() < 0.06 for each in YUMI.arm_names)
+        assert keep or link.boxes[box].translation[2] == height, "it was let go of where it was"
+        assert min(heights) > heights[0] - 0.005, "first up, then home"

@@ -1,0 +1,113 @@
+"""python -m bt_jax.deploy recover: take the arms home after a stop, and let go of what they hold. Never tried on a robot."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+
+from bt_jax._util.errors import UserError
+from bt_jax.deploy.commands.arguments import RecoverArguments
+from bt_jax.deploy.commands.real_cell import OpenedCell, open_real_cell
+from bt_jax.deploy.commands.run import last_stop
+from bt_jax.deploy.execution.equipment import opened
+from bt_jax.deploy.execution.observation import Observation
+from bt_jax.deploy.execution.settings import Exit
+from bt_jax.deploy.execution.skills import RobotSkills
+from bt_jax.deploy.link.irc5_link import Irc5Link
+from bt_jax.encoding.status import Status
+
+__all__ = ["recover_command"]
+
+TICK = 0.1  # s
+SECONDS = 120.0  # within which the arms must be home
+FIRST = 2.0  # s for the camera to see what is there
+RELEASE, KEEP = "release", "keep"
+WARNING = """\
+The robot will move: both arms, each straight up and then home, at {speed:g} rad/s at most. {seen}
+Software stops replace neither the emergency stop nor a risk assessment: keep the stop in your hand and people out of reach.
+This program was never tried on a real robot."""
+QUESTION = 'Type "release" to open the grippers first (hold what they carry), or "keep" to take along what they hold: '
+
+
+def recover_command(arguments: RecoverArguments, console: Console | None = None) -> int:
+    """Show the state, ask for a word, and take the arms home; return the exit code."""
+    console = Console(highlight=False, soft_wrap=True) if console is None else console
+    arguments.check()
+    with open_real_cell(arguments, motion=True, override=arguments.speed) as cell:
+        link, skills = opened(cell.link), opened(cell.skills)
+        _show(link, console)
+        watched = (
+            "What the camera sees is kept clear of."
+            if cell.perception
+            else "Boxes are not seen, and not kept clear of."
+        )
+        console.print(f"[bold red]{escape(WARNING.format(speed=arguments.speed, seen=watched))}[/]")
+        keep = _asked(console) == KEEP
+        link.start(here=True)
+        try:
+            problem = _carry_out(cell, link, skills, keep=keep)
+        except KeyboardInterrupt:
+            link.interrupt()
+            more = link.stop("interrupted")
+            console.print(f"end        interrupted{escape(f'; {more}' if more else '')}")
+            return Exit.INTERRUPTED
+    console.print(f"end        {escape(problem or 'the arms are home; choose PP to main, start BtJax, and run again')}")
+    if (unconfirmed := link.unconfirmed()) is not None:
+        console.print(f"[bold red]{escape(unconfirmed)}[/]")
+    return Exit.FAILED if problem else Exit.DONE
+
+
+def _show(link: Irc5Link, console: Console) -> None:
+    """Print what is known before anything moves. Raise UserError if the controller does not answer, or is not ready."""
+    state = link.state()
+    console.print(f"controller {state.control}, mode {state.mode}, RAPID {state.rapid}")
+    with contextlib.suppress(UserError):  # a log that cannot be read keeps no arm from home
+        for message in link.messages()[:3]:
+            console.print(f"log        {escape(str(message))}")
+    for arm, opening in link.openings().items():
+        console.print(f"{arm:10s} fingers {1000 * opening:.1f} mm apart")
+    stop = last_stop(Path("runs"))
+    if stop is not None:
+        console.print(f"last run   {escape(stop)}")
+    if not state.ready:
+        raise UserError("the controller is not ready; clear the error on the pendant, automatic mode, motors on")
+
+
+def _asked(console: Console) -> str:
+    """Ask a person at a terminal what is to become of what the grippers hold. Raise UserError for any other word."""
+    if not sys.stdin.isatty():
+        raise UserError("a recovery must be confirmed at a terminal; run this command in one")
+    word = console.input(QUESTION).strip()
+    if word not in (RELEASE, KEEP):
+        raise UserError(f'nothing has moved; type "{RELEASE}" or "{KEEP}"')
+    return word
+
+
+def _carry_out(cell: OpenedCell, link: Irc5Link, skills: RobotSkills, *, keep: bool) -> str:
+    """Take the arms home; return why they did not get there, "" if they did."""
+
+    def see() -> Observation:
+        now = link.now()
+        openings = {arm: link.arm(arm).opening for arm in link.arms}
+        poses = {} if cell.perception is None else opened(cell.perception).poses(now)
+        return Observation(now, poses, openings, None)
+
+    end = link.now() + FIRST
+    while cell.perception is not None and not see().poses and link.now() < end:
+        link.wait(link.now() + TICK)
+    skills.recover(keep=keep)
+    end = link.now() + SECONDS
+    while (stopped := link.stopped()) is None:
+        status = skills.poll(see())
+        if status != Status.RUNNING:
+            return "" if status == Status.SUCCESS else f"the arms are not home: {skills.reason}"
+        if not link.now() < end:
+            skills.cancel()
+            return f"the arms are not home after {SECONDS:g} s"
+        link.wait(link.now() + TICK)
+    more = link.stop(stopped)
+    return f"{stopped}; {more}" if more else stopped
