@@ -24,8 +24,11 @@ __all__ = ["ActionRunner", "Skills"]
 class Skills(Protocol):
     """How actions are carried out; one at a time, never waiting."""
 
-    committed: bool  # in a phase that must not be broken off
     reason: str  # why the last attempt failed
+
+    @property
+    def committed(self) -> bool:
+        """Is it in a phase that must not be broken off?"""
 
     def start(self, action: Behavior, seen: Observation) -> None:
         """Begin an attempt; a plan that cannot be made is a FAILURE of the next `poll`."""

@@ -1,0 +1,224 @@
+"""What the hands do with boxes: pick one up, put it where it should be, set it down, open and close all fingers.
+
+Each is a routine, a generator that yields while it moves, returns when it was carried out and raises where it cannot be. One
+arm works, the others rest at home. Once the fingers close, or a box is being set down, a routine is committed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Generator, Iterable
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from bt_jax.deploy.execution.movements import Failed, Moved, Movements, Routine
+from bt_jax.deploy.planning.clearance import Carried
+from bt_jax.deploy.planning.grasps import carried_pose, put_poses, yaw_of
+from bt_jax.deploy.planning.planner import Reach, Unplannable
+from bt_jax.deploy.robot.arrays import Point
+from bt_jax.tasks import Task
+
+__all__ = ["Handling"]
+
+Goal = tuple[Point, float]  # where a box's centre should be, base frame [m], and the yaw of its edges [rad]
+
+
+class Handling:
+    """The routines of one cell. `committed` says that the one under way must not be broken off."""
+
+    def __init__(self, task: Task, moves: Movements) -> None:
+        self.task, self.moves, self.committed = task, moves, False
+        # Box -> arm that is not to take it next, if another can: it failed, or gave it away.
+        self._avoid: dict[str, str] = {}
+
+    def pick(self, box: str) -> Routine:
+        """Pick a box up, with the arm that is mounted nearest to it if that has a way."""
+        if box not in self.moves.known:
+            raise Failed(f"{box} was never seen")
+        self.moves.forget_lost()
+        yield from self.moves.found(box)
+        for _ in range(self.moves.motion.replans):
+            reach = yield from self._plan_pick(box)
+            self._open(reach.arm)
+            moved = yield from self.moves.follow(reach.approach, aim=box)
+            if moved:
+                continue
+            yield from self.moves.fingers(reach.arm, at_least=self.moves.sizes[box] + self.moves.grasp.fit)
+            moved = yield from self._grasp(box, reach)
+            if not moved:
+                return
+        raise Failed(f"things do not stay where they are on the way to {box}")
+
+    def _plan_pick(self, box: str) -> Generator[None, None, Reach]:
+        """Plan for the arm that is mounted nearest to the box, else for another; one that should not take it comes last."""
+        last, place = self._avoid.get(box), self.moves.known[box].translation
+        away = {arm: np.linalg.norm(place - self.moves.robot.arm(arm).base) for arm in self.moves.link.arms}
+        order = sorted(self.moves.link.arms, key=lambda arm: (arm == last, away[arm]))
+        problem: Unplannable | None = None
+        for arm in order:
+            try:
+                yield from self.moves.others_home(arm)
+                among = self.moves.surroundings()
+                return (yield from self.moves.planned(self.moves.planner.pick, box, among, [arm]))
+            except Unplannable as error:
+                problem = problem or error
+        assert problem is not None
+        raise problem
+
+    def _grasp(self, box: str, reach: Reach) -> Moved:
+        """Go down, close the fingers around it, go up. Return True, above it again, where the box was moved meanwhile.
+
+        Its pose is that of the plan: it was seen before the hand came between it and the camera.
+        """
+        arm, size, pose = reach.arm, self.moves.sizes[box], reach.approach.among.poses[box]
+        moved = yield from self.moves.straight(arm, reach.line, watch={box: pose})
+        if moved:
+            yield from self.moves.back(arm, reach.line)
+            return True
+        self.committed = True
+        self.moves.link.grip(arm, size - self.moves.grasp.overclose, self.moves.grasp.force)
+        tcp = self.moves.robot.forward(arm, self.moves.link.arm(arm).commanded)
+        self.moves.carried[arm] = Carried(arm, box, carried_pose(tcp, pose))
+        yield from self.moves.fingers(arm)
+        failure = self.moves.closed_on(arm, box)
+        if failure:
+            self._avoid[box] = arm
+            self._open(arm)
+            del self.moves.carried[arm]
+            yield from self.moves.fingers(arm)
+            yield from self.moves.straight(arm, reach.line[::-1])
+            raise Failed(failure)
+        yield from self.moves.straight(arm, reach.line[::-1])
+        if not self.moves.holds(arm, size):
+            self._avoid[box] = arm
+            raise Failed(f"{box} slipped out of the {arm} fingers")
+        self._avoid.pop(box, None)
+        return False
+
+    def place(self, box: str, position: tuple[float, float, float], frame: str) -> Routine:
+        """Put a box that is held at a position in a frame, or where another arm can take it that reaches there."""
+        arm = self._arm_with(box)
+        if frame != self.task.robot_frame:
+            yield from self.moves.found(frame)
+        goal, yaw = self._goal(position, frame)
+        carried = self.moves.carried[arm].pose
+        if not self._reaches(arm, goal, yaw, carried):
+            yield from self._hand_over(box, arm, goal, yaw)
+            return
+        for _ in range(self.moves.motion.replans):
+            moved = yield from self._put(arm, lambda: self._goal(position, frame), self._below(frame), frame=frame)
+            if not moved:
+                return
+        raise Failed(f"things do not stay where they are on the way to {frame}")
+
+    def _put(self, arm: str, goal: Callable[[], Goal], supports: Iterable[str], *, frame: str = "") -> Moved:
+        """Carry a box to its place in a frame and let it go; return True, with the box still in the hand, where something
+        has moved meanwhile."""
+        carried = self.moves.carried[arm]
+        yield from self.moves.others_home(arm)
+        among, (place, yaw) = self.moves.surroundings(), goal()
+        above = place + np.array([0, 0, self.moves.grasp.let_go])
+        reach = yield from self.moves.planned(self.moves.planner.put, carried, above, yaw, tuple(supports), among)
+        moved = yield from self.moves.follow(reach.approach, aim=frame, held=carried.box)
+        if moved:
+            return True
+        aimed = {name: pose for name, pose in among.poses.items() if name == frame}
+        moved = yield from self.moves.straight(arm, reach.line, watch=aimed, aim=frame, held=carried.box)
+        if moved:
+            return True
+        self.committed = True
+        self._open(arm)
+        del self.moves.carried[arm]
+        self.moves.known[carried.box] = self.moves.robot.forward(arm, self.moves.link.arm(arm).commanded) * carried.pose
+        yield from self.moves.fingers(arm, at_least=self.moves.sizes[carried.box] + self.moves.grasp.fit)
+        yield from self.moves.straight(arm, reach.line[::-1])
+        self.committed = False
+        return False
+
+    def _hand_over(self, box: str, arm: str, goal: Point, yaw: float) -> Routine:
+        """Set the box down where an arm that reaches its place can pick it, for the tree to have it picked again."""
+        held = self.moves.carried[arm].pose
+        able = [other for other in self.moves.link.arms if other != arm and self._reaches(other, goal, yaw, held)]
+        if not able:
+            raise Failed(f"no arm reaches the place for {box}")
+        self._avoid[box] = arm
+        yield from self._set_down(arm, able[0])
+
+    def _set_down(self, arm: str, other: str | None = None) -> Routine:
+        """Put what an arm holds on a free place of a table, one that the `other` reaches too where one is named."""
+        carried = self.moves.carried[arm]
+        near = self.moves.robot.forward(arm, self.moves.link.arm(arm).commanded).translation
+        arms = (arm,) if other is None else (arm, other)
+        if other is not None:
+            # At the edge of its reach an arm has joints for a pose, but no straight way to it.
+            near = _half_way(near, self.moves.robot.arm(arm).base, self.moves.robot.arm(other).base)
+        tables = [table.name for table in self.task.tables]
+        tried = 0
+        for spot in self.moves.planner.spots(carried.box, self.moves.obstacles(), near):
+            if tried == self.moves.motion.spots:
+                break
+            if all(self._reaches(name, spot, 0.0, carried.pose) for name in arms):
+                tried += 1
+                with contextlib.suppress(Unplannable):
+                    moved = yield from self._put(arm, _fixed_goal(spot), tables)
+                    if not moved:
+                        return
+            yield
+        raise Failed(f"there is no free place to set {carried.box} down")
+
+    def open_all(self) -> Routine:
+        """Open all fingers; what is held is set down first."""
+        for arm in list(self.moves.carried):
+            if self.moves.seen.holding == self.moves.carried[arm].box:
+                yield from self._set_down(arm)
+            else:
+                del self.moves.carried[arm]
+        for arm in self.moves.link.arms:
+            self._open(arm)
+        for arm in self.moves.link.arms:
+            yield from self.moves.fingers(arm, at_least=0.95 * self.moves.robot.arm(arm).gripper.opening)
+
+    def close_all(self) -> Routine:
+        """Close all fingers."""
+        self.committed = True
+        for arm in self.moves.link.arms:
+            self.moves.link.grip(arm, 0.0, self.moves.grasp.force)
+        for arm in self.moves.link.arms:
+            yield from self.moves.fingers(arm)
+
+    def _open(self, arm: str) -> None:
+        """Begin to open an arm's fingers as far as they go."""
+        self.moves.link.grip(arm, self.moves.robot.arm(arm).gripper.opening, self.moves.grasp.force)
+
+    def _arm_with(self, box: str) -> str:
+        for arm, carried in self.moves.carried.items():
+            if carried.box == box:
+                return arm
+        raise Failed(f"no hand holds {box}")
+
+    def _goal(self, position: tuple[float, float, float], frame: str) -> Goal:
+        """Return where the box's centre should be in the base frame, and along which direction its edges."""
+        if frame == self.task.robot_frame:
+            return np.array(position), 0.0
+        pose = self.moves.known[frame]
+        return pose.apply(position), yaw_of(pose.rotation)
+
+    def _reaches(self, arm: str, goal: Point, yaw: float, held: RigidTransform) -> bool:
+        """Can an arm put a box that is at `held` in its TCP's frame there?"""
+        return any(self.moves.planner.can_reach(arm, pose) for pose in put_poses(goal, yaw, held))
+
+    def _below(self, frame: str) -> list[str]:
+        """Return what a box that is set down may touch: what it is placed in relation to, the kit and the tables."""
+        return [frame, self.task.kit.name, *(table.name for table in self.task.tables)]
+
+
+def _half_way(point: Point, first: Point, second: Point) -> Point:
+    """Return the point that is nearest to one, of those as far from `first` as from `second`."""
+    across = (second - first) / np.linalg.norm(second - first)
+    return point - across * np.dot(across, point - (first + second) / 2)
+
+
+def _fixed_goal(spot: Point) -> Callable[[], Goal]:
+    """Return a goal that does not move."""
+    return lambda: (spot, 0.0)
