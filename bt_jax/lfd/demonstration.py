@@ -98,10 +98,12 @@ class Frames:
 
 @dataclasses.dataclass(frozen=True)
 class Action:
-    """A pick or a place, with the pose of the end effector in every frame at that moment."""
+    """A pick or a place, with the pose of the end effector in every frame at that moment. `sigmas` are the standard
+    deviations of its positions [m] where they were measured; without an entry nothing is known of it."""
 
     kind: Kind
     poses: Mapping[str, Pose]
+    sigmas: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     def handled(self, frame: str) -> Float[np.ndarray, "3"]:
         """Return where the centre of the handled object is, in a frame [m]: below the end effector."""

@@ -2,7 +2,8 @@
 
     demo1/data_1.yaml    type: pick | place, vec_pos: {frame: [x, y, z]}, vec_quat: {frame: [x, y, z, w]}
 
-Quaternions are xyzw in the files and wxyz everywhere else.
+Quaternions are xyzw in the files and wxyz everywhere else. Where poses were measured, `sigma: {frame: s}` says the standard
+deviation of each position [m]; it is not part of the published format, whose readers do not look for it.
 """
 
 from __future__ import annotations
@@ -43,11 +44,12 @@ class StrayFile(UserError):
 
 @dataclasses.dataclass(frozen=True)
 class _Record:
-    """What a file holds: positions [m] and quaternions xyzw of the end effector, for each frame."""
+    """What a file holds: positions [m] and quaternions xyzw of the end effector for each frame, and how sure they are."""
 
     type: Kind
     vec_pos: Mapping[str, tuple[float, float, float]]
     vec_quat: Mapping[str, tuple[float, float, float, float]]
+    sigma: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
 
 def read_demonstration(folder: Path, frames: Frames) -> Demonstration:
@@ -69,11 +71,13 @@ def recorded_frames(folder: Path) -> tuple[str, ...]:
 def write_demonstration(folder: Path, demonstration: Demonstration) -> None:
     """Write one file for each action into a folder."""
     for i, action in enumerate(demonstration.actions, start=1):
-        data = {
+        data: dict[str, Any] = {
             "type": action.kind,
             "vec_pos": {frame: _numbers(pose.position) for frame, pose in action.poses.items()},
             "vec_quat": {frame: _numbers(_xyzw(pose.quaternion)) for frame, pose in action.poses.items()},
         }
+        if action.sigmas:
+            data["sigma"] = dict(zip(action.sigmas, _numbers(list(action.sigmas.values())), strict=True))
         write_atomic(folder / f"data_{i}.yaml", to_yaml(data))
 
 
@@ -149,7 +153,8 @@ def _action(data: Any, file: Path, frames: Frames) -> Action:
         if not _is_unit(quaternion):
             length = math.hypot(*quaternion)
             raise UserError(f"{file}, key vec_quat.{frame}: has length {length:.3g}, not 1; record it again")
-    return Action(record.type, {frame: _pose(record.vec_pos[frame], record.vec_quat[frame]) for frame in frames.names})
+    poses = {frame: _pose(record.vec_pos[frame], record.vec_quat[frame]) for frame in frames.names}
+    return Action(record.type, poses, dict(record.sigma))
 
 
 def _pose(position: Sequence[float], xyzw: Sequence[float]) -> Pose:
