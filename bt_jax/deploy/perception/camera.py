@@ -157,6 +157,11 @@ class RecordedCamera:
         self._clock, self._next = clock, 0
         self._began = clock() if clock else 0.0
 
+    @property
+    def times(self) -> list[float]:
+        """When each image was taken [s]."""
+        return [taken for _, taken, *_ in self._frames]
+
     def read(self) -> CameraFrame:
         """Return the next image. Raise CameraError at the end of the recording."""
         if self._clock is None:

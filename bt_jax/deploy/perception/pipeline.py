@@ -26,7 +26,7 @@ SAME = 0.25  # rad: a doubtful pose this near to what is known is that one
 
 class Perception:
     """`camera_pose` is the camera's frame in the base [m]. `image` is the time of the newest image [s], `lost` why there is
-    none, "" if there is."""
+    none, "" if there is. `certain` are the poses that this image alone shows without doubt, in the base frame."""
 
     def __init__(
         self, task: Task, camera: Camera, camera_pose: RigidTransform, settings: TrackerSettings | None = None
@@ -41,6 +41,7 @@ class Perception:
         self.lost = ""
         self.inspection = Inspection(task, camera_pose)
         self.detections: tuple[Detection, ...] = ()
+        self.certain: dict[str, RigidTransform] = {}
 
     def update(self) -> None:
         """Take in the newest image. An old one, or none, changes nothing: what is known goes on ageing."""
@@ -58,7 +59,8 @@ class Perception:
         picture = self.detector.look(frame.image, frame.matrix, frame.distortion, known)
         self.detections = picture.detections
         sigmas = {detection.body: detection.sigma for detection in self.detections}
-        self.tracker.update(frame.time, dict(self._certain()), sigmas)
+        self.certain = dict(self._certain())
+        self.tracker.update(frame.time, self.certain, sigmas)
         self.inspection.take(frame.time, picture, self.tracker.poses(frame.time))
 
     def poses(self, time: float) -> dict[str, RigidTransform]:
