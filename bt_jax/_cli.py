@@ -13,7 +13,7 @@ COMMANDS = {  # name -> module, one line
     "train": ("train", "evolve a Behavior Tree for a task"),
     "learn": ("learn", "infer a Behavior Tree from recorded demonstrations"),
     "run": ("run", "execute a saved Behavior Tree in simulation and show it tick by tick"),
-    "demonstrate": ("demonstrate", "record demonstrations in simulation; list, rename, delete them"),
+    "demonstrate": ("demonstrate", "record demonstrations in simulation, or watch a person; list, rename, delete them"),
     "check": ("check", "read files of any kind without running them, and say what is wrong"),
     "app": ("app.__main__", "serve the page for people who do not program"),
     "deploy": ("deploy.__main__", "put a learnt tree on the robot, or on its twin"),

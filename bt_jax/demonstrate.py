@@ -1,4 +1,4 @@
-"""python -m bt_jax.demonstrate: record demonstrations in simulation from a script; list, rename, delete them."""
+"""python -m bt_jax.demonstrate: record demonstrations from a script, or watch a person; list, rename, delete them."""
 
 from __future__ import annotations
 

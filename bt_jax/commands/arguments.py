@@ -32,6 +32,8 @@ __all__ = [
 ]
 
 NOT_ROBOT = ("backend", "expand", "verbose", "simplify", "export", "delay", "device")  # options of the other levels
+NOT_WATCHED = ("script", "noise", "after", "rename", "delete")  # options of `demonstrate` that --watch does not take
+WATCHED = ("camera", "calibration", "fps", "idle", "unclear", "record")  # and those that nothing else takes
 TRAIN = "python -m bt_jax.train"
 
 
@@ -234,10 +236,13 @@ class CheckArguments:
 
 @dataclasses.dataclass(frozen=True)
 class DemonstrateArguments:
-    """Record demonstrations in simulation from a script, in the published format.
+    """Record demonstrations in the published format: in simulation from a script, or of a person whom a camera watches.
 
     A script is what the person at the gripper does, separated by semicolons or lines:
     pick BOX; move (DX, DY, DZ); to (X, Y, Z) FRAME; release. Metres; the box's centre counts.
+
+    With --watch a person moves boxes that carry markers, by hand, one after the other. A move counts once the box is at rest
+    and the hands have left it.
     """
 
     folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
@@ -259,6 +264,21 @@ class DemonstrateArguments:
     """gives a demonstration another name: OLD NEW"""
     delete: Annotated[str | None, unset("NAME")] = None
     """removes the demonstration of this name"""
+    watch: bool = False
+    """watch a person with a camera"""
+    camera: Annotated[str | None, unset("CAMERA")] = None
+    """for --watch: number or address of a camera; a folder with the pictures of a film, or with such folders; or twin, where
+    a simulated person does what the task's targets say"""
+    calibration: Annotated[Path | None, unset("PATH")] = None
+    """for --watch: lens and place of the camera, as python -m bt_jax.deploy calibrate writes them; the twin needs none"""
+    fps: Annotated[float | None, unset("FLOAT")] = None
+    """for --watch: pictures a second of a film whose pictures do not tell their times, or of the twin's"""
+    idle: float = 6.0
+    """for --watch with a camera: the demonstration ends once nothing has moved for so many seconds"""
+    unclear: Literal["ask", "usual", "keep", "leave-out"] = "ask"
+    """for --watch: what to do about a move that is in doubt; usual is what is suggested, also where nobody can be asked"""
+    record: Annotated[Path | None, unset("PATH")] = None
+    """for --watch: folder in which the pictures are kept, a folder for each film, which --camera can play again"""
 
     def check(self) -> None:
         """Raise UserError for arguments that cannot work."""
@@ -270,3 +290,30 @@ class DemonstrateArguments:
             raise UserError(f"--seed is {self.seed}; choose 0 or more")
         if self.script is not None and (self.rename or self.delete):
             raise UserError("--rename and --delete record nothing; leave out the script")
+        self._check_watching()
+
+    def _check_watching(self) -> None:
+        defaults = DemonstrateArguments(self.folder)
+        names = NOT_WATCHED if self.watch else WATCHED
+        given = [
+            f"--{name}" if name != "script" else "a script"
+            for name in names
+            if getattr(self, name) != getattr(defaults, name)
+        ]
+        if not self.watch:
+            if given:
+                raise UserError(f"{' and '.join(given)} {'is' if len(given) == 1 else 'are'} for watching; add --watch")
+            return
+        if given:
+            raise UserError(f"--watch does not take {' and '.join(given)}; leave out what it does not take")
+        if self.camera is None:
+            raise UserError("--watch needs a camera; give --camera with a number, a folder with pictures, or twin")
+        if self.camera != "twin" and self.calibration is None:
+            raise UserError(
+                "--watch needs to know lens and place of the camera; give --calibration with the file that python -m "
+                "bt_jax.deploy calibrate writes"
+            )
+        if self.fps is not None and not 0 < self.fps < 1000:
+            raise UserError(f"--fps is {self.fps:g}; choose how many pictures were taken a second")
+        if not self.idle > 0:
+            raise UserError(f"--idle is {self.idle:g}; choose more than 0 seconds")

@@ -1,4 +1,4 @@
-"""What `python -m bt_jax.demonstrate` does: record demonstrations in simulation from a script; list, rename, delete them."""
+"""What `python -m bt_jax.demonstrate` does: record demonstrations from a script; list, rename, delete them."""
 
 from __future__ import annotations
 
@@ -30,6 +30,9 @@ LISTED = 20  # layouts in an error
 def run(arguments: DemonstrateArguments) -> None:
     """Record as the arguments say, and print what was recorded."""
     arguments.check()
+    if arguments.watch:
+        _watch(arguments)
+        return
     console = Console(highlight=False, soft_wrap=True)
     folder = DemonstrationFolder(arguments.folder)
     if arguments.script is None:
@@ -74,6 +77,14 @@ def run(arguments: DemonstrateArguments) -> None:
             f"{recorded} of {arguments.count} demonstrations are kept; the script fails in the layouts {listed}, first in "
             f"{next(iter(problems.values()))}"
         )
+
+
+def _watch(arguments: DemonstrateArguments) -> None:
+    try:
+        from bt_jax.commands.watch import watch  # OpenCV, which only the extra `robot` has
+    except ModuleNotFoundError as error:
+        raise UserError(f'{error.name} is not installed; run pip install -e ".[robot]"') from error
+    watch(arguments)
 
 
 def _task(arguments: DemonstrateArguments) -> Task:

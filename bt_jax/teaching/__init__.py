@@ -1,4 +1,5 @@
-"""Where demonstrations come from: a person at a simulated gripper, or a script of what that person does."""
+"""Where demonstrations come from: a person at a simulated gripper, a script of what that person does, or a person whom a
+camera watches (`teaching.watch`)."""
 
 from bt_jax._util.lazy import lazy_face
 
