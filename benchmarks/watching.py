@@ -1,0 +1,261 @@
+"""Does watching a person teach the right tree? A person demonstrates in the twin by hand, filmed; three demonstrations are a
+series, from which a tree is learnt on the ordinary path. Then the trees run on the twin.
+
+The films of `held out` come from another camera, in other light, of another hand, with more noise and blur; nothing of the
+detection or the watching was tuned on them.
+
+python -m benchmarks.watching films [--series 20] [--held-out 10]
+python -m benchmarks.watching twin [--layouts 20]
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import re
+import tempfile
+from collections import Counter
+from pathlib import Path
+from time import perf_counter
+from typing import Annotated, Literal
+
+os.environ.setdefault("MUJOCO_GL", "egl")
+
+import numpy as np
+import tyro
+from rich.console import Console
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from benchmarks._report import report
+from bt_jax._util.errors import UserError
+from bt_jax.deploy.execution.program import Program
+from bt_jax.deploy.execution.settings import Exit, Limits
+from bt_jax.deploy.robot.yumi import YUMI
+from bt_jax.deploy.twin.cell import TwinScene, build_scene
+from bt_jax.deploy.twin.demonstrator import Demonstrator, Manner
+from bt_jax.deploy.twin.filmed import FilmedDemonstration, Light
+from bt_jax.deploy.twin.person_hand import HandModel
+from bt_jax.deploy.twin.rendered_camera import CameraPlacement
+from bt_jax.deploy.twin.run import run_twin
+from bt_jax.deploy.twin.settings import Realism
+from bt_jax.lfd import DemonstrationFolder, Frames, Lesson, learn, plan_task
+from bt_jax.tasks import Task, load_task
+from bt_jax.teaching.watch.looking import Looking
+from bt_jax.teaching.watch.recording import demonstration_of
+from bt_jax.teaching.watch.session import watch_demonstration
+from bt_jax.teaching.watch.watcher import Watcher
+
+TASKS = ("yumi_stack", str(Path(__file__).parent / "tasks" / "yumi_pyramid.yaml"))
+DEMONSTRATIONS = 3  # in a series
+SEED = 1 << 22  # of layouts that nothing else uses
+FPS = 4.0
+RIGHT = 0.005  # m
+
+
+@dataclasses.dataclass(frozen=True)
+class Shooting:
+    """How films are made. The camera is turned about the middle of the tables by `around` and raised by `raised` [rad]."""
+
+    name: str
+    realism: Realism = dataclasses.field(default_factory=Realism)
+    hand: HandModel = dataclasses.field(default_factory=HandModel)
+    light: Light = dataclasses.field(default_factory=Light)
+    manner: Manner = dataclasses.field(default_factory=Manner)
+    around: float = 0.0
+    raised: float = 0.0
+    wider: float = 1.0
+
+
+TUNED = Shooting("tuned")
+HELD_OUT = Shooting(
+    "held out",
+    realism=Realism(blur=1.0, noise=5.0, flicker=0.06, exposure=-0.3),
+    hand=HandModel(
+        skin=(0.36, 0.23, 0.17),
+        sleeve=(0.9, 0.9, 0.88),
+        fingers=3,
+        finger=0.26,
+        palm=(1.2, 1.1, 0.42),
+        arm=0.042,
+        rise=0.8,
+    ),
+    light=Light(ambient=0.65, lamps=1.25, direction=(0.5, 0.7, -1.0)),
+    manner=Manner(speed=0.9, uneven=2.0, tremor=0.0012, linger=0.6, side=-1.0),
+    around=0.3,
+    raised=0.14,
+    wider=1.08,
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Arguments:
+    part: Annotated[Literal["films", "twin"], tyro.conf.Positional] = "films"
+    """what series of films teach, or how often the tree of one of them works on the twin"""
+    tasks: tuple[str, ...] = TASKS
+    """names or YAML files"""
+    series: int = 20
+    """of three demonstrations each, of every task"""
+    held_out: int = 10
+    """the same, of the films that are held out"""
+    layouts: int = 20
+    """in which a tree runs on the twin, of every task"""
+    first: int = 0
+    """number of the first series"""
+    out: Path | None = None
+    """where to write the JSON file"""
+
+
+def main(arguments: Arguments) -> None:
+    console, tasks = Console(highlight=False), list(map(load_task, arguments.tasks))
+    if arguments.part == "twin":
+        rows = []
+        for task in tasks:
+            lesson = series(task, arguments.first, TUNED, console).lesson
+            if lesson is not None:
+                rows.append(on_twin(task, lesson, arguments.layouts, console))
+        report("watching_twin", "trees from watched demonstrations, on the twin", rows, out=arguments.out)
+        return
+    found: dict[tuple[str, str], list[Series]] = {}
+    for number in range(arguments.first, arguments.first + max(arguments.series, arguments.held_out)):
+        for shooting, count in ((TUNED, arguments.series), (HELD_OUT, arguments.held_out)):
+            for task in tasks if number < arguments.first + count else ():
+                found.setdefault((shooting.name, task.name), []).append(series(task, number, shooting, console))
+        rows = [summary(*names, part) for names, part in sorted(found.items(), reverse=True)]
+        report("watching", "trees from watched demonstrations", rows, out=arguments.out, fps=FPS)
+
+
+@dataclasses.dataclass
+class Series:
+    """What a series taught, and how it went; errors in m."""
+
+    lesson: Lesson | None = None
+    problem: str = ""
+    right: bool = False
+    off: float = float("nan")  # of the worst place from where it is meant to be
+    seen_off: list[float] = dataclasses.field(
+        default_factory=list
+    )  # of where boxes were seen in their frames, from where they stood
+    doubts: Counter[str] = dataclasses.field(default_factory=Counter)
+    images: int = 0
+    seconds: float = 0.0
+
+
+def series(task: Task, number: int, shooting: Shooting, console: Console) -> Series:
+    """Watch one series and learn from it."""
+    result, began = Series(), perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        kept = DemonstrationFolder(Path(folder) / "demos")
+        kept.create(Frames.of(task))
+        try:
+            for i in range(DEMONSTRATIONS):
+                demonstrate(task, [SEED, number, i], shooting, kept, result)
+            result.lesson = learn(kept.read(), task)
+        except UserError as error:
+            result.problem = str(error)
+    if result.lesson is not None:
+        placed = {place.args[0]: place.args for place in result.lesson.placements}
+        result.right = shape(result.lesson.tree) == shape(plan_task(task))
+        if result.right:
+            result.off = max(
+                float(np.linalg.norm(np.subtract(placed[target.object][1], target.position))) for target in task.targets
+            )
+            result.right = result.off <= RIGHT
+    result.seconds = perf_counter() - began
+    console.print(
+        f"{shooting.name:9} {task.name:13} {number:3}  {'right' if result.right else 'WRONG'}  worst place "
+        f"{1000 * result.off:4.1f} mm  {dict(result.doubts) or ''} {result.problem} {result.seconds:.0f} s"
+    )
+    return result
+
+
+def demonstrate(task: Task, seed: list[int], shooting: Shooting, folder: DemonstrationFolder, result: Series) -> None:
+    """Film one demonstration, watch it, and keep it."""
+    scene = build_scene(YUMI, task, seed, shooting.realism)
+    placement, believed = placed_camera(scene, shooting)
+    person = Demonstrator(scene, task.targets, np.random.default_rng(seed), shooting.manner)
+    camera = FilmedDemonstration(
+        scene, person, fps=FPS, hand=shooting.hand, light=shooting.light, placement=placement, seed=seed
+    )
+    try:
+        watched = watch_demonstration(Looking(task, camera, believed), Watcher(task))
+    finally:
+        camera.close()
+    result.images += round(person.time * FPS)
+    result.doubts.update(doubt.kind for doubt in watched.doubts)
+    one = demonstration_of(watched, [doubt.usual for doubt in watched.doubts], task)
+    folder.append(one)
+    bodies = {
+        **person.poses(),
+        task.kit.name: scene.kit,
+        task.robot_frame: RigidTransform.from_translation(task.robot_position),
+    }
+    places = [action for action in one.actions if action.kind == "place"]
+    if len(places) == len(task.targets):
+        for action, target in zip(places, task.targets, strict=True):
+            true = bodies[target.frame].inv().apply(bodies[target.object].translation)
+            result.seen_off.append(float(np.linalg.norm(action.handled(target.frame) - true)))
+
+
+def placed_camera(scene: TwinScene, shooting: Shooting) -> tuple[CameraPlacement, RigidTransform]:
+    """Return where the camera is, in the world, and where it is believed to be, in the base: as wrong as in the scene."""
+    task, own = scene.task, scene.camera
+    base = RigidTransform.from_translation(task.robot_position)
+    middle = np.mean([[*table.position[:2], table.top] for table in task.tables], axis=0)
+    right = own.pose.rotation.as_matrix()[:, 0]
+    turn = Rotation.from_euler("z", shooting.around) * Rotation.from_rotvec(-shooting.raised * right)
+    pose = RigidTransform.from_components(middle + turn.apply(own.pose.translation - middle), turn * own.pose.rotation)
+    believed = base * scene.calibrated
+    shift = believed.translation - own.pose.translation
+    tilt = believed.rotation * own.pose.rotation.inv()
+    wrong = RigidTransform.from_components(pose.translation + shift, tilt * pose.rotation)
+    return dataclasses.replace(own, pose=pose, fovy=own.fovy * shooting.wider), base.inv() * wrong
+
+
+def shape(tree: object) -> str:
+    """Return a tree without the numbers of its places."""
+    return re.sub(r"\([-\d., e]+\)", "(..)", str(tree))
+
+
+def summary(films: str, task: str, found: list[Series]) -> dict:
+    """One line of the table."""
+    good = [one for one in found if one.right]
+    off = [1000 * one.off for one in good]
+    seen = [1000 * error for one in found for error in one.seen_off]
+    return {
+        "films": films,
+        "task": task,
+        "series": len(found),
+        "right": len(good),
+        "worst place, mm median": float(np.median(off)) if off else float("nan"),
+        "worst place, mm most": max(off, default=float("nan")),
+        "seen, mm median": float(np.median(seen)) if seen else float("nan"),
+        "seen, mm 95 %": float(np.percentile(seen, 95)) if seen else float("nan"),
+        "doubts": sum(sum(one.doubts.values()) for one in found),
+        "problems": "; ".join(one.problem for one in found if one.problem),
+        "images": sum(one.images for one in found),
+        "ms an image": 1000 * sum(one.seconds for one in found) / max(1, sum(one.images for one in found)),
+    }
+
+
+def on_twin(task: Task, lesson: Lesson, layouts: int, console: Console) -> dict:
+    """Run a tree in many layouts of the twin."""
+    solved, distances, seconds = 0, [], []
+    for number in range(layouts):
+        run = run_twin(YUMI, Program(task, lesson.tree), number, limits=Limits(run=200.0))
+        good = run.exit_code == Exit.DONE
+        solved += good
+        distances += [1000 * distance for distance in run.distances] if good else []
+        seconds.append(run.outcome.seconds)
+        console.print(f"{task.name} {number} {'solved' if good else run.outcome.reason} {run.seconds:.0f} s")
+    return {
+        "task": task.name,
+        "layouts": layouts,
+        "solved": solved,
+        "mm median": float(np.median(distances)) if distances else float("nan"),
+        "mm worst": max(distances, default=float("nan")),
+        "robot s": float(np.mean(seconds)),
+    }
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Arguments))
