@@ -54,6 +54,9 @@ class Realism:
     # BtJax lets EGM turn a joint by 0.26; run asks for 0.2 at most, and twin for more.
     egm_speed: float = math.inf
     """rad/s at which EGM lets a joint turn"""
+    # Estimate: BtJax ends one session after a look at the gripper (0.05 s), and sets up the next.
+    egm_restart: float = 0.1
+    """s of silence between telling the position and guided motion; the messages then count from 1 again"""
     # Estimate: one look of BtJax at the target (0.05 s), and the gripper's own controller.
     gripper_delay: float = 0.2
     """s from a command to the fingers' motion"""
@@ -85,6 +88,7 @@ class Realism:
             camera_tilt=0.0,
             egm_delay=0.0,
             egm_lag=0.0,
+            egm_restart=0.0,
             gripper_delay=0.0,
             gripper_reading=0.0,
             finger_speed=0.025,
@@ -130,6 +134,7 @@ _ERRORS = (
     "camera_tilt",
     "egm_delay",
     "egm_lag",
+    "egm_restart",
     "gripper_delay",
     "gripper_reading",
     "request_delay",

@@ -79,6 +79,7 @@ class SimulatedArm:
         self.network = Network(self.socket, ("127.0.0.1", port))
         self.sequence = 0
         self.mci = Mci.STOPPED
+        self.restart: float | None = None  # when the next session of EGM begins, s; None while one lasts
         self.silent = 0.0  # seconds since the last answer
         self.heard = False  # was there ever one?
         opening = 1000 * float(cell.qpos[self.fingers].mean())
@@ -151,10 +152,21 @@ class SimulatedRobot:
         if name not in arm.numbers:
             raise KeyError(url)
         arm.numbers[name] = value
-        if name == EGM_REQUEST and self.rapid and arm.numbers[EGM_STATE] != value:
-            arm.silent, arm.mci = 0.0, Mci.RUNNING if value == Motion.GUIDED else Mci.STOPPED
+        if name == EGM_REQUEST and self.rapid and arm.restart is None and arm.numbers[EGM_STATE] != value:
             arm.setpoints.brake()
-            arm.numbers[EGM_STATE] = value
+            arm.mci, arm.restart = Mci.STOPPED, self.time + self.realism.egm_restart
+            self._restart(arm)
+
+    def _restart(self, arm: SimulatedArm) -> None:
+        """Begin the session of EGM that was asked for, once its time has come."""
+        if arm.restart is None or self.time < arm.restart - 1e-6:
+            return
+        arm.restart, arm.silent = None, 0.0
+        if self.realism.egm_restart > 0:
+            arm.sequence = 0
+        if self.rapid:
+            arm.numbers[EGM_STATE] = arm.numbers[EGM_REQUEST]
+            arm.mci = Mci.RUNNING if arm.numbers[EGM_STATE] == Motion.GUIDED else Mci.STOPPED
 
     def _symbol(self, url: str) -> tuple[SimulatedArm, str]:
         name = url.rsplit("/", 1)[-1]
@@ -167,6 +179,8 @@ class SimulatedRobot:
         """Send the feedback of all arms."""
         on = self.control == "motoron"
         for arm in self.arms:
+            if arm.restart is not None:
+                continue
             arm.sequence += 1
             message = Feedback(
                 arm.sequence,
@@ -217,6 +231,7 @@ class SimulatedRobot:
     def step(self) -> None:
         """Simulate one cycle of physics, grippers and supervision."""
         for arm in self.arms:
+            self._restart(arm)
             if arm.mci == Mci.RUNNING:
                 arm.silent += CYCLE
                 if arm.silent > TIMING.silence:

@@ -79,5 +79,6 @@ def test_a_foreign_client_moves_both_arms_with_all_seven_axes(realism):
         np.testing.assert_allclose(last.joint_angles - first.joint_angles, CHANGE, atol=0.1)
         np.testing.assert_allclose(last.external_axes - first.external_axes, [SEVENTH], atol=0.1)
         assert last.cartesian is not None
-        assert np.diff([state.header.seqno for state in clients[arm].states]).min() == 1
+        numbers = [state.header.seqno for state in clients[arm].states if state.mci_state == 3]
+        assert np.diff(numbers).min() == 1
         assert last.clock is not None

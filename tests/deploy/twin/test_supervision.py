@@ -17,6 +17,7 @@ from bt_jax.deploy.twin.supervision import ContactSupervision
 from bt_jax.tasks import load_task
 
 TASK = load_task("yumi_stack")
+REAL = dataclasses.replace(Realism(), egm_restart=0.0)  # guided motion begins at once
 
 
 def guided(realism):
@@ -44,7 +45,7 @@ def turn(robot, arm, joint, angle, seconds):
 
 
 def into_the_table(contact):
-    robot, arm = guided(dataclasses.replace(Realism(), contact=contact))
+    robot, arm = guided(dataclasses.replace(REAL, contact=contact))
     return robot, arm, turn(robot, arm, 1, -1.2, 4.0)
 
 
@@ -69,7 +70,7 @@ def test_without_supervision_the_arm_presses_on():
 
 
 def test_free_motion_and_a_grasp_are_no_contact():
-    robot, arm = guided(Realism())
+    robot, arm = guided(REAL)
     forces = turn(robot, arm, 0, 0.4, 1.0)
     robot.set_number(symbol(arm.name, GRIP_TARGET), 0.0)
     forces += turn(robot, arm, 0, 0.0, 1.5)
