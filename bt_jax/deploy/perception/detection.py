@@ -34,7 +34,7 @@ NUDGE = np.array([[0.013, -0.007], [-0.005, 0.011], [0.009, 0.017], [-0.019, 0.0
 stands square to the camera is. Only starts depend on it."""
 
 UNMISTAKABLE = 0.35  # sine of the angle between view and surface from which on a marker that is there is recognised
-
+WHITE = 252  # brightness from which on a pixel is as bright as can be
 Seen = dict[int, Corners]
 """The corners of markers by their ids."""
 
@@ -83,7 +83,8 @@ class Detection:
 class Picture:
     """What one image shows. `repeated`: markers that are seen more than once, whose bodies are therefore not detected;
     `apart`: bodies with markers at places that contradict each other; `foreign`: ids of no body. `blur` is that of the
-    image's edges, told where nothing is detected, `focal` the focal length, both in px."""
+    image's edges, told where nothing is detected, `focal` the focal length, both in px. `washed_out` is the share of the
+    picture that is as bright as can be, `brightest` the brightness that 99 of 100 pixels stay below, of 255."""
 
     detections: tuple[Detection, ...]
     repeated: tuple[int, ...] = ()
@@ -91,6 +92,8 @@ class Picture:
     foreign: tuple[int, ...] = ()
     blur: float = math.nan
     focal: float = math.nan
+    washed_out: float = 0.0
+    brightest: float = 255.0
 
 
 class Detector:
@@ -157,7 +160,17 @@ class Detector:
             if detection is not None and not (elsewhere and 2 * len(elsewhere) >= len(seen)):
                 detections.append(detection)
         blur = math.nan if detections or doubled else edge_blur(gray)
-        return Picture(tuple(detections), tuple(repeated), tuple(apart), tuple(foreign), blur, float(view.focal.mean()))
+        sample = gray[::4, ::4]
+        return Picture(
+            tuple(detections),
+            tuple(repeated),
+            tuple(apart),
+            tuple(foreign),
+            blur,
+            float(view.focal.mean()),
+            washed_out=float((sample >= WHITE).mean()),
+            brightest=float(np.percentile(sample, 99)),
+        )
 
     def _read(self, gray: GrayImage) -> dict[int, list[Corners]]:
         """Return every marker that is read, at each of its places; contours of one marker within another are one place."""

@@ -28,12 +28,16 @@ LEANING = math.radians(15)  # from which on a box does not lie on a face
 @dataclasses.dataclass(frozen=True)
 class InspectionSettings:
     """Something is said once it was so in each of `images` images and for `seconds`, and no longer than `forget` [s] after
-    the last. `soft`: the blur, in modules of the markers, from which on they are hard to read."""
+    the last. `soft`: the blur, in modules of the markers, from which on they are hard to read. A picture is too
+    dark if next to all of it is below the brightness `dark`, of 255, and too bright if the share `bright` of it is as bright
+    as can be: light then moves the edges of markers."""
 
     images: int = 4
     seconds: float = 0.4
     forget: float = 1.0
     soft: float = 0.28
+    dark: float = 30.0
+    bright: float = 0.5
 
 
 @dataclasses.dataclass
@@ -88,6 +92,11 @@ class Inspection:
         blur = self._softness(picture)
         if blur:
             yield "soft", Finding("", f"the picture is too soft (blur of {blur:.1f} px): focus the lens, or clean it")
+        if picture.brightest < self.settings.dark:
+            yield "light", Finding("", "the picture is too dark: light the cell, or expose longer", stops=True)
+        if picture.washed_out > self.settings.bright:
+            yield "light", Finding("", "the picture is too bright: expose less", stops=True)
+            return
         shift = camera_shift(self._task, poses)
         if shift is not None:
             yield "camera", Finding("", str(shift), stops=True)

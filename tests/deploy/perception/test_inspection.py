@@ -76,6 +76,20 @@ def test_a_soft_picture_is_told_whether_markers_are_still_read_or_not(blur):
     assert said.endswith("): focus the lens, or clean it")
 
 
+@pytest.mark.parametrize(("gain", "said"), [(2.5, "too bright: expose less"), (0.08, "too dark: light the cell")])
+def test_a_picture_without_light_or_with_too_much_is_told_and_no_camera_is_blamed(gain, said):
+    looking = Looking(lambda image: np.clip(gain * image.astype(float), 0, 255).astype(np.uint8))
+    assert f"the picture is {said}" in looking.findings()[""]
+    assert all(finding.stops for finding in looking.perception.findings(looking.scene.time))
+
+
+@pytest.mark.parametrize("gain", [0.3, 1.3])
+def test_a_picture_that_is_only_darker_or_brighter_serves(gain):
+    looking = Looking(lambda image: np.clip(gain * image.astype(float), 0, 255).astype(np.uint8))
+    assert looking.findings() == {}
+    assert set(looking.known()) == {*TASK.box_names, KIT}
+
+
 @pytest.mark.parametrize("blur", [0.0, 0.7])
 def test_a_picture_that_serves_is_not_called_soft(blur):
     assert Looking(lambda image: cv2.GaussianBlur(image, (0, 0), blur) if blur else image).findings() == {}
