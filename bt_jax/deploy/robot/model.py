@@ -43,7 +43,7 @@ class JointModel:
 @dataclasses.dataclass(frozen=True)
 class GripperModel:
     """Two parallel fingers, each of which moves by up to `stroke` along the -x of its placement in the hand. They close
-    along the hand's x, and point along its z. Of the shapes of a finger the second is its pad."""
+    along the hand's x, and point along its z."""
 
     stroke: float
     fingers: tuple[Placement, Placement]
