@@ -47,9 +47,9 @@ def take_priority(*, realtime: bool) -> bool:
 def may_take_priority() -> bool:
     """May this user's processes ask for real-time priority? Nothing is changed."""
     try:
-        policy = os.sched_getscheduler(0)
+        policy, priority = os.sched_getscheduler(0), os.sched_getparam(0)
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
-        os.sched_setscheduler(0, policy, os.sched_param(0))
+        os.sched_setscheduler(0, policy, priority)
     except (OSError, AttributeError):
         return False
     return True

@@ -66,8 +66,9 @@ def command(*words):
 
 
 def skip_where_starved(said):
-    if STARVED.search(said):
-        pytest.skip(f"this machine is too busy for two programs in real time: {said[-300:]}")
+    if found := STARVED.search(said):
+        line = said[said.rfind("\n", 0, found.start()) + 1 :].splitlines()[0]
+        pytest.skip(f"this machine is too busy for two programs in real time: {line}")
 
 
 needs_renderer = pytest.mark.skipif(available() is not True, reason=f"needs a renderer: {available()}")

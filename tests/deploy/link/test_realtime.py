@@ -5,9 +5,10 @@ import threading
 import time
 
 import numpy as np
+import pytest
 
 from bt_jax._util.errors import UserError
-from bt_jax.deploy.link.realtime import CONTEXT, Snapshot
+from bt_jax.deploy.link.realtime import CONTEXT, Snapshot, may_take_priority
 
 
 class Deadly:
@@ -81,3 +82,15 @@ def test_a_reader_that_is_starved_does_not_take_a_live_writer_for_dead(monkeypat
     monkeypatch.setattr(time, "sleep", write)
     monkeypatch.setattr(time, "monotonic", lambda: float(next(clock)))
     np.testing.assert_array_equal(snapshot.read(), np.zeros(1))
+
+
+def test_asking_for_priority_changes_nothing_whatever_the_process_has():
+    policy, priority = os.sched_getscheduler(0), os.sched_getparam(0)
+    if not may_take_priority():
+        pytest.skip("this user may not ask for real-time priority")
+    try:
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(3))
+        assert may_take_priority()
+        assert (os.sched_getscheduler(0), os.sched_getparam(0).sched_priority) == (os.SCHED_RR, 3)
+    finally:
+        os.sched_setscheduler(0, policy, priority)
