@@ -1,6 +1,6 @@
 """How well does the camera see? Rendered layouts of the robot cell, boxes turned at random, on the tables and stacked:
 errors of every box and of the kit by how many of their markers were used, wrong identities and flips, and the time of an
-image.
+image, at several blurs of the lens and two sizes of the images. Nothing was measured with a real camera.
 
 A body counts as visible when a face that the camera sees at more than VISIBLE degrees is not hidden, not even in part.
 """
@@ -8,6 +8,7 @@ A body counts as visible when a face that the camera sees at more than VISIBLE d
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import math
 import os
 from pathlib import Path
@@ -28,23 +29,24 @@ from bt_jax.deploy.perception.tracker import TrackerSettings
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.cell import CAMERA, build_scene
 from bt_jax.deploy.twin.rendered_camera import RenderedCamera, cell_camera
+from bt_jax.deploy.twin.sensor import Sensor
+from bt_jax.deploy.twin.settings import Realism
 from bt_jax.tasks import Task, load_task
 
 VISIBLE = 20.0  # degrees
 GROSS_ANGLE, GROSS_DISTANCE = 10.0, 0.02  # degrees and m: a pose this wrong is a flip or another body
 
 
-class NoisyCamera:
-    """A camera whose images are given, with noise; each read is a new image."""
+class Still:
+    """A camera in front of a cell that stands still; `sensor` makes of its images what a real one would."""
 
-    def __init__(self, camera: RenderedCamera, rng: np.random.Generator, noise: float) -> None:
-        self.camera, self.rng, self.noise, self.count = camera, rng, noise, 0
+    def __init__(self, camera: RenderedCamera) -> None:
+        self.camera, self.sensor, self.count = camera, Sensor(Realism.perfect()), 0
 
     def read(self) -> CameraFrame:
         frame = self.camera.read()
-        noisy = frame.image + self.rng.normal(0, self.noise, frame.image.shape) if self.noise else frame.image
         self.count += 1
-        return CameraFrame(np.clip(noisy, 0, 255).astype(np.uint8), float(self.count), frame.matrix, frame.distortion)
+        return dataclasses.replace(frame, image=self.sensor(frame.image), time=float(self.count))
 
     def close(self) -> None:
         self.camera.close()
@@ -54,33 +56,49 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--task", default="yumi_stack")
     parser.add_argument("--layouts", type=int, default=100)
-    parser.add_argument("--noise", type=float, default=0.0, help="standard deviation of the image noise, grey levels")
+    parser.add_argument("--noise", type=float, default=2.5, help="standard deviation of the image noise, grey levels")
+    parser.add_argument("--blur", type=float, nargs="+", default=[0.0, 0.7, 1.0, 1.5], help="of the lens, px")
+    parser.add_argument("--width", type=int, nargs="+", default=[640, 1280], help="of the images, px; 4 to 3")
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
     task = load_task(arguments.task)
     model = build_scene(YUMI, task, 0).model
     data = mujoco.MjData(model)
-    rng = np.random.default_rng(0)
-    camera = NoisyCamera(RenderedCamera(model, lambda: (0.0, data.qpos), CAMERA), rng, arguments.noise)
-    records, seconds = [], []
-    for seed in track(range(arguments.layouts), description="layouts"):
-        arrange(task, model, data, build_scene(YUMI, task, seed).cell.qpos, rng)
-        perception = Perception(task, camera, cell_camera(task).pose, TrackerSettings(frames=1))
-        began = perf_counter()
-        perception.update()
-        seconds.append(perf_counter() - began)
-        records += compare(task, model, data, perception)
-    camera.close()
-    boxes = [record for record in records if record["body"] != task.kit.name]
-    groups = {"boxes": boxes, "kit": [record for record in records if record["body"] == task.kit.name]}
-    for count in (1, 2, 3):
-        groups[f"boxes, {count} marker{'s' * (count > 1)}"] = [record for record in boxes if record["markers"] == count]
+    rows = []
+    for width in arguments.width:
+        perfect = dataclasses.replace(Realism.perfect(), width=width, height=width * 3 // 4)
+        camera = Still(RenderedCamera(model, lambda: (0.0, data.qpos), CAMERA, realism=perfect))
+        sensors = {
+            blur: Sensor(dataclasses.replace(perfect, blur=blur, noise=arguments.noise)) for blur in arguments.blur
+        }
+        records, seconds = {blur: [] for blur in sensors}, {blur: [] for blur in sensors}
+        rng = np.random.default_rng(0)
+        for seed in track(range(arguments.layouts), description=f"layouts, {width} px"):
+            arrange(task, model, data, build_scene(YUMI, task, seed).cell.qpos, rng)
+            bodies = truth(task, model, data)
+            for blur, camera.sensor in sensors.items():
+                perception = Perception(task, camera, cell_camera(task).pose, TrackerSettings(frames=1))
+                frame = camera.read()
+                began = perf_counter()
+                perception.detector.look(frame.image, frame.matrix, frame.distortion)
+                seconds[blur].append(perf_counter() - began)
+                perception.update()
+                records[blur] += compare(bodies, perception)
+        camera.close()
+        for blur, found in records.items():
+            size = {"image": f"{width} x {width * 3 // 4}", "blur px": blur}
+            boxes = [record for record in found if record["body"] != task.kit.name]
+            groups = {"boxes": boxes, "kit": [record for record in found if record["body"] == task.kit.name]}
+            groups["boxes, 1 marker"] = [record for record in boxes if record["markers"] == 1]
+            ms = 1000 * float(np.median(seconds[blur]))
+            rows += [size | summary(name, group) | {"ms an image": ms} for name, group in groups.items()]
     report(
         "deploy_perception",
-        f"{arguments.layouts} layouts of {task.name}, 640 x 480, image noise {arguments.noise:g} grey levels",
-        [summary(name, group) for name, group in groups.items()],
+        f"{arguments.layouts} layouts of {task.name}, image noise {arguments.noise:g} grey levels",
+        rows,
         out=arguments.out,
-        ms_per_image_with_rendering=1000 * float(np.median(seconds)),
+        layouts=arguments.layouts,
+        noise=arguments.noise,
     )
 
 
@@ -101,20 +119,28 @@ def arrange(task: Task, model, data, qpos: np.ndarray, rng: np.random.Generator)
     mujoco.mj_forward(model, data)
 
 
-def compare(task: Task, model, data, perception: Perception) -> list[dict]:
+def truth(task: Task, model, data) -> dict[str, tuple[RigidTransform, bool]]:
+    """Where every body is, and whether it is to be seen."""
+    bodies = {}
+    for body in (*task.box_names, task.kit.name):
+        pose = body_pose(data, body)
+        markers = [marker for marker in task_markers(task) if marker.body == body]
+        bodies[body] = pose, any(unhidden(model, data, pose, marker) for marker in markers)
+    return bodies
+
+
+def compare(bodies: dict[str, tuple[RigidTransform, bool]], perception: Perception) -> list[dict]:
     """A record for every body: is it to be seen, was it found and believed, and how wrong."""
-    believed = perception.poses(perception.image)
+    believed = perception.tracker.poses(perception.image)
     used = {detection.body: detection for detection in perception.detections}
     records = []
-    for body in (*task.box_names, task.kit.name):
-        truth = body_pose(data, body)
-        visible = any(unhidden(model, data, truth, marker) for marker in task_markers(task) if marker.body == body)
+    for body, (pose, visible) in bodies.items():
         record = {"body": body, "visible": visible, "found": body in believed, "markers": 0}
         if body in believed:
-            error = truth.inv() * believed[body]
+            error = pose.inv() * believed[body]
             record |= {
                 "markers": len(used[body].markers),
-                "mm": 1000 * float(np.linalg.norm(believed[body].translation - truth.translation)),
+                "mm": 1000 * float(np.linalg.norm(believed[body].translation - pose.translation)),
                 "deg": math.degrees(error.rotation.magnitude()),
             }
         records.append(record)
