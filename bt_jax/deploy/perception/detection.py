@@ -82,14 +82,13 @@ class Detection:
 @dataclasses.dataclass(frozen=True)
 class Picture:
     """What one image shows. `repeated`: markers that are seen more than once, whose bodies are therefore not detected;
-    `apart`: bodies with markers at places that contradict each other; `foreign`: ids of no body. `blur` is that of the
-    image's edges, told where nothing is detected, `focal` the focal length, both in px. `washed_out` is the share of the
+    `apart`: bodies with markers at places that contradict each other. `blur` is that of the image's edges, told where
+    nothing is detected, `focal` the focal length, both in px. `washed_out` is the share of the
     picture that is as bright as can be, `brightest` the brightness that 99 of 100 pixels stay below, of 255."""
 
     detections: tuple[Detection, ...]
     repeated: tuple[int, ...] = ()
     apart: tuple[str, ...] = ()
-    foreign: tuple[int, ...] = ()
     blur: float = math.nan
     focal: float = math.nan
     washed_out: float = 0.0
@@ -140,11 +139,9 @@ class Detector:
             gray = cv2.undistort(gray, matrix, distortion)
         view = ImageSampler(gray.astype(np.float32), matrix)
         bodies: dict[str, Seen] = {body: {} for body in known}
-        foreign, repeated = [], []
+        repeated = []
         for number, quads in self._read(gray).items():
-            if number not in self._markers:
-                foreign.append(number)
-            elif len(quads) > 1:
+            if len(quads) > 1:
                 repeated.append(number)
             else:
                 bodies.setdefault(self._markers[number].body, {})[number] = quads[0]
@@ -165,7 +162,6 @@ class Detector:
             tuple(detections),
             tuple(repeated),
             tuple(apart),
-            tuple(foreign),
             blur,
             float(view.focal.mean()),
             washed_out=float((sample >= WHITE).mean()),
@@ -173,10 +169,12 @@ class Detector:
         )
 
     def _read(self, gray: GrayImage) -> dict[int, list[Corners]]:
-        """Return every marker that is read, at each of its places; contours of one marker within another are one place."""
+        """Return every marker of the bodies that is read, at each of its places; contours in one another are one place."""
         found, ids, _ = self._aruco.detectMarkers(gray)
         places: dict[int, list[Corners]] = {}
         for number, quad in zip([] if ids is None else np.ravel(ids), found, strict=True):
+            if int(number) not in self._markers:
+                continue
             corners = np.asarray(quad, float).reshape(4, 2)
             others = places.setdefault(int(number), [])
             if all(np.linalg.norm((other - corners).mean(axis=0)) > _side(corners) / 2 for other in others):

@@ -176,13 +176,6 @@ def test_a_sheet_with_another_marker_of_a_box_is_told_from_the_box(detector):
     assert "BlueBox" not in {detection.body for detection in picture.detections}
 
 
-def test_markers_of_nothing_are_told(detector):
-    image = fresh_scene().image().copy()
-    paper = marker_image(47, 1, 6)
-    image[400 : 400 + len(paper), 300 : 300 + len(paper)] = paper[:, :, None]
-    assert detector.look(image, MATRIX, NO_DISTORTION).foreign == (47,)
-
-
 def with_a_copy(image: np.ndarray, body: str, detector: Detector) -> tuple[np.ndarray, int]:
     """The image with the best seen marker of a body once more, and the marker's id."""
     detection = next(d for d in detector(image, MATRIX, NO_DISTORTION) if d.body == body)
