@@ -1,6 +1,6 @@
 """How well does the camera see? Rendered layouts of the robot cell, boxes turned at random, on the tables and stacked:
-errors of every box and of the kit by how many of their markers were used, wrong identities and flips, and the time of an
-image, at several blurs of the lens and two sizes of the images. Nothing was measured with a real camera.
+errors of every box and of the kit by how many of their markers were used, wrong identities and flips, and the processor
+time of an image, at several blurs of the lens and two sizes of the images. Nothing was measured with a real camera.
 
 A body counts as visible when a face that the camera sees at more than VISIBLE degrees is not hidden, not even in part.
 """
@@ -12,7 +12,7 @@ import dataclasses
 import math
 import os
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 
 os.environ.setdefault("MUJOCO_GL", "egl")
 
@@ -79,9 +79,9 @@ def main() -> None:
             for blur, camera.sensor in sensors.items():
                 perception = Perception(task, camera, cell_camera(task).pose, TrackerSettings(frames=1))
                 frame = camera.read()
-                began = perf_counter()
+                began = process_time()
                 perception.detector.look(frame.image, frame.matrix, frame.distortion)
-                seconds[blur].append(perf_counter() - began)
+                seconds[blur].append(process_time() - began)
                 perception.update()
                 records[blur] += compare(bodies, perception)
         camera.close()
@@ -91,7 +91,7 @@ def main() -> None:
             groups = {"boxes": boxes, "kit": [record for record in found if record["body"] == task.kit.name]}
             groups["boxes, 1 marker"] = [record for record in boxes if record["markers"] == 1]
             ms = 1000 * float(np.median(seconds[blur]))
-            rows += [size | summary(name, group) | {"ms an image": ms} for name, group in groups.items()]
+            rows += [size | summary(name, group) | {"CPU ms an image": ms} for name, group in groups.items()]
     report(
         "deploy_perception",
         f"{arguments.layouts} layouts of {task.name}, image noise {arguments.noise:g} grey levels",

@@ -220,7 +220,7 @@ def test_a_finding_that_makes_what_is_known_wrong_ends_the_run_if_it_lasts():
     wrong = Finding("", "the camera is 5 mm off: calibrate again", stops=True)
     cell = IdealCell()
     cell.skills.polls = 10**6
-    cell.on_tick = lambda shown: setattr(cell, "findings", (wrong,) if 2.0 < shown.seen.time < 6.0 else ())
+    cell.on_tick = lambda shown: setattr(cell, "findings", (wrong,) if 2.0 < shown.seen.time < 3.5 else ())
     cell.executor.limits = Limits(run=8.0)
     assert "time is up" in cell.executor.run().reason, "it did not last"
     cell = IdealCell()
