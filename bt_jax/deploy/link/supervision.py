@@ -28,6 +28,7 @@ class Supervisor:
         self.lost = self.reordered = 0
         self._sequence: dict[str, int] = {}
         self._heard: dict[str, float] = {}
+        self._clock: dict[str, tuple[float, float]] = {}  # time of the controller, and when it was heard first [s]
         self._clearance = rules.clearance_of() if rules.clearance_of is not None else None
 
     def stop(self, reason: str, *, brake: bool = False) -> None:
@@ -48,6 +49,10 @@ class Supervisor:
             if ahead - 1 > self.rules.gap and moving_allowed:
                 self.stop(f"{arm}: {ahead - 1} messages of the controller were lost in a row")
         self._sequence[arm], self._heard[arm] = feedback.sequence, now
+        if self._clock.get(arm, (None, now))[0] != feedback.time:
+            self._clock[arm] = feedback.time, now
+        elif moving_allowed and not now - self._clock[arm][1] <= self.rules.stale:  # no setpoint moves on
+            self.stop(f"{arm}: the controller's clock stands still")
         if not np.isfinite(feedback.joints).all():
             self.stop(f"{arm}: the measured joints are not numbers")
         if moving_allowed and not feedback.running:

@@ -70,6 +70,18 @@ def test_measurements_that_are_no_numbers_stop():
     assert "not numbers" in supervisor.reason
 
 
+def test_a_clock_that_stands_still_stops():
+    supervisor = Supervisor(RULES, ARMS)
+    for number in range(1, 40):
+        supervisor.accept(
+            "left", feedback(number, time=5.0 if number < 30 else 6.0), CYCLE * number, moving_allowed=True
+        )
+        assert (supervisor.reason is not None) == (CYCLE * (number - 1) > RULES.stale)
+        if supervisor.reason is not None:
+            break
+    assert "clock" in supervisor.reason
+
+
 def test_silence_of_the_controller_stops():
     supervisor = Supervisor(RULES, ARMS)
     supervisor.accept("left", feedback(1), 1.0, moving_allowed=True)
