@@ -25,19 +25,30 @@ class Sight:
     def __init__(self, task: Task, eye: Point) -> None:
         self._task, self._eye = task, eye
 
-    def hidden(self, marker: Marker, body: RigidTransform, poses: Mapping[str, RigidTransform]) -> bool:
-        """Is a marker on a body hidden, or a part of it, by another body or by the kit's walls?"""
-        half = np.linspace(-0.5, 0.5, SAMPLES) * marker.sticker
+    def hidden(
+        self,
+        marker: Marker,
+        body: RigidTransform,
+        poses: Mapping[str, RigidTransform],
+        *,
+        edge: float | None = None,
+        around: float = AROUND,
+    ) -> bool:
+        """Is a marker on a body hidden, or a part of it, by another body or by the kit's walls? `edge` is that of the square
+        that is looked at [m], by default the whole sticker; what hides it counts as larger by `around` [m]."""
+        half = np.linspace(-0.5, 0.5, SAMPLES) * (marker.sticker if edge is None else edge)
         points = body.apply(marker.place(np.array([[x, y] for x in half for y in half])))
-        return any(_meets(self._eye, points, pose, half_sizes) for pose, half_sizes in self._solids(poses, marker.body))
+        return any(
+            _meets(self._eye, points, pose, half_sizes) for pose, half_sizes in self._solids(poses, marker.body, around)
+        )
 
     def _solids(
-        self, poses: Mapping[str, RigidTransform], own: str
+        self, poses: Mapping[str, RigidTransform], own: str, around: float
     ) -> Iterator[tuple[RigidTransform, Float[np.ndarray, " 3"]]]:
         """Return the cuboids that may hide a marker of the body `own`: their poses and half their edges [m]."""
         for box in self._task.boxes:
             if box.name in poses and box.name != own:
-                yield poses[box.name], np.full(3, box.size / 2 + AROUND)
+                yield poses[box.name], np.full(3, box.size / 2 + around)
         kit = self._task.kit
         if kit.name in poses:
             middle, high = kit.inner + kit.wall_thickness / 2, kit.wall_height / 2
@@ -45,7 +56,7 @@ class Sight:
                 wall = RigidTransform.from_translation([x * middle, y * middle, kit.thickness / 2 + high])
                 along = kit.inner + kit.wall_thickness
                 halves = [kit.wall_thickness / 2 if x else along, along if x else kit.wall_thickness / 2, high]
-                yield poses[kit.name] * wall, np.array(halves) + AROUND
+                yield poses[kit.name] * wall, np.array(halves) + around
 
 
 def _meets(eye: Point, points: PointRows, pose: RigidTransform, halves: Float[np.ndarray, " 3"]) -> bool:

@@ -52,3 +52,9 @@ class Looking:
         }
         screened = frozenset(name for name, markers in visible.items() if not markers and name not in bodies)
         return Sighting(frame.time, bodies, screened)
+
+    def findings(self) -> tuple[str, ...]:
+        """Return what is wrong with the pictures themselves, such as a camera that has moved: not what hands are in front
+        of."""
+        found = self._perception.findings(self._perception.image)
+        return tuple(finding.text for finding in found if not finding.sight)

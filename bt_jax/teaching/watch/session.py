@@ -27,6 +27,7 @@ def watch_demonstration(
 ) -> Watched:
     """Watch until the film ends, the camera fails, `ended` says so, Ctrl-C is pressed, or nothing has moved for long enough.
     Whatever has been seen by then is returned; `say` gets what it tells, and `show` every image."""
+    said: set[str] = set()
     try:
         while not (watcher.over or ended()):
             sighting = looking.look()
@@ -35,6 +36,10 @@ def watch_demonstration(
                 continue
             for event in watcher.update(sighting):
                 say(event)
+            for text in () if watcher.missing else looking.findings():
+                if text not in said:  # what moves is not judged
+                    said.add(text)
+                    say(Event(sighting.time, "doubt", text))
             show(sighting)
     except (FilmEnded, KeyboardInterrupt):
         pass

@@ -96,7 +96,7 @@ class Watcher:
         events = []
         for name, track in self._tracks.items():
             track.average()
-            lost = track.away or not self._fresh(track)
+            lost = track.away or not (self._fresh(track) or self._carries(name))
             if self._started and lost:
                 doubt = doubt_about_end(name, track.away, visible=self._time - track.seen < self.settings.settle)
                 self._doubts.append(doubt)
@@ -192,6 +192,14 @@ class Watcher:
             or self._time - track.clear <= self.settings.settle
             or self._time - track.clear >= self.settings.patience
             for other, track in self._tracks.items()
+        )
+
+    def _carries(self, name: str) -> bool:
+        """Does another box stand on this one, so that it is where it was, even if it cannot be seen?"""
+        return any(
+            not track.away and track.rest is not None and self._under(other, track.rest.pose) == name
+            for other, track in self._tracks.items()
+            if other not in (name, self.task.kit.name)
         )
 
     def _fresh(self, track: BodyTrack) -> bool:

@@ -206,6 +206,17 @@ def test_what_is_in_doubt_is_said(film):
     assert text in [event.text for event in events if event.kind == "doubt"]
 
 
+def test_a_box_that_another_stands_on_is_not_lost_because_it_cannot_be_seen():
+    table = Table()
+
+    def film():
+        yield from stacking(table)
+        table.hidden |= {"YellowBox", "GreenBox"}
+        yield from table.wait(2)
+
+    assert not watch(film())[1].doubts
+
+
 def test_one_hand_that_goes_straight_to_the_next_box_moves_one_at_a_time():
     table = Table()
 
