@@ -38,6 +38,11 @@ class Diagnosis:
         late = [about for about, since in self._found_at.items() if seen.time - since >= self.limits.finding]
         return "; ".join(stopping[about].text for about in late)
 
+    @property
+    def doubt(self) -> str:
+        """What makes wrong now what is known, "" if nothing does."""
+        return "; ".join(finding.text for finding in self._findings if finding.stops)
+
     def patience(self, undecided: frozenset[Behavior], now: float) -> float:
         """Return how long the tree may fail [s]: less than usual where what it misses has not been seen for long."""
         times = [self._seen_at.get(name, 0.0) for name in self._missing(undecided)]

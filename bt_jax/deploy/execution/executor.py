@@ -125,6 +125,8 @@ class Executor:
         sight = Sight(self.runner.looking, self.runner.looked, self._undecided)
         if self.runner.action is not None and self.skills.committed:
             phase = "committed"
+        elif self._diagnosis.doubt:
+            phase = self._pause(self._diagnosis.doubt, now)
         elif now < self.runner.rest_at:
             phase = "settling"
         else:
@@ -190,6 +192,12 @@ class Executor:
             case Step.WAITING:
                 self._judge(ticked.status, decision.sight.undecided, now)
         return str(decision.step)
+
+    def _pause(self, doubt: str, now: float) -> str:
+        """Break off what would be done on wrong knowledge; arms may go on out of the camera's way."""
+        if self.runner.action is not None:
+            self.runner.cancel(now, doubt)
+        return "pausing"
 
     def _judge(self, status: Status, undecided: frozenset[Behavior], now: float) -> None:
         """Judge whether the run is over when the tree wants nothing. Success must be seen with the arms out of the way."""

@@ -230,6 +230,23 @@ def test_a_finding_that_makes_what_is_known_wrong_ends_the_run_if_it_lasts():
     assert outcome.seconds <= Limits().finding + 0.5
 
 
+def test_nothing_is_done_while_what_is_known_is_wrong():
+    twice = Finding("GreenBox", "GreenBox's markers are on two things", stops=True)
+    cell = IdealCell()
+    cell.skills.polls = 10
+
+    def doubt(shown):
+        paused = sum(tick.phase == "pausing" for tick in cell.shown)
+        acting = len(cell.skills.started) == 2 and cell.skills.left < 5
+        cell.findings = (twice,) if 0 < paused < 10 or (acting and not paused) else ()
+
+    cell.on_tick = doubt
+    assert cell.executor.run().exit_code == Exit.DONE
+    assert len(cell.skills.cancelled) == 1
+    pauses = [i for i, tick in enumerate(cell.shown) if tick.phase == "pausing"]
+    assert pauses == list(range(pauses[0], pauses[0] + 10))
+
+
 def test_what_was_hidden_for_long_is_waited_for_less():
     cell = IdealCell(PICK["YellowBox"])
     cell.skills.polls = 100
