@@ -12,12 +12,12 @@ from benchmarks._report import report
 from bt_jax.deploy.link.cell_rules import cell_rules
 from bt_jax.deploy.link.egm import CYCLE, Feedback, Mci
 from bt_jax.deploy.link.guidance import Guidance
-from bt_jax.deploy.planning.paths import Pace, timed
+from bt_jax.deploy.planning.timing import Pace, timed
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.tasks import load_task
 
 SWING = np.array([0, 0, 0, 0, 0, 0.3, 0])
-PACE = Pace(share=0.05, acceleration=2.0)
+PACE = Pace(share=0.05, acceleration=0.1)
 
 
 class Messages:

@@ -26,7 +26,7 @@ from bt_jax.deploy.link.loop_timing import LateRound
 from bt_jax.deploy.link.realtime import FIFO_PRIORITY
 from bt_jax.deploy.link.settings import LinkConfig
 from bt_jax.deploy.perception.pipeline import Perception
-from bt_jax.deploy.planning.paths import Pace, timed
+from bt_jax.deploy.planning.timing import Pace, timed
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.cell import TwinScene, build_scene
 from bt_jax.deploy.twin.controller import Controller
@@ -34,7 +34,7 @@ from bt_jax.deploy.twin.rendered_camera import RenderedCamera, cell_camera
 from bt_jax.tasks import load_task
 
 SWING = 0.2  # rad of a wrist joint, to and fro
-PACE = Pace(share=0.05, acceleration=2.0)
+PACE = Pace(share=0.05, acceleration=0.1)
 TICK = 0.1
 PORTS = {"left": 26511, "right": 26512}
 

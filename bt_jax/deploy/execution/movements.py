@@ -19,9 +19,9 @@ from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.settings import GraspSettings, MotionSettings
 from bt_jax.deploy.link.protocol import RobotLink
 from bt_jax.deploy.planning.clearance import Carried
-from bt_jax.deploy.planning.paths import Pace, timed
 from bt_jax.deploy.planning.planner import JointPath, Planner, Surroundings
 from bt_jax.deploy.planning.process import PlanningProcess
+from bt_jax.deploy.planning.timing import Pace, timed
 from bt_jax.deploy.planning.trajectory import Trajectory
 from bt_jax.deploy.robot.arrays import JointRows, Joints
 from bt_jax.deploy.robot.model import RobotModel

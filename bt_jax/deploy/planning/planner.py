@@ -17,7 +17,8 @@ from scipy.spatial.transform import RigidTransform
 from bt_jax.deploy.planning.clearance import Carried, CellClearance
 from bt_jax.deploy.planning.grasps import grasp_poses, put_poses, raised
 from bt_jax.deploy.planning.kinematics import ArmKinematics
-from bt_jax.deploy.planning.paths import Pace, connect, timed
+from bt_jax.deploy.planning.paths import connect
+from bt_jax.deploy.planning.timing import ROUND, Pace, timed
 from bt_jax.deploy.planning.trajectory import Trajectory
 from bt_jax.deploy.robot.arrays import JointRows, Joints, Point
 from bt_jax.deploy.robot.model import RobotModel
@@ -30,6 +31,7 @@ STEPS = 8  # of a straight path
 SOLUTIONS = 3  # of the inverse kinematics, tried for each pose
 LOOKS = 8000  # at clearance, after which a plan is given up; a count, so that it does not depend on the machine
 TRIES = 150  # of a search for a way to one of the places
+LOOK_EVERY = 2  # points of a trajectory with rounded corners
 SPOT = 0.02  # metres between places that are tried for setting a box down
 
 
@@ -128,22 +130,17 @@ class Planner:
         return all(kinematics.solve(pose, self.robot.home[arm]) is not None for pose in (tcp, raised(tcp, ABOVE)))
 
     def timed(self, path: JointPath, pace: Pace) -> Trajectory:
-        """Return a path as a trajectory; corners are only cut where there is room for it."""
+        """Return a path as a trajectory; corners are only rounded where there is room for it."""
         arm = self.robot.arm(path.arm)
-        trajectory = timed(path.rows, pace, arm)
         if len(path.rows) <= 2:
-            return trajectory
+            return timed(path.rows, pace, arm)
         self._looks = 0
         free = self._free(path.arm, path.among)
-        if all(free(row) for row in trajectory.joints[::4]):
-            return trajectory
-        pieces = [timed(path.rows[i : i + 2], pace, arm) for i in range(len(path.rows) - 1)]
-        times, rows, end = [np.array([0.0])], [pieces[0].joints[:1]], 0.0
-        for piece in pieces:
-            times.append(piece.times[1:] + end)
-            rows.append(piece.joints[1:])
-            end += piece.duration
-        return Trajectory(np.concatenate(times), np.concatenate(rows))
+        for round_from in (ROUND, ROUND / 4):
+            trajectory = timed(path.rows, pace, arm, round_from=round_from)
+            if all(free(joints) for joints in trajectory.joints[::LOOK_EVERY]):
+                return trajectory
+        return timed(path.rows, pace, arm, round_from=0.0)
 
     def spots(self, box: str, poses: Mapping[str, RigidTransform], near: Point) -> Iterator[Point]:
         """Yield free places for a box on the tables, the nearest to `near` first; `box` itself is not in its own way."""

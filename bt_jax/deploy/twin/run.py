@@ -30,8 +30,8 @@ from bt_jax.deploy.link.protocol import Counters
 from bt_jax.deploy.link.settings import LinkConfig
 from bt_jax.deploy.perception.pipeline import Perception
 from bt_jax.deploy.perception.threaded import BackgroundPerception
-from bt_jax.deploy.planning.paths import Pace
 from bt_jax.deploy.planning.process import PlanningProcess
+from bt_jax.deploy.planning.timing import Pace
 from bt_jax.deploy.robot.model import RobotModel
 from bt_jax.deploy.twin.cell import CAMERA, TwinScene, build_scene, solved, target_distances
 from bt_jax.deploy.twin.controller import Controller, ControllerStats

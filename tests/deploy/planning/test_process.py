@@ -5,14 +5,14 @@ from concurrent.futures.process import BrokenProcessPool
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import parse_behavior
 from bt_jax.deploy.execution.skills import RobotSkills
-from bt_jax.deploy.planning.paths import Pace
 from bt_jax.deploy.planning.planner import JointPath, Planner, Surroundings, Unplannable
 from bt_jax.deploy.planning.process import PlanningProcess
+from bt_jax.deploy.planning.timing import Pace
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.encoding.status import Status
 from bt_jax.tasks import load_task
@@ -84,10 +84,11 @@ def test_ticks_go_on_while_a_plan_is_made(process):
 def test_a_path_is_timed_among_what_it_was_planned_among():
     """Whatever was planned in between: a corner that has no room stays a stop."""
     planner, among = Planner(YUMI, TASK), Surroundings({}, {arm: YUMI.home[arm].copy() for arm in YUMI.arm_names})
-    bend = YUMI.home["left"] + 0.5 * np.array([[0, 0, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0, 0], [1, 1, 0, 0, 0, 0, 0]])
+    bend = YUMI.home["left"] + 0.5 * np.array([[0, 0, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0, 0], [1, 0, -1, 0, 0, 0, 0]])
     path = JointPath("left", bend, among)
     expected = planner.timed(path, Pace())
-    crowd = {box: YUMI.forward("left", bend[1]) for box in TASK.box_names}
+    across = RigidTransform.from_rotation(Rotation.from_euler("z", np.pi / 4))  # no box that fits between the fingers
+    crowd = {box: YUMI.forward("left", bend[1]) * across for box in TASK.box_names}
     crowded = planner.timed(JointPath("left", bend, Surroundings(crowd, among.joints)), Pace())
     assert crowded.duration > expected.duration, "boxes at the corner leave no room to cut it"
     assert planner.timed(path, Pace()).duration == expected.duration
