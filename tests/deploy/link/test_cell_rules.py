@@ -7,7 +7,7 @@ import pytest
 
 from bt_jax.deploy.link.cell_rules import cell_rules
 from bt_jax.deploy.link.safety import check_trajectory
-from bt_jax.deploy.planning.paths import Pace, timed
+from bt_jax.deploy.planning.timing import Pace, timed
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.tasks import load_task
 
