@@ -50,9 +50,11 @@ def cell(link):
 
 
 def settle_at(link, opening, target):
-    """Fingers that stop at an opening although they were told to close further, as on a box."""
-    link.grip("left", opening)
-    run_for(link, 1.5)
+    """Fingers that rest at an opening although they were told to close further, as on a box. Nothing is between them here,
+    and closing goes on until something is met: they come there by opening."""
+    for width in (0.0, opening):
+        link.grip("left", width)
+        run_for(link, 1.5)
     link._target["left"] = target
 
 
@@ -85,8 +87,10 @@ def test_a_pose_that_lags_behind_a_moving_hand_is_no_dropped_box(cell, link):
 
 def test_fingers_that_close_on_nothing_hold_nothing(cell, link):
     observer, _, _ = cell
-    settle_at(link, 0.03, 0.03)
+    link.grip("left", 0.03)
+    run_for(link, 1.5)
     observer()
+    assert observer().opening["left"] == pytest.approx(0.0, abs=1e-3)
     assert observer().holding is None
 
 
