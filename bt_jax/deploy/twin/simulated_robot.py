@@ -264,7 +264,7 @@ class SimulatedRobot:
         self.model.actuator_forcerange[arm.finger_actuators] = (-force, force)
 
     def _supervise(self) -> None:
-        """Stop the arms where something presses on one, and have them give way, as a controller does."""
+        """Stop the arms where something presses on one, which backs off, as a controller does."""
         if not self.rapid or self.realism.contact == math.inf:
             return
         forces = self.supervision.advance(self.data)
@@ -276,7 +276,9 @@ class SimulatedRobot:
         self.stop_rapid(Mci.ERROR)
         self.supervision.reset()
         for arm in self.arms:
-            arm.setpoints.begin(self.data.qpos[arm.joints])
+            joints = self.data.qpos[arm.joints]
+            ahead = self.data.ctrl[arm.actuators] - joints  # what drives it against what it has met
+            arm.setpoints.begin(joints - ahead if arm.name in pressed else joints)
 
     def put(self, body: str, pose: PoseRow) -> None:
         place = self.model.body(body).mocapid[0]
