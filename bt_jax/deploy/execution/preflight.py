@@ -27,6 +27,7 @@ from bt_jax.deploy.execution.offline_checks import (
 )
 from bt_jax.deploy.execution.settings import CalibrationLimits
 from bt_jax.deploy.link.reception import complaint
+from bt_jax.deploy.robot.arrays import Joints
 
 __all__ = ["CONTROLLER", "CheckResult", "passed", "preflight", "show"]
 
@@ -143,11 +144,19 @@ def _silence(link: CheckedLink, arm: str, port: int) -> str:
     )
 
 
+def _joints(link: CheckedLink, arm: str) -> Joints:
+    """Return an arm's joints [rad]. Raise UserError where not all of them are finite."""
+    joints = link.arm(arm).joints
+    if not np.all(np.isfinite(joints)):
+        raise UserError(f"the {arm} arm tells joints that are not finite ({joints}); restart its controller")
+    return joints
+
+
 def _limits(equipment: Equipment) -> str:
     link, closest = opened(equipment.link), np.inf
     rules = link.rules
     for arm in link.arms:
-        joints = link.arm(arm).joints
+        joints = _joints(link, arm)
         room = float(np.min(np.minimum(joints - rules.lower, np.array(rules.upper) - joints)))
         if not room >= rules.margin:
             raise UserError(
@@ -160,12 +169,12 @@ def _limits(equipment: Equipment) -> str:
 def _kinematics(equipment: Equipment) -> str:
     link, worst = opened(equipment.link), 0.0
     for arm in link.arms:
-        state = link.arm(arm)
+        state, joints = link.arm(arm), _joints(link, arm)
         if state.flange is None:
             raise UserError(
                 f"the {arm} arm's EGM tells no Cartesian pose; use quaternions, tool0 and wobj0 in its setup"
             )
-        change = equipment.flange(arm, state.joints).inv() * state.flange
+        change = equipment.flange(arm, joints).inv() * state.flange
         away, turn = float(np.linalg.norm(change.translation)), change.rotation.magnitude()
         if not (away <= FLANGE and turn <= TURN):
             raise UserError(
@@ -221,7 +230,8 @@ def _images(equipment: Equipment) -> str:
 def _findings(equipment: Equipment) -> str:
     found = opened(equipment.perception).findings(equipment.now())
     if not isinstance(equipment.link, UserError):
-        arms = [equipment.robot.links(arm, equipment.link.arm(arm).joints) for arm in equipment.link.arms]
+        told = {arm: equipment.link.arm(arm).joints for arm in equipment.link.arms}
+        arms = [equipment.robot.links(arm, joints) for arm, joints in told.items() if np.all(np.isfinite(joints))]
         found = tuple(f for f in found if not f.sight or not any(in_the_way(arm, f.sight) for arm in arms))
     if found:
         raise UserError("; ".join(map(str, found)))

@@ -269,6 +269,19 @@ def test_an_arm_that_tells_what_is_not_a_number_fails(good, monkeypatch, change,
     assert item in failing(good)
 
 
+@pytest.mark.filterwarnings("error")
+def test_joints_that_are_not_finite_are_named_before_anything_is_computed_from_them(good, monkeypatch):
+    told = good.link.arm
+    odd = {"joints": np.array([0.1] * 6 + [np.inf])}
+    monkeypatch.setattr(good.link, "arm", lambda arm: dataclasses.replace(told(arm), **odd))
+    good.perception.wrong = (Finding("BlueBox", "BlueBox is hidden", sight=((1.0, 0.0, 1.0), (0.4, 0.0, 0.0))),)
+    found = failing(good)
+    assert {"arms:joints", "arms:feedback", "camera:nothing"} == set(found)
+    assert "not finite" in found["arms:joints"].detail
+    assert "not finite" in found["arms:feedback"].detail
+    assert found["camera:nothing"].detail == "BlueBox is hidden"
+
+
 def test_kinematics_and_images_that_are_not_numbers_fail(good):
     nowhere = RigidTransform.from_translation([np.nan, 0, 0])
     assert "arms:feedback" in failing(dataclasses.replace(good, flange=lambda arm, joints: nowhere))
