@@ -270,13 +270,12 @@ class Irc5Link:
 
     def _aftermath(self) -> str:
         """Return what must be added to the reason of a stop."""
-        if self._unconfirmed:
-            return UNCONFIRMED
         complaint = None
         if self._answering:
             with contextlib.suppress(UserError):
                 complaint = self._program.complaint()
-        return "" if complaint is None else f"the controller says '{complaint}'"
+        said = complaint and f"the controller says '{complaint}'"
+        return "; ".join(filter(None, [self.unconfirmed(), said]))
 
     def _ramp_out(self) -> None:
         """End guided motion as the robot's program does it: smoothly, while the arms are still held."""

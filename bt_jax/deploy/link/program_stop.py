@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 
-from bt_jax._util.errors import UserError
 from bt_jax.deploy.link.rws import Rws
 
 __all__ = ["UNCONFIRMED", "ProgramStop"]
@@ -36,7 +36,7 @@ class ProgramStop:
     def begin(self) -> None:
         """Begin to stop the program; return at once."""
         with self._lock:
-            if self._thread is None:
+            if self._thread is None or not (self._confirmed.is_set() or self._thread.is_alive()):
                 self._thread = threading.Thread(target=self._insist, daemon=True)
                 self._thread.start()
 
@@ -53,11 +53,10 @@ class ProgramStop:
 
     def _insist(self) -> None:
         while not self._given_up.is_set():
-            try:
+            with contextlib.suppress(Exception):  # busy, silent, refused, as in manual mode: the state decides
                 self._rws.stop()
+            with contextlib.suppress(Exception):
                 if self._rws.execution() == "stopped":
                     self._confirmed.set()
                     return
-            except UserError:  # busy, silent, refused: whatever it is, the program may be running
-                pass
             self._given_up.wait(self._retry)

@@ -51,7 +51,8 @@ class RapidProgram:
         access = (config.host, config.rws_port, config.user, config.password)
         budget = RequestBudget() if realtime else RequestBudget(None)
         self._rws = Rws(*access, budget=budget)
-        self._stop = ProgramStop(Rws(*access, timeout=config.timing.attempt, back_off=()), config.timing.retry)
+        self._urgent = Rws(*access, timeout=config.timing.attempt, back_off=())  # of a stop, which waits for no budget
+        self._stop = ProgramStop(self._urgent, config.timing.retry)
 
     @property
     def stopping(self) -> bool:
@@ -88,7 +89,7 @@ class RapidProgram:
 
     def complaint(self) -> str | None:
         """Return the newest warning or error in the controller's event log since `expect_stop`, None if it has none."""
-        new = [each for each in self._rws.messages() if each.number > self._told and each.kind >= WARNING]
+        new = [each for each in self._urgent.messages() if each.number > self._told and each.kind >= WARNING]
         return str(new[0]) if new else None
 
     def ask_to_follow(self) -> str | None:

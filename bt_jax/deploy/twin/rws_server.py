@@ -190,8 +190,9 @@ class _Handler(http.server.BaseHTTPRequestHandler):
                 self.state.cycle = form["cycle"]
             self._answer(204)
         elif action == "stop" and form.get("stopmode") in ("cycle", "instr", "stop", "qstop"):
-            robot.stop_rapid()
-            self._answer(204)
+            if robot.mode == "AUTO":
+                robot.stop_rapid()
+            self._answer(204) if robot.mode == "AUTO" else self._refuse(403, REJECTED)
         else:
             self._refuse(400, INVALID)
 

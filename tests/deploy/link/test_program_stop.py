@@ -8,6 +8,7 @@ import pytest
 from bt_jax.deploy.link.controller_watch import ControllerWatch
 from bt_jax.deploy.link.program_stop import ProgramStop
 from bt_jax.deploy.link.rapid_program import RapidProgram
+from bt_jax.deploy.link.rws import Rws
 from bt_jax.deploy.link.settings import LinkConfig, LinkTiming
 from bt_jax.deploy.twin.rws_server import RwsLimits
 from tests.helpers.rws import client, served
@@ -44,6 +45,53 @@ def test_it_is_tried_until_it_is_confirmed(fault):
         heal()
         assert stop.wait(3.0)
         assert not controller.rapid
+        stop.close()
+
+
+def test_a_program_that_has_stopped_is_believed_though_the_request_to_stop_it_is_refused():
+    """As after somebody has switched to manual mode."""
+    with served(RwsLimits(rate=math.inf)) as (controller, server):
+        controller.mode = "MANR"
+        stop = stopper(server)
+        stop.begin()
+        assert not stop.wait(0.3), "the program runs"
+        controller.rapid = False
+        assert stop.wait(3.0)
+        assert any(line.endswith("403") for _, line in server.requests)
+        assert controller.stop_requests == 0
+        stop.close()
+
+
+def test_an_error_that_nobody_expects_ends_no_stop(monkeypatch):
+    def break_down(rws):
+        raise RuntimeError("odd")
+
+    with served(RwsLimits(rate=math.inf)) as (controller, server):
+        stop = stopper(server)
+        with monkeypatch.context() as patch:
+            patch.setattr(Rws, "stop", break_down)
+            stop.begin()
+            assert not stop.wait(0.3)
+        assert stop.wait(3.0)
+        assert not controller.rapid
+        stop.close()
+
+
+def exit_thread(rws):
+    raise SystemExit
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_stop_that_is_asked_for_again_is_tried_again(monkeypatch):
+    """Whatever has ended the tries before."""
+    with served(RwsLimits(rate=math.inf)) as (_, server):
+        stop = stopper(server)
+        with monkeypatch.context() as patch:
+            patch.setattr(Rws, "stop", exit_thread)
+            stop.begin()
+            assert not stop.wait(0.3)
+        stop.begin()
+        assert stop.wait(3.0)
         stop.close()
 
 

@@ -120,6 +120,16 @@ def test_a_stop_that_the_controller_does_not_confirm_is_said_until_it_does(monke
         assert link.state().rapid == "stopped"
 
 
+def test_what_the_controller_says_is_told_where_the_stop_is_not_confirmed_too(monkeypatch):
+    with running(realtime=False) as (controller, link):
+        controller.fault("emergency_stop")
+        run_for(link, 0.5, until=lambda: link.stopped() is not None)
+        with monkeypatch.context() as patch:
+            patch.setattr(Rws, "execution", lambda rws: "running")
+            said = link.stop("somebody shouted")
+        assert said.endswith("press the stop; the controller says '10013 Emergency stop'")
+
+
 def test_a_stop_tells_what_the_controller_says_of_it():
     with running(realtime=False) as (controller, link):
         controller.fault("emergency_stop")
