@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax._util.yaml_files import to_yaml
 from bt_jax.behaviors import expand
-from bt_jax.deploy.execution.decision import Sight, decide
+from bt_jax.deploy.execution.decision import Look, decide
 from bt_jax.deploy.execution.log import Log, RunLog, TickEntry
 from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.outcome import RunOutcome
@@ -133,7 +133,7 @@ class _Still(RobotLink):
 def _log(folder: Path) -> None:
     """Write the log of a run in which boxes are seen in turn, and one is said to be picked."""
     program = Program(load_task("stack"), parse_tree(TREE))
-    tree, context, sight = expand(program.tree), Context(last={}), Sight()
+    tree, context, look = expand(program.tree), Context(last={}), Look()
     with Log(folder / "log.jsonl") as log:
         written = RunLog(log, _Still())
         written.start(program, 0.0, Limits(), {"robot": "twin"}, dry=False)
@@ -141,8 +141,8 @@ def _log(folder: Path) -> None:
             names = (*program.task.box_names, program.task.kit.name)[: tick + 1]
             poses = {name: RigidTransform.from_translation([0.1 * i, 0.3, 0.75]) for i, name in enumerate(names)}
             seen = Observation(0.1 * tick, poses, {"left": 0.05, "right": 0.05}, None, image=0.1 * tick)
-            decision = decide(program, tree, seen, context, sight, TreeMemory(), now=0.1 * tick, patience=Limits().look)
-            written.tick(TickEntry(0.1 * tick, seen, context, sight, decision, str(decision.step), 0.001))
+            decision = decide(program, tree, seen, context, look, TreeMemory(), now=0.1 * tick, patience=Limits().look)
+            written.tick(TickEntry(0.1 * tick, seen, context, look, decision, str(decision.step), 0.001))
             records = np.zeros((2, 17))
             records[:, 0] = [0, 1]
             log.motion(("left", "right"), records, every=1)

@@ -14,7 +14,7 @@ from rich.text import Text
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Tree, expand, not_memoryless, parse_behavior
 from bt_jax.deploy.commands.arguments import ReplayArguments
-from bt_jax.deploy.execution.decision import Sight, Step, decide
+from bt_jax.deploy.execution.decision import Look, Step, decide
 from bt_jax.deploy.execution.log_reader import Damage, numbered_entries
 from bt_jax.deploy.execution.observation import Observation, pose_from_list
 from bt_jax.deploy.execution.program import Program
@@ -56,7 +56,7 @@ class _Tick:
     number: int  # of the line
     seen: Observation
     context: Context
-    sight: Sight | None  # None for logs that do not say it
+    look: Look | None  # None for logs that do not say it
     now: float
     statuses: tuple[Status | None, ...]
     phase: str
@@ -94,7 +94,7 @@ def _intact_ticks(program: Program, entries: Iterable[tuple[int, dict[str, Any]]
                 if len(statuses) != nodes:
                     raise ValueError(f"{len(statuses)} statuses of {nodes} nodes")
                 context, now = _context(entry["context"], seen), entry.get("time", seen.time)
-                tick = _Tick(number, seen, context, _sight(entry), now, statuses, entry["phase"])
+                tick = _Tick(number, seen, context, _look(entry), now, statuses, entry["phase"])
             if tick is not None:
                 yield tick
 
@@ -104,10 +104,10 @@ def _replayed(program: Program, start: Mapping[str, Any], ticks: Iterable[_Tick]
     tree, patience = expand(program.tree), start.get("limits", {}).get("look", Limits().look)
     memory = TreeMemory()
     for tick in ticks:
-        sight = tick.sight or Sight()
-        decision = decide(program, tree, tick.seen, tick.context, sight, memory, now=tick.now, patience=patience)
+        look = tick.look or Look()
+        decision = decide(program, tree, tick.seen, tick.context, look, memory, now=tick.now, patience=patience)
         memory = decision.memory
-        phase = None if tick.sight is None else str(decision.step)
+        phase = None if tick.look is None else str(decision.step)
         if phase == Step.STARTING and start.get("dry"):
             phase = f"would start {decision.wanted}"
         yield Replayed(tick.seen, tick.statuses, decision.ticked.statuses, tick.phase, phase)
@@ -215,12 +215,12 @@ def _context(data: Mapping[str, Any], seen: Observation) -> Context:
     )
 
 
-def _sight(entry: Mapping[str, Any]) -> Sight | None:
-    """Return the sight of a tick, None for older logs, which do not say it."""
+def _look(entry: Mapping[str, Any]) -> Look | None:
+    """Return the look of a tick, None for older logs, which do not say it."""
     data = entry.get("sight")
     if data is None:
         return None
-    return Sight(data["looking"], data["looked"], frozenset(map(parse_behavior, data["undecided"])))
+    return Look(data["looking"], data["looked"], frozenset(map(parse_behavior, data["undecided"])))
 
 
 def _drawing(tree: Any, statuses: tuple[Status | None, ...]) -> Text:

@@ -12,7 +12,7 @@ from bt_jax.deploy.execution.statuses import Context, Statuses
 from bt_jax.encoding.interpret import TreeMemory, TreeTick, tick_tree
 from bt_jax.encoding.walk import prefix
 
-__all__ = ["Decision", "Sight", "Step", "decide"]
+__all__ = ["Decision", "Look", "Step", "decide"]
 
 
 class Step(enum.StrEnum):
@@ -27,17 +27,17 @@ class Step(enum.StrEnum):
 
 
 @dataclasses.dataclass(frozen=True)
-class Sight:
+class Look:
     """How far a look at the cell has come."""
 
     looking: bool = False  # the arms are on their way out of the camera's view
     looked: float | None = None  # when they were out of it last [s]; None: not since the last new doubt
     undecided: frozenset[Behavior] = frozenset()  # conditions that could not be decided at the last tick
 
-    def after(self, undecided: frozenset[Behavior]) -> Sight:
+    def after(self, undecided: frozenset[Behavior]) -> Look:
         """Return what it is after a tick: a new doubt needs a new look."""
         settled = undecided == self.undecided or undecided < self.undecided
-        return Sight(self.looking, self.looked if settled else None, undecided)
+        return Look(self.looking, self.looked if settled else None, undecided)
 
     def blind(self, now: float, patience: float) -> bool:
         """May what is undecided still be seen, up to `patience` seconds after a look?"""
@@ -46,12 +46,12 @@ class Sight:
 
 @dataclasses.dataclass(frozen=True)
 class Decision:
-    """One tick of a tree, the sight after it, the action that the tree wants, the next step, the subgoals that count as
+    """One tick of a tree, the look after it, the action that the tree wants, the next step, the subgoals that count as
     reached from now on, and what the nodes remember. A tick that is not acted upon, since something is not seen, is not
     remembered."""
 
     ticked: TreeTick
-    sight: Sight
+    look: Look
     wanted: Behavior | None
     step: Step
     reached: frozenset[str]
@@ -63,7 +63,7 @@ def decide(
     tree: Tree,
     seen: Observation,
     context: Context,
-    sight: Sight,
+    look: Look,
     memory: TreeMemory,
     *,
     now: float,
@@ -73,15 +73,15 @@ def decide(
     look what is not seen may yet be seen."""
     statuses = Statuses(program.task, seen, context)
     ticked = tick_tree(tree, statuses, memory, time=now)
-    sight = sight.after(frozenset(statuses.undecided))
+    look = look.after(frozenset(statuses.undecided))
     node = None if ticked.running is None else prefix(tree)[ticked.running]
     wanted = node if isinstance(node, Behavior) else None
-    step = _step(context.attempt, wanted, sight, blind=sight.blind(now, patience))
+    step = _step(context.attempt, wanted, look, blind=look.blind(now, patience))
     kept = memory if step in (Step.LOOKING, Step.UNSEEN) else ticked.memory
-    return Decision(ticked, sight, wanted, step, frozenset(statuses.ticked), kept)
+    return Decision(ticked, look, wanted, step, frozenset(statuses.ticked), kept)
 
 
-def _step(attempt: Behavior | None, wanted: Behavior | None, sight: Sight, *, blind: bool) -> Step:
+def _step(attempt: Behavior | None, wanted: Behavior | None, look: Look, *, blind: bool) -> Step:
     if attempt is not None:
         if wanted == attempt:
             return Step.ACTING
@@ -90,4 +90,4 @@ def _step(attempt: Behavior | None, wanted: Behavior | None, sight: Sight, *, bl
         return Step.LOOKING
     if wanted is None:
         return Step.WAITING
-    return Step.HALTING if sight.looking else Step.STARTING
+    return Step.HALTING if look.looking else Step.STARTING

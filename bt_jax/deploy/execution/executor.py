@@ -20,7 +20,7 @@ from scipy.spatial.transform import RigidTransform
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, expand, not_memoryless
 from bt_jax.deploy.execution.action_runner import ActionRunner, Skills
-from bt_jax.deploy.execution.decision import Decision, Sight, Step, decide
+from bt_jax.deploy.execution.decision import Decision, Look, Step, decide
 from bt_jax.deploy.execution.diagnosis import Diagnosis, joined
 from bt_jax.deploy.execution.log import Log, RunLog, TickEntry
 from bt_jax.deploy.execution.observation import Observation
@@ -122,7 +122,7 @@ class Executor:
         self.runner.poll(seen, now)
         decision = None
         context = self._context(seen)
-        sight = Sight(self.runner.looking, self.runner.looked, self._undecided)
+        look = Look(self.runner.looking, self.runner.looked, self._undecided)
         if self.runner.action is not None and self.skills.committed:
             phase = "committed"
         elif self._diagnosis.doubt:
@@ -131,10 +131,10 @@ class Executor:
             phase = "settling"
         else:
             patience = self.limits.look
-            decision = decide(self.program, self.tree, seen, context, sight, self._memory, now=now, patience=patience)
+            decision = decide(self.program, self.tree, seen, context, look, self._memory, now=now, patience=patience)
             phase = self._act(decision, seen, now)
         self.overruns += self.link.now() - now > self.limits.tick  # never where time is simulated: it waits for us
-        self._record(TickEntry(now, seen, context, sight, decision, phase, time.monotonic() - began))
+        self._record(TickEntry(now, seen, context, look, decision, phase, time.monotonic() - began))
         self.link.wait(now + self.limits.tick)
 
     def _check(self, now: float, start: float) -> None:
@@ -165,11 +165,11 @@ class Executor:
         self.runner.forgive(self.program.task, seen)
         statuses = Statuses(self.program.task, seen, Context())
         self.runner.achieved(frozenset(filter(statuses.holds, self._diagnosis.conditions)))
-        self.runner.looked, self._undecided = decision.sight.looked, decision.sight.undecided
+        self.runner.looked, self._undecided = decision.look.looked, decision.look.undecided
         self._reached |= decision.reached
         self._memory, ticked, wanted = decision.memory, decision.ticked, decision.wanted
         if not self._memoryless and ticked.status != Status.RUNNING and decision.step in (Step.HALTING, Step.WAITING):
-            self._conclude(ticked.status, decision.sight.undecided, now)
+            self._conclude(ticked.status, decision.look.undecided, now)
         if self.runner.action is None and decision.step != Step.WAITING:
             self._since = (Status.RUNNING, now)
         match decision.step:
@@ -185,12 +185,12 @@ class Executor:
                     self.runner.look(now)
             case Step.STARTING:
                 assert wanted is not None
-                hopeless = self._diagnosis.hopeless(wanted, now, looked=decision.sight.looked is not None)
+                hopeless = self._diagnosis.hopeless(wanted, now, looked=decision.look.looked is not None)
                 if hopeless and not self.dry:
                     raise self._failed(hopeless, now)
                 return self.runner.start(wanted, seen, now)
             case Step.WAITING:
-                self._judge(ticked.status, decision.sight.undecided, now)
+                self._judge(ticked.status, decision.look.undecided, now)
         return str(decision.step)
 
     def _pause(self, doubt: str, now: float) -> str:

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from bt_jax._util.errors import UserError
-from bt_jax.deploy.execution.decision import Decision, Sight
+from bt_jax.deploy.execution.decision import Decision, Look
 from bt_jax.deploy.execution.observation import Observation, pose_to_list
 from bt_jax.deploy.execution.outcome import Halt, RunOutcome
 from bt_jax.deploy.execution.program import Program
@@ -94,12 +94,13 @@ class Log:
 
 @dataclasses.dataclass(frozen=True)
 class TickEntry:
-    """One tick for the log. `sight` is that before the tick; `decision` is None where the tree was not ticked."""
+    """One tick for the log. `look`, `sight` in the file, is that before the tick; `decision` is None where the tree was not
+    ticked."""
 
     time: float  # s
     seen: Observation
     context: Context
-    sight: Sight
+    look: Look
     decision: Decision | None
     phase: str
     took: float  # s
@@ -127,7 +128,7 @@ class RunLog:
 
     def tick(self, entry: TickEntry) -> None:
         """Write a tick, and the motion since the one before."""
-        context, sight, decision = entry.context, entry.sight, entry.decision
+        context, look, decision = entry.context, entry.look, entry.decision
         statuses = None if decision is None else decision.ticked.statuses
         hidden = {name: pose for name, pose in (context.last or {}).items() if name not in entry.seen.poses}
         self.log.write(
@@ -142,9 +143,9 @@ class RunLog:
                 "last": {name: pose_to_list(pose) for name, pose in hidden.items()},
             },
             sight={
-                "looking": sight.looking,
-                "looked": sight.looked,
-                "undecided": sorted(map(str, sight.undecided)),
+                "looking": look.looking,
+                "looked": look.looked,
+                "undecided": sorted(map(str, look.undecided)),
             },
             statuses=None if statuses is None else "".join("." if s is None else str(int(s)) for s in statuses),
             phase=entry.phase,

@@ -55,7 +55,7 @@ class _Context(TypedDict):
     last: NotRequired[dict[str, Pose]]
 
 
-class _Sight(TypedDict):
+class _Look(TypedDict):
     looking: bool
     looked: float | None
     undecided: list[str]
@@ -67,7 +67,7 @@ class _Tick(TypedDict):
     statuses: Statuses | None
     phase: str
     time: NotRequired[float]
-    sight: NotRequired[_Sight]
+    sight: NotRequired[_Look]
 
 
 class _Action(TypedDict):

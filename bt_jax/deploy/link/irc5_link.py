@@ -304,7 +304,7 @@ class Irc5Link:
 
     def late_rounds(self) -> list[LateRound]:
         """Return when the link process was late recently; a message may have waited meanwhile."""
-        return self._blocks.watch.read()
+        return self._blocks.loop_timer.read()
 
     def drain(self) -> Records:
         """Return the records since the last call."""

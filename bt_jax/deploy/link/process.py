@@ -86,33 +86,33 @@ class _LinkLoop:
         for name, session in self.sessions.items():
             selector.register(session.socket, selectors.EVENT_READ, name)
         selector.register(self.pipe, selectors.EVENT_READ, None)
-        parted, watch, timing = None, self.blocks.watch, self.start.timing
+        parted, timer, timing = None, self.blocks.loop_timer, self.start.timing
         deadline = time.monotonic() + timing.idle
         while not self.closing:
             ready = selector.select(max(0.0, deadline - time.monotonic()))
             began = time.monotonic()
-            watch.begin(began - deadline)
+            timer.begin(began - deadline)
             for key, _ in ready:
                 if key.data is not None:
                     try:
                         self.receive(key.data)
                     except Exception as error:  # the other arm is answered all the same
                         self.fail(error)
-                    watch.done("messages")
+                    timer.done("messages")
                 elif not self.command():
                     selector.unregister(self.pipe)
                     parted = time.monotonic()
                     self.guidance.supervisor.stop("the program above is gone")
-            watch.done("commands")
+            timer.done("commands")
             now = time.monotonic()
             try:
                 self.guidance.watch(now, self.blocks.alive.value)
             except Exception as error:
                 self.fail(error)
             self.tell()
-            watch.done("supervision")
+            timer.done("supervision")
             deadline = began + timing.idle
-            watch.end(deadline)
+            timer.end(deadline)
             if parted is not None and now - parted > timing.parting:
                 return
 

@@ -46,7 +46,7 @@ class SharedState:
         self._stopped = CONTEXT.RawValue("b", 0)  # `_reason` is complete
         self._history = CONTEXT.RawArray("d", HISTORY * self._record)
         self._written = CONTEXT.RawValue("L", 0)  # records so far
-        self.watch = LoopTimer(("messages", "commands", "supervision"))
+        self.loop_timer = LoopTimer(("messages", "commands", "supervision"))
 
     def write_arm(self, arm: str, feedback: Feedback, velocity: Joints, commanded: Joints, motion: MotionState) -> None:
         """Replace the state of an arm."""

@@ -17,7 +17,7 @@ from bt_jax.deploy.execution.outcome import TickReport
 from bt_jax.deploy.robot.arrays import Point
 from bt_jax.deploy.twin.cell import STRANGER, TwinScene, box_poses
 from bt_jax.deploy.twin.controller import Controller
-from bt_jax.deploy.twin.person import AWAY, OFF, Touch, hands_of
+from bt_jax.deploy.twin.person import AWAY, OFF, Touch, tcp_points
 from bt_jax.deploy.twin.rendered_camera import RenderedCamera
 from bt_jax.deploy.twin.settings import Realism
 
@@ -107,7 +107,7 @@ class Disturber:
         if self.touches:
             return None
         qpos = self.controller.state()[1]
-        moment = Moment(now - self.start, shown, box_poses(self.scene, qpos), hands_of(self.scene, qpos))
+        moment = Moment(now - self.start, shown, box_poses(self.scene, qpos), tcp_points(self.scene, qpos))
         done = "the cell" if act is None else act(self, moment)
         if done is None:
             return None

@@ -13,7 +13,7 @@ from bt_jax.deploy.robot.arrays import Point
 from bt_jax.deploy.twin.cell import TwinScene, box_poses
 from bt_jax.deploy.twin.controller import Controller
 
-__all__ = ["Person", "Touch", "hands_of"]
+__all__ = ["Person", "Touch", "tcp_points"]
 
 AWAY = 0.12  # metres that the person keeps from the hands of the robot
 GONE = (1.5, 8.0)  # seconds for which a box is taken away
@@ -47,7 +47,7 @@ class Person:
         """Return what the person does now, None if nothing."""
 
         def hands() -> list[Point]:
-            return list(hands_of(self.scene, self.controller.state()[1]).values())
+            return list(tcp_points(self.scene, self.controller.state()[1]).values())
 
         for box, until in list(self._gone.items()):
             if now >= until and (spot := self._spot(box, hands())) is not None:
@@ -119,7 +119,7 @@ class Person:
         return next(box.size for box in self.scene.task.boxes if box.name == name)
 
 
-def hands_of(scene: TwinScene, qpos: Float[np.ndarray, " nq"]) -> dict[str, Point]:
+def tcp_points(scene: TwinScene, qpos: Float[np.ndarray, " nq"]) -> dict[str, Point]:
     """Return the point between the fingers of each arm in the world, from a state of the model."""
     base = RigidTransform.from_translation(scene.task.robot_position)
     return {

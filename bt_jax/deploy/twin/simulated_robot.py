@@ -27,10 +27,10 @@ from bt_jax.deploy.link.rws import (
 )
 from bt_jax.deploy.robot.arrays import PoseRow
 from bt_jax.deploy.robot.model import GripperModel
-from bt_jax.deploy.twin.hand import SimulatedHand
 from bt_jax.deploy.twin.network import Network
 from bt_jax.deploy.twin.servo import SetpointFilter
 from bt_jax.deploy.twin.settings import TIMING, Realism
+from bt_jax.deploy.twin.simulated_gripper import SimulatedGripper
 from bt_jax.deploy.twin.supervision import ContactSupervision
 
 __all__ = ["CellModel", "SimulatedArm", "SimulatedRobot", "SimulationDiverged"]
@@ -91,7 +91,7 @@ class SimulatedArm:
             EGM_HERE: 0.0,
         }  # of its RAPID program
         self.setpoints = SetpointFilter(realism, cell.qpos[self.joints])
-        self.hand = SimulatedHand(realism, opening, self.numbers[GRIP_FORCE])
+        self.simulated_gripper = SimulatedGripper(realism, opening, self.numbers[GRIP_FORCE])
 
 
 class SimulatedRobot:
@@ -144,7 +144,7 @@ class SimulatedRobot:
     def number(self, url: str) -> float:
         arm, name = self._symbol(url)
         if name == GRIP_ACTUAL:
-            return arm.hand.reading
+            return arm.simulated_gripper.reading
         return arm.numbers[name]
 
     def set_number(self, url: str, value: float) -> None:
@@ -250,13 +250,13 @@ class SimulatedRobot:
 
     def _move_fingers(self, arm: SimulatedArm) -> None:
         if self.rapid:
-            arm.hand.serve(
+            arm.simulated_gripper.serve(
                 self.time,
                 target=float(np.clip(arm.numbers[GRIP_TARGET], 0, 1000 * arm.gripper.stroke)),
                 force=arm.numbers[GRIP_FORCE],
                 position=1000 * float(self.data.qpos[arm.fingers].mean()),
             )
-        grip = arm.hand.advance(self.time)
+        grip = arm.simulated_gripper.advance(self.time)
         reach = self.realism.finger_speed * CYCLE
         ctrl = self.data.ctrl[arm.finger_actuators]
         self.data.ctrl[arm.finger_actuators] = ctrl + np.clip(grip.target / 1000 - ctrl, -reach, reach)

@@ -14,49 +14,49 @@ from tests.helpers.cells import cell
 
 
 def test_only_late_rounds_are_kept_with_what_was_done_before():
-    watch = LoopTimer(("think", "write"))
-    watch.begin(0.0)
+    timer = LoopTimer(("think", "write"))
+    timer.begin(0.0)
     time.sleep(0.02)
-    watch.done("think")
-    watch.done("write")
-    watch.end(time.monotonic() - 0.01)
-    assert watch.read() == []
-    watch.begin(2 * NEAR)
-    (late,) = watch.read()
+    timer.done("think")
+    timer.done("write")
+    timer.end(time.monotonic() - 0.01)
+    assert timer.read() == []
+    timer.begin(2 * NEAR)
+    (late,) = timer.read()
     assert late.late == 2 * NEAR
     assert late.slack <= -0.01
     assert late.parts["think"] > 0.019
     assert late.parts["think"] + late.parts["write"] <= late.time
-    watch.begin(0.5 * NEAR)
-    watch.begin(3 * NEAR)
-    assert [each.late for each in watch.read()] == [2 * NEAR, 3 * NEAR]
-    assert set(watch.read()[-1].parts.values()) == {0.0}, "parts are those of one round"
+    timer.begin(0.5 * NEAR)
+    timer.begin(3 * NEAR)
+    assert [each.late for each in timer.read()] == [2 * NEAR, 3 * NEAR]
+    assert set(timer.read()[-1].parts.values()) == {0.0}, "parts are those of one round"
 
 
 def test_parts_that_are_done_often_add_up():
-    watch = LoopTimer(("talk",))
-    watch.begin(0.0)
+    timer = LoopTimer(("talk",))
+    timer.begin(0.0)
     for _ in range(3):
         time.sleep(0.005)
-        watch.done("talk")
-    watch.begin(1.0)
-    assert watch.read()[0].parts["talk"] > 0.0149
+        timer.done("talk")
+    timer.begin(1.0)
+    assert timer.read()[0].parts["talk"] > 0.0149
 
 
 def test_the_newest_are_kept():
-    watch = LoopTimer(())
+    timer = LoopTimer(())
     for number in range(KEPT + 10):
-        watch.begin(1.0 + number)
-    np.testing.assert_array_equal([each.late for each in watch.read()], 1.0 + np.arange(10, KEPT + 10))
+        timer.begin(1.0 + number)
+    np.testing.assert_array_equal([each.late for each in timer.read()], 1.0 + np.arange(10, KEPT + 10))
 
 
 def test_page_faults_are_counted():
-    watch = LoopTimer(())
-    watch.begin(0.0)
+    timer = LoopTimer(())
+    timer.begin(0.0)
     with mmap.mmap(-1, 2**24) as fresh:
         fresh[:: mmap.PAGESIZE] = bytes(2**24 // mmap.PAGESIZE)
-    watch.begin(1.0)
-    assert watch.read()[0].faults >= 4, "more where pages are small"
+    timer.begin(1.0)
+    assert timer.read()[0].faults >= 4, "more where pages are small"
 
 
 @pytest.mark.realtime

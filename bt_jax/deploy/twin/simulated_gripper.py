@@ -7,7 +7,7 @@ import dataclasses
 
 from bt_jax.deploy.twin.settings import Realism
 
-__all__ = ["Grip", "SimulatedHand"]
+__all__ = ["Grip", "SimulatedGripper"]
 
 STEP = 0.05  # mm: smaller changes of the target are none, as in BtJax
 
@@ -20,7 +20,7 @@ class Grip:
     force: float
 
 
-class SimulatedHand:
+class SimulatedGripper:
     """The gripper of one arm. As in BtJax, opening goes to the target; closing goes on until something or the end is met."""
 
     def __init__(self, realism: Realism, position: float, force: float) -> None:
