@@ -92,9 +92,12 @@ def test_the_watchdog_stops_at_a_clock_that_is_not_one(value):
         supervisor.watch(now, alive, moving=False)
         assert supervisor.reason is not None
     near = dataclasses.replace(RULES, clearance_of=lambda: lambda joints: np.nan)
-    supervisor = Supervisor(near, ("left", "right"))
-    supervisor.keep_clear({"left": REST, "right": REST}, "setpoints")
-    assert supervisor.reason is not None
+    for begins in (False, True):
+        supervisor = Supervisor(near, ("left", "right"))
+        if begins:
+            supervisor.begin_path({"left": REST, "right": REST})
+        supervisor.keep_clear({"left": REST, "right": REST}, "setpoints")
+        assert supervisor.reason is not None
 
 
 @given(NOT_FINITE, st.integers(0, 2))

@@ -129,6 +129,7 @@ class Guidance:
             return f"{name}: the arm still moves; halt it before the next path"
         if not np.max(np.abs(joints[0] - arm.setpoints.joints)) <= self.rules.start:
             return f"{name}: the path begins elsewhere than the arm is by now"
+        self.supervisor.begin_path(self._resting())
         braking = np.abs(trajectory.speeds()).max(axis=0, initial=0.0) / self.rules.acceleration
         arm.follower, arm.motion = Follower(trajectory, ramp=max(HALT, float(braking.max()) / BRAKED)), motion
         return None
@@ -203,8 +204,11 @@ class Guidance:
             measured = {name: arm.feedback.joints for name, arm in self.arms.items() if arm.feedback is not None}
             self.supervisor.keep_clear(measured, "measured joints")
         else:
-            resting = {name: arm.setpoints.rest() for name, arm in self.arms.items() if arm.setpoints is not None}
-            self.supervisor.keep_clear(resting, "setpoints")
+            self.supervisor.keep_clear(self._resting(), "setpoints")
+
+    def _resting(self) -> dict[str, Joints]:
+        """Return where each arm would come to rest if it braked now."""
+        return {name: arm.setpoints.rest() for name, arm in self.arms.items() if arm.setpoints is not None}
 
     def _ready(self, name: str, arm: GuidedArm, now: float) -> bool:
         """Does the arm send feedback now, and would move? Between its first feedback and guided motion, the robot is silent

@@ -17,7 +17,7 @@ from bt_jax.deploy.link.egm import CYCLE
 from bt_jax.deploy.planning.trajectory import Trajectory
 from bt_jax.deploy.robot.arrays import JointRows, Joints, Point
 
-__all__ = ["Clearance", "Points", "Rejected", "Rules", "check_setpoint", "check_trajectory"]
+__all__ = ["Clearance", "Points", "Rejected", "Rules", "check_setpoint", "check_trajectory", "least_clearance"]
 
 Points = Callable[[str, Joints], Mapping[str, Point]]
 """points(arm, joints) -> {"tcp": xyz, "elbow": xyz, ...} in the robot's base frame [m]."""
@@ -26,6 +26,7 @@ Clearance = Callable[[Mapping[str, Joints]], float]
 
 SEEN_EVERY = 0.02  # seconds of a trajectory between two looks at clearance
 SLACK = 1e-9
+NEARER = 0.0005  # m that arms which are too near already may come nearer on their way out: measurements are not exact
 
 
 class Rejected(Exception):
@@ -86,6 +87,12 @@ def bounds(
     go farther outside."""
     lower, upper = np.array(rules.lower) + rules.margin, np.array(rules.upper) - rules.margin
     return (lower, upper) if before is None else (np.minimum(lower, before), np.maximum(upper, before))
+
+
+def least_clearance(rules: Rules, distance: float) -> float:
+    """Return the clearance [m] that must be kept on a path that begins at this `distance` [m]. Arms that begin too near may
+    stay as near but not come nearer; NaN, which nothing keeps, where the distance is NaN or -inf."""
+    return min(rules.clearance, distance - NEARER) if distance > -np.inf else np.nan
 
 
 def check_setpoint(rules: Rules, arm: str, joints: Joints, *, before: Joints | None = None) -> None:
@@ -157,9 +164,10 @@ def check_trajectory(
     for joints, last in zip(rows, before, strict=True):
         _check_points(rules, arm, joints, last)
     if clearance is not None:
+        least = least_clearance(rules, clearance({**others, arm: commanded}))
         for time in np.append(np.arange(SEEN_EVERY, trajectory.duration, SEEN_EVERY), trajectory.duration):
             distance = clearance({**others, arm: trajectory.at(time)})
-            if not distance >= rules.clearance:
+            if not distance >= least:
                 raise Rejected(f"{arm}: the path comes as near as {1000 * distance:.0f} mm, {time:.2f} s on its way")
     return allowed
 

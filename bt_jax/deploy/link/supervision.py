@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from bt_jax.deploy.link.egm import Feedback
-from bt_jax.deploy.link.safety import Rejected, Rules, check_setpoint
+from bt_jax.deploy.link.safety import Rejected, Rules, check_setpoint, least_clearance
 from bt_jax.deploy.robot.arrays import Joints
 
 __all__ = ["Supervisor"]
@@ -30,6 +30,7 @@ class Supervisor:
         self._heard: dict[str, float] = {}
         self._clock: dict[str, tuple[float, float]] = {}  # time of the controller, and when it was heard first [s]
         self._clearance = rules.clearance_of() if rules.clearance_of is not None else None
+        self._least: float | None = None  # m of clearance that are kept; `rules.clearance` until the first path begins
 
     def stop(self, reason: str, *, brake: bool = False) -> None:
         """Latch a stop; the first reason stays."""
@@ -89,12 +90,21 @@ class Supervisor:
         if not off <= self.rules.lag:  # also where a joint is not a number
             self.stop(f"{arm}: the arm is {np.degrees(off):.0f} deg from its setpoint; something holds it", brake=True)
 
+    def begin_path(self, joints: Mapping[str, Joints]) -> None:
+        """Take note, as a path begins, of where the arms are: too near, they may move as long as they come no nearer."""
+        if self._clearance is None or len(joints) < len(self.arms):
+            return
+        if self._least is None:
+            self._least = least_clearance(self.rules, self._clearance(joints))
+        elif self._least < self.rules.clearance:  # what was gained is kept
+            self._least = max(self._least, least_clearance(self.rules, self._clearance(joints)))
+
     def keep_clear(self, joints: Mapping[str, Joints], what: str) -> None:
         """Latch a stop if the arms, at these joints, are too near to each other or to anything fixed."""
         if self._clearance is None or len(joints) < len(self.arms):
             return
         distance = self._clearance(joints)
-        if not distance >= self.rules.clearance:
+        if not distance >= (self.rules.clearance if self._least is None else self._least):
             self.stop(
                 f"the arms came as near as {1000 * distance:.0f} mm to each other or to a fixture, by their {what}",
                 brake=True,

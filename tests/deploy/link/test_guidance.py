@@ -10,7 +10,7 @@ import pytest
 
 from bt_jax.deploy.link.egm import CYCLE, Feedback, Mci
 from bt_jax.deploy.link.guidance import Guidance
-from bt_jax.deploy.link.safety import Rules
+from bt_jax.deploy.link.safety import Rejected, Rules, check_trajectory
 from bt_jax.deploy.planning.trajectory import HALT, Trajectory
 from tests.helpers.cells import smooth
 from tests.helpers.hostile import EPISODE, play
@@ -251,6 +251,43 @@ def test_arms_are_kept_apart_where_they_are_measured_too():
         assert "near" in cell.supervisor.reason
         assert what in cell.supervisor.reason
         assert cell.sent[-1][0] < 0.6, "it came to rest before"
+
+
+def test_arms_that_a_stop_has_left_too_near_may_go_away_from_there_but_no_nearer():
+    def clearance(joints):
+        return 0.6 - float(joints["left"][0])
+
+    rules = dataclasses.replace(RULES, clearance_of=lambda: clearance)
+    stopped = Cell(rules)
+    stopped.follow()
+    stopped.run(2.0)
+    here = stopped.sent[-1]
+    assert "near" in stopped.supervisor.reason
+    assert 0 < clearance({"left": here}) < rules.clearance, "the arm rests where no path may lead"
+
+    def accepted(goal):
+        path = smooth(here, goal, 2.0)
+        return check_trajectory(rules, "left", path, commanded=here, others={}, clearance=clearance)
+
+    accepted(HERE)
+    with pytest.raises(Rejected, match="near"):
+        accepted(here + 0.002)
+    out = Cell(rules, here=here)
+    out.follow(HERE)
+    out.run(2.5)
+    assert out.supervisor.reason is None
+    np.testing.assert_allclose(out.sent[-1], HERE, atol=1e-6)
+    out.follow(here)
+    out.run(2.5)
+    assert "near" in out.supervisor.reason, "once it was away, the whole clearance counts again"
+    assert out.sent[-1][0] < 0.6
+    nearer = Cell(rules, here=here)
+    for _ in range(10):  # steps too small for a single path to be nearer
+        small = smooth(nearer.sent[-1], nearer.sent[-1] + 0.0003, 1.0)
+        nearer.guidance.follow("left", small.times, small.joints, 1)
+        nearer.run(1.1)
+    assert "near" in nearer.supervisor.reason
+    assert nearer.sent[-1][0] < here[0] + 0.001
 
 
 def test_a_path_that_nobody_checked_cannot_exceed_the_limits():
