@@ -7,7 +7,7 @@ arm works, the others rest at home. Once the fingers close, or a box is being se
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -107,19 +107,19 @@ class Handling:
             yield from self._hand_over(box, arm, goal, yaw)
             return
         for _ in range(self.moves.motion.replans):
-            moved = yield from self._put(arm, lambda: self._goal(position, frame), self._below(frame), frame=frame)
+            moved = yield from self._put(arm, lambda: self._goal(position, frame), frame=frame)
             if not moved:
                 return
         raise Failed(f"things do not stay where they are on the way to {frame}")
 
-    def _put(self, arm: str, goal: Callable[[], Goal], supports: Iterable[str], *, frame: str = "") -> Moved:
+    def _put(self, arm: str, goal: Callable[[], Goal], *, frame: str = "") -> Moved:
         """Carry a box to its place in a frame and let it go; return True, with the box still in the hand, where something
         has moved meanwhile."""
         carried = self.moves.carried[arm]
         yield from self.moves.others_home(arm)
         among, (place, yaw) = self.moves.surroundings(), goal()
         above = place + np.array([0, 0, self.moves.grasp.let_go])
-        reach = yield from self.moves.planned(self.moves.planner.put, carried, above, yaw, tuple(supports), among)
+        reach = yield from self.moves.planned(self.moves.planner.put, carried, above, yaw, among)
         moved = yield from self.moves.follow(reach.approach, aim=frame, held=carried.box)
         if moved:
             return True
@@ -153,7 +153,6 @@ class Handling:
         if other is not None:
             # At the edge of its reach an arm has joints for a pose, but no straight way to it.
             near = _half_way(near, self.moves.robot.arm(arm).base, self.moves.robot.arm(other).base)
-        tables = [table.name for table in self.task.tables]
         tried = 0
         for spot in self.moves.planner.spots(carried.box, self.moves.obstacles(), near):
             if tried == self.moves.motion.spots:
@@ -161,7 +160,7 @@ class Handling:
             if all(self._reaches(name, spot, 0.0, carried.pose) for name in arms):
                 tried += 1
                 with contextlib.suppress(Unplannable):
-                    moved = yield from self._put(arm, _fixed_goal(spot), tables)
+                    moved = yield from self._put(arm, _fixed_goal(spot))
                     if not moved:
                         return
             yield
@@ -207,10 +206,6 @@ class Handling:
     def _reaches(self, arm: str, goal: Point, yaw: float, held: RigidTransform) -> bool:
         """Can an arm put a box that is at `held` in its TCP's frame there?"""
         return any(self.moves.planner.can_reach(arm, pose) for pose in put_poses(goal, yaw, held))
-
-    def _below(self, frame: str) -> list[str]:
-        """Return what a box that is set down may touch: what it is placed in relation to, the kit and the tables."""
-        return [frame, self.task.kit.name, *(table.name for table in self.task.tables)]
 
 
 def _half_way(point: Point, first: Point, second: Point) -> Point:

@@ -1,12 +1,13 @@
 """How far arms and what they carry are from each other and from the cell.
 
-Pairs that are meant to touch (a finger and the box that it grasps, a box and what it is set down on) are told by name.
+A hand may touch the box that it grasps, which is told by name. What a carried box may touch follows from the place where it
+is to rest: things may be as near to it as they are there.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from jaxtyping import Float
@@ -24,6 +25,9 @@ HERE = RigidTransform.identity()
 ARM_MARGIN = 0.01  # m between arms, and between an arm and the body
 WORLD_MARGIN = 0.004  # m between an arm and tables, kit and boxes
 CARRIED_MARGIN = 0.006  # m between a carried box and anything else
+SINK = 0.005  # m that a box may overlap at its place with what it rests on, as heights are seen
+GRAZE = 0.002  # m that it may overlap with what is beside it there, as boxes side by side are seen
+STRAIGHT = 0.001  # m by which a straight way down may be off it
 FIXED = ("body", "thing")
 
 
@@ -69,6 +73,7 @@ class CellClearance:
         self._pairs = [(i, j) for i in solids for j in solids[i + 1 :] if self._wanted(self._of[i], self._of[j])]
         self._model.watch(self._pairs)
         self._margins = np.array([self._margin(*pair) for pair in self._pairs])
+        self._contacts = np.array([{self._of[i].kind, self._of[j].kind} == {"held", "thing"} for i, j in self._pairs])
         self._active = np.ones(len(self._pairs), bool)
         self.place({})
 
@@ -78,11 +83,10 @@ class CellClearance:
         *,
         carried: Carried | None = None,
         gripped: str | None = None,
-        supports: Iterable[str] = (),
     ) -> None:
         """Say where kit and boxes are; what is not named is nowhere. A carried box is where its gripper is. Hands may touch
-        the box `gripped`, and the carried box may touch what is in `supports`."""
-        supports, inactive = set(supports), set()
+        the box `gripped`."""
+        inactive = set()
         for name, solids in self._things.items():
             there = name in poses and (carried is None or carried.box != name)
             for solid in solids:
@@ -96,7 +100,7 @@ class CellClearance:
             else:
                 inactive.add(solid)
         for k, (i, j) in enumerate(self._pairs):
-            self._active[k] = not ({i, j} & inactive or self._may_touch(i, j, gripped, supports))
+            self._active[k] = not ({i, j} & inactive or self._may_touch(i, j, gripped))
 
     def distance(self, joints: Mapping[str, Joints], *, opening: float | None = None) -> float:
         """Return the least distance [m], negative if something overlaps; inf if there are no pairs."""
@@ -114,9 +118,14 @@ class CellClearance:
             found[pair] = self._model.distance(int(pair))
         return found - self._margins
 
-    def nearest(self, joints: Mapping[str, Joints], *, opening: float | None = None) -> str:
-        """Which two shapes are nearest to what they may be, for messages."""
-        slack, pair = self._least(joints, opening, self._margins)
+    def at_rest(self, joints: Mapping[str, Joints], overlap: float) -> Float[np.ndarray, " pairs"]:
+        """Return the least slack [m] that each pair needs for the carried box to rest where it is with these joints,
+        overlapping with nothing by more than `overlap` [m]; 0 for all pairs without it."""
+        return np.where(self._contacts, np.clip(self.slacks(joints) - STRAIGHT, -CARRIED_MARGIN - overlap, 0.0), 0.0)
+
+    def nearest(self, joints: Mapping[str, Joints], allowed: Float[np.ndarray, " pairs"] | float = 0.0) -> str:
+        """Which two shapes are nearest to what they may be, for messages; `allowed` is the least slack of each pair [m]."""
+        slack, pair = self._least(joints, None, self._margins + allowed)
         first, second = (self._model.names[solid] for solid in self._pairs[pair])
         return f"{first} and {second} ({1000 * slack:.0f} mm)"
 
@@ -197,13 +206,11 @@ class CellClearance:
             return CARRIED_MARGIN
         return WORLD_MARGIN if "thing" in kinds else ARM_MARGIN
 
-    def _may_touch(self, i: int, j: int, gripped: str | None, supports: set[str]) -> bool:
-        for thing, other in ((self._of[i], self._of[j]), (self._of[j], self._of[i])):
-            if thing.kind == "thing" and (
-                (other.gripping and thing.owner == gripped) or (other.kind == "held" and thing.owner in supports)
-            ):
-                return True
-        return False
+    def _may_touch(self, i: int, j: int, gripped: str | None) -> bool:
+        return any(
+            thing.kind == "thing" and thing.owner == gripped and other.gripping
+            for thing, other in ((self._of[i], self._of[j]), (self._of[j], self._of[i]))
+        )
 
 
 @dataclasses.dataclass(frozen=True)

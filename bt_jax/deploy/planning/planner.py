@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform
 
-from bt_jax.deploy.planning.clearance import Carried, CellClearance
+from bt_jax.deploy.planning.clearance import GRAZE, SINK, Carried, CellClearance
 from bt_jax.deploy.planning.grasps import grasp_poses, put_poses, raised
 from bt_jax.deploy.planning.kinematics import ArmKinematics
 from bt_jax.deploy.planning.paths import connect
@@ -95,15 +95,13 @@ class Planner:
         targets = [(arm, tcp) for arm in arms for tcp in grasp_poses(among.poses[box])]
         return self._reach(targets, among, f"grasp {box}", gripped=box)
 
-    def put(self, carried: Carried, position: Point, yaw: float, supports: Iterable[str], among: Surroundings) -> Reach:
-        """Plan to where a carried box has its centre at `position` and its edges along `yaw`; it may touch `supports`.
-
-        Raise Unplannable.
-        """
+    def put(self, carried: Carried, position: Point, yaw: float, among: Surroundings) -> Reach:
+        """Plan to where a carried box has its centre at `position` and its edges along `yaw`, on and beside whatever is
+        there. Raise Unplannable."""
         _require_numbers("the place", np.array([*position, yaw]))
         targets = [(carried.arm, tcp) for tcp in put_poses(position, yaw, carried.pose)]
         among = dataclasses.replace(among, carried=carried)
-        return self._reach(targets, among, f"put {carried.box} down", supports=tuple(supports))
+        return self._reach(targets, among, f"put {carried.box} down")
 
     def home(self, arm: str, among: Surroundings) -> JointPath:
         """Plan to the arm's place of rest. Raise Unplannable."""
@@ -170,10 +168,9 @@ class Planner:
         what: str,
         *,
         gripped: str | None = None,
-        supports: tuple[str, ...] = (),
     ) -> Reach:
         """Return the best way to one of `targets` (arm, TCP). On the straight path down, hands may touch the box `gripped`
-        and a carried box what is in `supports`."""
+        and a carried box may come as near to things as it is at the end."""
         self._looks = 0
         joints = among.joints
         candidates: list[tuple[float, str, JointRows, RigidTransform]] = []
@@ -192,10 +189,9 @@ class Planner:
         if not candidates:
             raise Unplannable(f"no arm reaches the place to {what}")
         for _, arm, line, tcp in sorted(candidates, key=lambda candidate: candidate[0]):
-            free = self._free(arm, among, gripped=gripped, supports=supports)
-            hit = next((row for row in line if not free(row)), None)
-            if hit is not None:
-                blocked = blocked or self._clearance.nearest({**joints, arm: hit})
+            hit = self._hit(arm, line, among, gripped)
+            if hit:
+                blocked = blocked or hit
                 continue
             free = self._free(arm, among)
             path = connect(joints[arm], line[0], free, self.robot.arm(arm), seed=self._next(), tries=TRIES)
@@ -204,12 +200,22 @@ class Planner:
             blocked = blocked or "no path"
         raise Unplannable(f"there is no free way to {what}: {blocked}")
 
-    def _free(
-        self, arm: str, among: Surroundings, *, gripped: str | None = None, supports: tuple[str, ...] = ()
-    ) -> Callable[[Joints], bool]:
+    def _hit(self, arm: str, line: JointRows, among: Surroundings, gripped: str | None) -> str:
+        """Return what is too near on a straight line down, "" if nothing is. At its end a carried box may overlap with what
+        is below it, not with what is beside it, which it would still meet a step above."""
+        free = self._free(arm, among, gripped=gripped)
+        for rows, overlap in ((line[:-1], GRAZE), (line[-1:], SINK)):
+            allowed = self._clearance.at_rest({**among.joints, arm: line[-1]}, overlap)
+            for row in rows:
+                if not free(row, allowed):
+                    return self._clearance.nearest({**among.joints, arm: row}, allowed)
+        return ""
+
+    def _free(self, arm: str, among: Surroundings, *, gripped: str | None = None) -> Callable[..., bool]:
         """Return what says whether a configuration is free, until it is called again. What an arm is too near to already, it
-        may be as near to. Raise Unplannable after too many questions for one plan."""
-        self._clearance.place(among.poses, carried=among.carried, gripped=gripped, supports=supports)
+        may be as near to, as it may where less slack is `allowed`. Raise Unplannable after too many questions for one
+        plan."""
+        self._clearance.place(among.poses, carried=among.carried, gripped=gripped)
         joints = among.joints
 
         def slacks(q: Joints) -> Float[np.ndarray, " pairs"]:
@@ -219,7 +225,11 @@ class Planner:
             return self._clearance.slacks({**joints, arm: q})
 
         least = np.minimum(0.0, slacks(joints[arm]) - 1e-4)
-        return lambda q: bool((slacks(q) >= least).all())
+
+        def free(q: Joints, allowed: Float[np.ndarray, " pairs"] | float = 0.0) -> bool:
+            return bool((slacks(q) >= np.minimum(least, allowed)).all())
+
+        return free
 
     def _next(self) -> int:
         self._seed += 1
