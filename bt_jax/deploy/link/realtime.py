@@ -25,10 +25,13 @@ SPIN = 0.0002  # seconds before a deadline in which sleeping is not exact enough
 
 
 def take_priority(*, realtime: bool) -> bool:
-    """Leave Ctrl-C to the parent, which ends this process in order, and in real time make it one that is served first.
+    """Leave signals to the program, also SIGTERM to its process group, to the parent, which ends this process in order, and
+    in real time make it one that is served first.
 
     Return False where the system does not permit that (then niceness is tried)."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(os, "setpgrp"):
+        os.setpgrp()
     if not realtime:
         return False
     sys.setswitchinterval(SWITCH_INTERVAL)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bt_jax._util.errors import UserError
-from bt_jax.deploy.link.realtime import CONTEXT, Snapshot, may_take_priority
+from bt_jax.deploy.link.realtime import CONTEXT, Snapshot, may_take_priority, take_priority
 
 
 class Deadly:
@@ -21,6 +21,22 @@ class Deadly:
 def write_and_die(snapshot: Snapshot) -> None:
     snapshot.write(np.full(3, 1.0))
     snapshot.write(Deadly())
+
+
+def tell_group(pipe) -> None:
+    take_priority(realtime=False)
+    pipe.send((os.getpid(), os.getpgrp()))
+
+
+def test_a_signal_to_the_group_of_the_program_leaves_its_processes_to_be_ended_in_order():
+    """As `timeout` and a terminal send it: the robot is stopped by a program whose link and controller are still there."""
+    ours, theirs = CONTEXT.Pipe()
+    process = CONTEXT.Process(target=tell_group, args=(theirs,))
+    process.start()
+    pid, group = ours.recv()
+    process.join()
+    assert pid == process.pid
+    assert group == pid != os.getpgrp()
 
 
 def test_a_reader_gets_what_was_written():
