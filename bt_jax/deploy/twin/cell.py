@@ -32,6 +32,7 @@ CAMERA, FILM = "cell", "film"
 STRANGER = "stranger"  # an object that the task does not know
 NARROWER = 0.875  # size of one without markers, as a share of a box's
 STEP = 0.002  # seconds of physics
+STIFF = "0.005 1"  # of contacts, s and damping ratio: a box that falls must not sink into the kit's thin plate
 SHELL = '<material name="shell" rgba=".88 .88 .86 1" specular=".3" shininess=".4"/>'
 
 
@@ -121,7 +122,8 @@ def _mjcf(
         option.set(key, str(value))
     _found(root, "visual/quality").set("offsamples", "0")
     for geom in root.iter("geom"):
-        geom.attrib.pop("solref", None)
+        if "solref" in geom.attrib:
+            geom.set("solref", STIFF)
     assets = _found(root, "asset")
     assets.extend(ET.fromstring(f"<asset>{markers.assets_xml}{SHELL}</asset>"))
     body = _found(root, f"worldbody/body[@name='{task.kit.name}']")

@@ -3,7 +3,6 @@ an uneven pace, with pauses, and never quite where they mean to. The robot's arm
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import math
 from collections.abc import Iterator, Sequence
@@ -21,7 +20,6 @@ __all__ = ["Demonstrator", "Manner"]
 Point = Float[np.ndarray, "3"]
 TICK = 0.01  # s between two positions of the hand
 TREMOR = ((2.1, 0.6), (8.7, 0.25), (10.3, 0.25))  # Hz, and share of the amplitude (physiological tremor: 8 to 12 Hz)
-STIFF = (0.005, 1.0)  # of contacts: a box that is let go must not sink into the kit's thin plate
 RESTED = 0.2  # share of it that is left once what the hand holds touches something
 HIGH = 0.09  # m above the tables at which the hand carries
 AWAY = (0.40, 0.50, 0.16)  # m from the middle of the tables: where the hand rests, out of the picture
@@ -57,8 +55,7 @@ class Demonstrator:
         self.scene, self.steps, self.manner = scene, steps, manner or Manner()
         self.time, self.done = 0.0, False
         self._rng = rng
-        self._model = copy.copy(scene.model)
-        self._model.geom_solref[:] = STIFF
+        self._model = scene.model
         self._data = mujoco.MjData(self._model)
         self._data.qpos[:] = scene.cell.qpos
         for arm, joints in scene.cell.joints.items():
