@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from bt_jax.behaviors import Behavior, Kind
 from bt_jax.deploy.execution.action_runner import ActionRunner
@@ -49,17 +49,17 @@ class Diagnosis:
         left = self.limits.unseen - (now - max(times, default=now))
         return min(self.limits.patience, max(left, self.limits.patience / 2))
 
-    def hopeless(self, action: Behavior, now: float, *, looked: bool) -> str:
+    def hopeless(self, action: Behavior, undecided: frozenset[Behavior], now: float, *, looked: bool) -> str:
         """Return why an action need not be begun, "" if it may work: what it acts on has not been seen for long, though it
-        was looked for, or missing in an attempt."""
-        gone = [
-            name
-            for name in (action.object, action.frame)
-            if name in self._hidden and now - self._seen_at.get(name, 0.0) >= self.limits.unseen
-        ]
-        if not gone or not (looked or action in self.runner.failures):
-            return ""
-        return joined(f"{action} cannot be carried out", self.troubles(frozenset([action])))
+        was looked for, or missing in an attempt; or the tree wants it only because of `undecided` places in frames that
+        have not been seen for long either, so that nothing can be placed there."""
+        gone = self._gone([action.object, action.frame], now)
+        if gone and (looked or action in self.runner.failures):
+            return joined(f"{action} cannot be carried out", self.troubles(frozenset([action])))
+        gone = self._gone([condition.frame for condition in undecided if condition.name == "at"], now)
+        if gone and looked:
+            return joined(f"there is no use in {action}", [*self.troubles(), _not_seen(gone)])
+        return ""
 
     def repeated(self) -> str:
         """Return which action was broken off again and again without anything achieved, and why, "" if none was."""
@@ -73,13 +73,23 @@ class Diagnosis:
             why = f" ({reasons[action]})" if action in reasons else ""
             troubles.append(f"{action} failed {'once' if count == 1 else f'{count} times'}{why}")
         unseen = self._missing(undecided)
-        return troubles + ([f"{' and '.join(unseen)} {'is' if len(unseen) == 1 else 'are'} not seen"] if unseen else [])
+        return troubles + ([_not_seen(unseen)] if unseen else [])
+
+    def _gone(self, names: Sequence[str | None], now: float) -> list[str]:
+        """Return which of them have not been seen for long."""
+        return [
+            name for name in self._hidden if name in names and now - self._seen_at.get(name, 0.0) >= self.limits.unseen
+        ]
 
     def _missing(self, undecided: frozenset[Behavior]) -> list[str]:
         """Return what is not seen that keeps conditions from being decided: what they name, else all that is hidden, which
         may stand on it."""
         named = {name for condition in undecided for name in (condition.object, condition.frame)}
         return [name for name in self._hidden if name in named] or (self._hidden if undecided else [])
+
+
+def _not_seen(names: list[str]) -> str:
+    return f"{' and '.join(names)} {'is' if len(names) == 1 else 'are'} not seen"
 
 
 def joined(reason: str, why: Iterable[str]) -> str:

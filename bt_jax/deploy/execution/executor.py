@@ -185,7 +185,8 @@ class Executor:
                     self.runner.look(now)
             case Step.STARTING:
                 assert wanted is not None
-                hopeless = self._diagnosis.hopeless(wanted, now, looked=decision.look.looked is not None)
+                looked = decision.look.looked is not None
+                hopeless = self._diagnosis.hopeless(wanted, decision.look.undecided, now, looked=looked)
                 if hopeless and not self.dry:
                     raise self._failed(hopeless, now)
                 return self.runner.start(wanted, seen, now)

@@ -268,6 +268,18 @@ def test_nothing_is_begun_with_what_has_been_out_of_sight_for_long():
     assert 10.0 < outcome.seconds < 20.0
 
 
+def test_nothing_is_begun_for_a_place_in_a_frame_that_has_been_out_of_sight_for_long():
+    """The kit is covered while a box is picked; whether the other one stands in it cannot be known."""
+    place = "(YellowBox, (0, 0, 0.055), KittingBox)"
+    cell = IdealCell(parse_tree(f"Fallback(at{place}, Sequence(pick(GreenBox), open_gripper))"))
+    cell.skills.polls = 40
+    cell.on_tick = lambda shown: cell.hide.add("KittingBox")
+    outcome = cell.executor.run()
+    assert outcome.exit_code == Exit.FAILED
+    assert outcome.reason == "there is no use in open_gripper: KittingBox is not seen"
+    assert 10.0 < outcome.seconds < 20.0
+
+
 def test_an_attempt_has_a_time_out(tmp_path):
     log = Log(tmp_path / "log.jsonl")
     cell = IdealCell(limits=Limits(action=2.0), log=log)
