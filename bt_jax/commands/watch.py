@@ -80,10 +80,7 @@ def watch(arguments: DemonstrateArguments) -> None:
     count, problem = 0, ""
     try:
         for number, source in enumerate(_sources(arguments, task, folder)):
-            if source.live and number and sys.stdin.isatty():
-                console.input("put the boxes where the next demonstration begins, then press Enter (Ctrl-C ends) ")
-            console.print(f"[bold]{escape(source.title)}[/]")
-            one = _watch_one(console, source, task, arguments)
+            one = _watch_one(console, source, task, arguments, first=number == 0)
             if isinstance(one, str):
                 problem = one
                 console.print(f"[yellow]not kept: {escape(problem)}[/]")
@@ -143,9 +140,16 @@ def _twin(task: Task, seed: list[int], attempts: Iterator[int], fps: float) -> t
     return FilmedDemonstration(scene, person, fps=fps, seed=seed), scene.calibrated
 
 
-def _watch_one(console: Console, source: _Source, task: Task, arguments: DemonstrateArguments) -> Demonstration | str:
-    """Watch until a demonstration is not to be shown again. Return it, or why it is left out."""
+def _watch_one(
+    console: Console, source: _Source, task: Task, arguments: DemonstrateArguments, *, first: bool
+) -> Demonstration | str:
+    """Watch until a demonstration is not to be shown again. Return it, or why it is left out. Unless it is the `first`, a
+    person has to put the boxes back before it, and so before it is shown again."""
     while True:
+        if source.live and not first and sys.stdin.isatty():
+            console.input("put the boxes where the next demonstration begins, then press Enter (Ctrl-C ends) ")
+        first = False
+        console.print(f"[bold]{escape(source.title)}[/]")
         camera, pose = source.open()
         if arguments.record is not None:
             camera = Recorder(camera, _unused(arguments.record))
@@ -154,8 +158,8 @@ def _watch_one(console: Console, source: _Source, task: Task, arguments: Demonst
             watched = _watched(console, Looking(task, camera, pose), Watcher(task, settings), live=source.live)
         finally:
             camera.close()
-        decisions = [_decide(console, doubt, arguments.unclear) for doubt in watched.doubts]
-        if "again" not in decisions or not source.repeats:
+        decisions = [_decide(console, doubt, arguments.unclear, again=source.repeats) for doubt in watched.doubts]
+        if "again" not in decisions:
             try:
                 return demonstration_of(watched, decisions, task)
             except UserError as error:
@@ -199,19 +203,22 @@ def _entered() -> bool:
     return ready and sys.stdin.readline() is not None
 
 
-def _decide(console: Console, doubt: Doubt, unclear: str) -> Decision:
-    """Return what is decided about a doubt: by a person if there is one to ask, else as the option says."""
+def _decide(console: Console, doubt: Doubt, unclear: str, *, again: bool) -> Decision:
+    """Return what is decided about a doubt: by a person if there is one to ask, else as the option says. `again`: it can be
+    shown again."""
     keep, leave_out = CHOICES[doubt.kind]
     if unclear == "ask" and sys.stdin.isatty():  # somebody can be asked
-        usual = next(key for key, decision in ANSWERS.items() if decision == doubt.usual)
-        console.print(f"[yellow]{escape(doubt.text)}[/]: k {keep}, l {leave_out}, a show it again")
+        answers = {key: decision for key, decision in ANSWERS.items() if again or decision != "again"}
+        usual = next(key for key, decision in answers.items() if decision == doubt.usual)
+        console.print(f"[yellow]{escape(doubt.text)}[/]: k {keep}, l {leave_out}{', a show it again' if again else ''}")
         while True:
             try:
-                answer = console.input(f"k, l or a? \\[{usual}] ").strip().lower() or usual
+                question = "k, l or a?" if again else "k or l?"
+                answer = console.input(f"{question} \\[{usual}] ").strip().lower() or usual
             except (KeyboardInterrupt, EOFError):
                 answer = usual
-            if answer in ANSWERS:
-                return ANSWERS[answer]
+            if answer in answers:
+                return answers[answer]
     decision: Decision = {"keep": "keep", "leave-out": "leave out"}.get(unclear, doubt.usual)  # type: ignore[assignment]
     console.print(f"{escape(doubt.text)}: {keep if decision == 'keep' else leave_out}")
     return decision

@@ -9,6 +9,7 @@ import pytest
 
 from bt_jax import demonstrate
 from bt_jax._util.errors import UserError
+from bt_jax.commands import watch as command
 from bt_jax.commands.arguments import DemonstrateArguments
 from bt_jax.commands.watch import watch
 from bt_jax.deploy.perception.calibration import CameraPose, Intrinsics
@@ -21,6 +22,9 @@ from bt_jax.deploy.twin.filmed import FilmedDemonstration
 from bt_jax.deploy.twin.settings import Realism
 from bt_jax.lfd import DemonstrationFolder
 from bt_jax.tasks import Target, load_task
+from bt_jax.teaching.watch.moves import Doubt
+from tests.helpers.watched import IN_KIT, Table
+from tests.helpers.watched import watch as watched_of
 
 TASK = load_task("yumi_stack")
 AWAY = Target("BlueBox", (0.3, 0.9, 0.02), "base_link")  # beside the tables, out of the picture
@@ -58,6 +62,11 @@ def arguments(filmed, folder, **others):
     )
 
 
+def at_a_terminal(monkeypatch, answer):
+    monkeypatch.setattr(sys, "stdin", type("Terminal", (), {"isatty": lambda self: True})())
+    monkeypatch.setattr("rich.console.Console.input", lambda self, question: answer(question))
+
+
 def test_a_film_is_watched_and_what_is_in_doubt_is_decided(filmed, tmp_path, capsys, monkeypatch):
     with pytest.raises(UserError, match="no demonstration was kept: BlueBox is out of sight at the end; show it again"):
         watch(arguments(filmed, tmp_path / "demos"))
@@ -72,15 +81,46 @@ def test_a_film_is_watched_and_what_is_in_doubt_is_decided(filmed, tmp_path, cap
         assert sentence in said
     assert not (tmp_path / "demos").exists()
 
-    answers = iter(["what?", "k"])
-    monkeypatch.setattr(sys, "stdin", type("Terminal", (), {"isatty": lambda self: True})())
-    monkeypatch.setattr("rich.console.Console.input", lambda self, question: next(answers))
+    asked, answers = [], iter(["what?", "a", "k"])
+    at_a_terminal(monkeypatch, lambda question: asked.append(question) or next(answers))
     watch(arguments(filmed, tmp_path / "demos"))
+    assert asked == ["k or l? \\[l] "] * 3, "a film cannot be shown again"
     kept = DemonstrationFolder(tmp_path / "demos")
     (one,) = kept.read()
     assert [action.kind for action in one.actions] == ["pick", "place"]
     assert math.dist(one.actions[1].handled("KittingBox"), TASK.targets[0].position) < 0.006
     assert kept.task() == TASK
+
+
+def test_a_person_puts_the_boxes_back_before_every_showing_but_the_first(filmed, tmp_path, monkeypatch):
+    table, happened, answers = Table(), [], iter(["a", "", "k", "", "k"])
+    film = (sighting for part in (table.wait(1), table.carry("YellowBox", IN_KIT)) for sighting in part)
+    _, watched = watched_of(film)
+    doubt = Doubt("bumped", "BlueBox was bumped", (), "leave out")
+    monkeypatch.setattr(command, "open_camera", lambda name, lens: happened.append("watched") or Blind())
+    monkeypatch.setattr(
+        command, "watch_demonstration", lambda *given, **others: dataclasses.replace(watched, doubts=(doubt,))
+    )
+
+    def answer(question):
+        happened.append("decided" if question.startswith("k, l or a?") else question.partition(" where")[0])
+        return next(answers)
+
+    at_a_terminal(monkeypatch, answer)
+    watch(dataclasses.replace(arguments(filmed, tmp_path / "demos", count=2), camera="0"))
+    once = ["watched", "decided"]
+    assert happened == [*once, "put the boxes", *once, "put the boxes", *once]
+    assert len(DemonstrationFolder(tmp_path / "demos").names()) == 2
+
+
+class Blind:
+    """A camera that is never looked through."""
+
+    def read(self):
+        raise CameraError("there is no image")
+
+    def close(self):
+        pass
 
 
 REFUSED = [
