@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import math
 import os
+import shlex
 import time
 
 import numpy as np
@@ -25,7 +26,7 @@ from bt_jax.deploy.twin.controller import Controller
 from bt_jax.deploy.twin.rendered_camera import RenderedCamera
 from bt_jax.tasks import Task, load_task
 
-__all__ = ["serve_twin"]
+__all__ = ["check_line", "serve_twin"]
 
 FASTEST = math.radians(15)  # a second, of a joint: BtJax lets EGM turn it no faster
 LENS = 0.1  # px that the residual of the lens is said to be
@@ -33,8 +34,7 @@ POINTS = 8  # markers from which the camera's place is said to be known
 GREETING = """\
 robot      127.0.0.1, Robot Web Services at port {rws}, EGM to ports {left} and {right}; BtJax runs
 camera     {camera}, {width} x {height}, calibration in {calibration}
-try        python -m bt_jax.deploy check {source} --robot 127.0.0.1 --rws-port {rws} --ports {left} {right} \\
-               --camera {camera} --calibration {calibration}
+try        {check}
 end        with Ctrl-C"""
 
 
@@ -63,9 +63,10 @@ def serve_twin(arguments: TwinArguments, console: Console) -> int:
                     width=realism.width,
                     height=realism.height,
                     calibration=arguments.calibration,
-                    source=arguments.source or "TREE",
+                    check=check_line(arguments, controller.rws_port, server.address),
                 ),
                 markup=False,
+                soft_wrap=True,
             )
             _show(controller, camera, server, console, 1 / min(realism.rate, 30.0))
         except KeyboardInterrupt:
@@ -74,6 +75,15 @@ def serve_twin(arguments: TwinArguments, console: Console) -> int:
         finally:
             camera.close()
     return Exit.DONE
+
+
+def check_line(arguments: TwinArguments, rws_port: int, camera: str) -> str:
+    """Return the command for another terminal that checks a cell with the served robot and `camera`."""
+    words = ["python", "-m", "bt_jax.deploy", "check", str(arguments.source or "TREE")]
+    if arguments.task is not None:
+        words += ["--task", arguments.task]
+    words += ["--robot", "127.0.0.1", "--rws-port", str(rws_port), "--ports", *map(str, arguments.ports)]
+    return shlex.join([*words, "--camera", camera, "--calibration", str(arguments.calibration)])
 
 
 def _show(

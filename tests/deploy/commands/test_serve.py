@@ -4,15 +4,20 @@ import contextlib
 import os
 import pty
 import re
+import shlex
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
+import tyro
 
 from bt_jax.deploy.__main__ import main
+from bt_jax.deploy.commands.arguments import CheckArguments, TwinArguments
 from bt_jax.deploy.commands.run import SENTENCE
+from bt_jax.deploy.commands.serve import check_line
 from bt_jax.deploy.execution.log import Log
 from bt_jax.deploy.execution.program import load_program
 from bt_jax.deploy.execution.settings import Exit
@@ -125,6 +130,23 @@ def typed(words, answer, folder):
             answered = True
     os.close(ours)
     return process.wait(20), said.decode(errors="replace")
+
+
+@pytest.mark.parametrize("task", [None, "my tasks/one box.yaml"])
+def test_the_printed_line_checks_what_is_served(task):
+    served = TwinArguments(Path("my tree.txt"), task, serve=True, ports=(7001, 7002), calibration=Path("a cell.yaml"))
+    line = shlex.split(check_line(served, 8081, "http://127.0.0.1:8090/"))
+    assert line[:4] == ["python", "-m", "bt_jax.deploy", "check"]
+    checked = tyro.cli(CheckArguments, args=line[4:])
+    assert checked == CheckArguments(
+        served.source,
+        task,
+        robot="127.0.0.1",
+        camera="http://127.0.0.1:8090/",
+        calibration=served.calibration,
+        rws_port=8081,
+        ports=served.ports,
+    )
 
 
 @pytest.mark.parametrize("words", [["--layouts", "3"], ["--disturb"], ["--log", "x.jsonl"], ["--render", "x.mp4"]])
