@@ -251,7 +251,8 @@ class DemonstrateArguments:
     """the script, for instance "pick BlueBox; to (0, 0, 0.12) GreenBox; release", or a file with one; without it, the
     demonstrations in the folder are listed"""
     task: Annotated[str | None, unset("NAME")] = None
-    """name of a task or YAML file (default: that of --after, of the folder, or stack3)"""
+    """name of a task or YAML file (default: that of --after, of the folder, or stack3; with --watch, that of the folder or
+    yumi_stack)"""
     count: int = NEEDED
     """how many demonstrations, each in another layout"""
     seed: Annotated[int | None, unset("INT")] = None
@@ -315,5 +316,5 @@ class DemonstrateArguments:
             )
         if self.fps is not None and not 0 < self.fps < 1000:
             raise UserError(f"--fps is {self.fps:g}; choose how many pictures were taken a second")
-        if not self.idle > 0:
-            raise UserError(f"--idle is {self.idle:g}; choose more than 0 seconds")
+        if not 0 < self.idle <= 3600:
+            raise UserError(f"--idle is {self.idle:g}; choose more than 0 seconds, and an hour at most")

@@ -23,6 +23,7 @@ from scipy.spatial.transform import RigidTransform
 from bt_jax._util.errors import UserError
 from bt_jax._util.words import counted
 from bt_jax.commands.arguments import DemonstrateArguments
+from bt_jax.deploy.commands.arguments import DEFAULT_TASK
 from bt_jax.deploy.perception.calibration import Intrinsics
 from bt_jax.deploy.perception.camera import Camera, Recorder, open_camera
 from bt_jax.deploy.perception.camera_file import load_camera
@@ -76,7 +77,7 @@ def watch(arguments: DemonstrateArguments) -> None:
     console = Console(highlight=False, soft_wrap=True)
     folder = DemonstrationFolder(arguments.folder)
     kept = folder.task() if arguments.folder.is_dir() else None
-    task = load_task(arguments.task) if arguments.task is not None else kept or load_task("yumi_stack")
+    task = load_task(arguments.task) if arguments.task is not None else kept or load_task(DEFAULT_TASK)
     count, problem = 0, ""
     try:
         for number, source in enumerate(_sources(arguments, task, folder)):

@@ -66,6 +66,11 @@ class Box:
     color: Vec3
     density: float = 1000.0
 
+    @property
+    def mass(self) -> float:
+        """In kilograms."""
+        return self.density * self.size**3
+
 
 @dataclasses.dataclass(frozen=True)
 class Target:

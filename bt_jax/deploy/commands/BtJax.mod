@@ -37,8 +37,8 @@ MODULE BtJax
     ! What the arm carries: kg, centre of gravity in mm from the flange, axes, kg m2. The frame of the tool is the flange's,
     ! as bt_jax expects. Mass of the Smart Gripper and of the heaviest part; the rest is that of a public tooldata of a YuMi.
     ! Measure both with LoadIdentify.
-    TASK PERS tooldata gripper:=[TRUE,[[0,0,0],[1,0,0,0]],[0.24,[8.7,12.3,49.2],[1,0,0,0],0.00021,0.00024,0.00009]];
-    TASK PERS loaddata part:=[0.064,[0,0,130],[1,0,0,0],0,0,0];
+    TASK PERS tooldata gripper:=[TRUE,[[0,0,0],[1,0,0,0]],[$gripper_mass,[8.7,12.3,49.2],[1,0,0,0],0.00021,0.00024,0.00009]];
+    TASK PERS loaddata part:=[$part_mass,[0,0,130],[1,0,0,0],0,0,0];
 
     ! Where the arm begins, taught by a person with teach_ready
     TASK PERS jointtarget ready:=[[0,-130,30,0,40,0],[135,9E9,9E9,9E9,9E9,9E9]];
@@ -50,7 +50,7 @@ MODULE BtJax
 
     LOCAL CONST num PERIOD:=0.05;      ! s between two looks at the gripper
     LOCAL CONST num SAMPLE:=4;         ! ms between two messages
-    LOCAL CONST num MAX_SPEED:=15;     ! deg/s that EGM may turn a joint; bt_jax asks for 11.5 at most
+    LOCAL CONST num MAX_SPEED:=$egm_speed;     ! deg/s that EGM may turn a joint; bt_jax asks for 11.5 at most
     LOCAL CONST num FILTER:=20;        ! Hz, low pass of the setpoints
     LOCAL CONST num SILENT:=1;         ! s without a setpoint after which the arm stops
     LOCAL CONST num RAMP:=0.3;         ! s

@@ -12,14 +12,16 @@ import tyro
 from bt_jax._util.errors import UserError
 from bt_jax.deploy.execution.settings import TWIN_SECONDS, Limits
 from bt_jax.deploy.twin.settings import Realism
+from bt_jax.tasks.bounds import Bound
 
 __all__ = [
     "DEFAULT_TASK",
-    "FASTEST",
     "FILMS",
+    "REDUCED_SPEED",
     "CalibrateArguments",
     "CheckArguments",
     "MarkersArguments",
+    "MovingArguments",
     "RapidArguments",
     "RealCellArguments",
     "RecoverArguments",
@@ -29,9 +31,31 @@ __all__ = [
 ]
 
 DEFAULT_TASK = "yumi_stack"
-FASTEST = 0.2  # rad/s of any joint of a real robot
-ATTEMPT = 150.0  # seconds for one attempt at FASTEST: its motion alone took up to 62 s, with one new plan twice as long
+REDUCED_SPEED = 0.2  # rad/s, the largest of any joint that a command asks of a real robot
+ATTEMPT = 150.0  # seconds for one attempt at REDUCED_SPEED: its motion took up to 62 s, with one new plan twice as long
 FILMS = (".mp4", ".gif", ".png")
+PORT, FREE_PORT = Bound(1.0, 65535.0), Bound(0.0, 65535.0)  # 0: any port that is free
+GRIPPER_MASS = Bound(0.01, 5.0, "kg", ("g", 0.001))
+SQUARE = Bound(0.001, 1.0, "m", ("mm", 0.001))
+VIEWS, PIXELS = Bound(3.0, 1000.0), Bound(64.0, 16384.0)
+
+
+def _check(option: str, value: float | int, bound: Bound) -> None:
+    """Raise UserError if the value of an option is out of bounds, or no number."""
+    if (complaint := bound.complaint(float(value))) is not None:
+        raise UserError(f"{option} {complaint}")
+
+
+def _check_mass(mass: float | None) -> None:
+    if mass is not None:
+        _check("--gripper-mass", mass, GRIPPER_MASS)
+
+
+def _check_ports(ports: tuple[int, int]) -> None:
+    for port in ports:
+        _check("--ports", port, PORT)
+    if len(set(ports)) < len(ports):
+        raise UserError(f"--ports names {ports[0]} twice; choose another port for each arm")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,7 +69,7 @@ class RealCellArguments:
     robot: str | None = None
     """address of the controller: 192.168.125.1 at its service port. No address is contacted that is not given"""
     camera: str | None = None
-    """number or address of the camera; without motion, also a folder with a recording"""
+    """number or address of the camera, or a folder with a recording"""
     calibration: Path | None = None
     """file that calibrate has written"""
     twin_log: Path | None = None
@@ -61,6 +85,38 @@ class RealCellArguments:
     password: str = "robotics"
     """password of that user"""
 
+    def check(self) -> None:
+        """Raise UserError for arguments that cannot work."""
+        _check_mass(self.gripper_mass)
+        _check("--rws-port", self.rws_port, PORT)
+        _check_ports(self.ports)
+
+
+@dataclasses.dataclass(frozen=True)
+class MovingArguments(RealCellArguments):
+    """Of a command that moves a real robot, where `moves` says so."""
+
+    speed: float = REDUCED_SPEED
+    """largest joint speed, rad/s"""
+
+    @property
+    def moves(self) -> bool:
+        """Will the arms move?"""
+        return True
+
+    def check(self) -> None:
+        """Raise UserError for arguments that cannot work, or with which the arms would move by old pictures."""
+        super().check()
+        if not 0 < self.speed <= REDUCED_SPEED:
+            raise UserError(f"--speed is {self.speed}; choose rad/s above 0 and up to {REDUCED_SPEED}")
+        if self.moves and self.camera is not None and _is_recorded(self.camera):
+            raise UserError(f"--camera {self.camera} is a recording, not the cell; name a camera, or {self._without}")
+
+    @property
+    def _without(self) -> str:
+        """What to do without a camera."""
+        return "leave out --camera"
+
 
 @dataclasses.dataclass(frozen=True)
 class CheckArguments(RealCellArguments):
@@ -71,8 +127,13 @@ class CheckArguments(RealCellArguments):
     """
 
 
+def _is_recorded(camera: str) -> bool:
+    """Does it name something on a disk that `open_camera` would play?"""
+    return Path(camera).is_dir() or (Path(camera).is_file() and not camera.isdigit())
+
+
 @dataclasses.dataclass(frozen=True)
-class RunArguments(RealCellArguments):
+class RunArguments(MovingArguments):
     """Execute a tree on a real YuMi. Dry by default: everything but motion.
 
     A protective stop (exit code 3) cannot be cleared while a run goes on: the arms hold and the run ends. It lives in that
@@ -81,10 +142,10 @@ class RunArguments(RealCellArguments):
     sentence.
     """
 
+    camera: str | None = None
+    """number or address of the camera; without --motion, also a folder with a recording"""
     motion: bool = False
     """move the robot, after preflight and a typed confirmation"""
-    speed: float = FASTEST
-    """largest joint speed, rad/s"""
     seconds: float = 600.0
     """time after which the run ends"""
     log: Path | None = None
@@ -92,41 +153,37 @@ class RunArguments(RealCellArguments):
 
     def check(self) -> None:
         """Raise UserError for arguments that cannot work."""
-        if not 0 < self.speed <= FASTEST:
-            raise UserError(f"--speed is {self.speed}; choose rad/s above 0 and up to {FASTEST}")
+        super().check()
         if not 0 < self.seconds <= 24 * 3600:
             raise UserError(f"--seconds is {self.seconds}; choose more than 0, and a day at most")
-        if self.motion and self.camera is not None and _is_recorded(self.camera):
-            raise UserError(
-                f"--camera {self.camera} is a recording, not the cell; name a camera, or leave out --motion"
-            )
+
+    @property
+    def moves(self) -> bool:
+        """Only with --motion."""
+        return self.motion
+
+    @property
+    def _without(self) -> str:
+        return "leave out --motion"
 
     @property
     def limits(self) -> Limits:
         """Limits of the run; the slower the joints, the longer an attempt may take."""
-        return Limits(run=self.seconds, action=ATTEMPT * FASTEST / self.speed)
-
-
-def _is_recorded(camera: str) -> bool:
-    """Does it name something on a disk that `open_camera` would play?"""
-    return Path(camera).is_dir() or (Path(camera).is_file() and not camera.isdigit())
+        return Limits(run=self.seconds, action=ATTEMPT * REDUCED_SPEED / self.speed)
 
 
 @dataclasses.dataclass(frozen=True)
-class RecoverArguments(RealCellArguments):
+class RecoverArguments(MovingArguments):
     """Take the arms home after a stop, whatever they hold.
 
     Shows the state, and asks for a word: "release" opens the grippers first, "keep" takes along what they hold. Then each
     arm rises straight up and goes home, slowly. Give what was given to `run`: with a camera, what it sees is kept clear of.
     """
 
-    speed: float = FASTEST / 2
+    camera: str | None = None
+    """number or address of the camera; a recording does not do, since the arms move"""
+    speed: float = REDUCED_SPEED / 2
     """largest joint speed, rad/s"""
-
-    def check(self) -> None:
-        """Raise UserError for arguments that cannot work."""
-        if not 0 < self.speed <= FASTEST:
-            raise UserError(f"--speed is {self.speed}; choose rad/s above 0 and up to {FASTEST}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -189,6 +246,9 @@ class TwinArguments:
         if not 0 < self.seconds <= 3600:
             raise UserError(f"--seconds is {self.seconds}; choose more than 0, and an hour at most")
         self.realism.check()
+        _check_ports(self.ports)
+        _check("--rws-port", self.rws_port, FREE_PORT)
+        _check("--camera-port", self.camera_port, FREE_PORT)
         if self.serve:
             if self.disturb or self.layouts > 1 or self.render is not None or self.log is not None:
                 raise UserError("--serve executes no tree; leave out --disturb, --layouts, --render and --log")
@@ -236,6 +296,13 @@ class CalibrateArguments:
     height: int = 960
     """of the camera's images, px"""
 
+    def check(self) -> None:
+        """Raise UserError for arguments that cannot work."""
+        _check("--square", self.square, SQUARE)
+        _check("--views", self.views, VIEWS)
+        _check("--width", self.width, PIXELS)
+        _check("--height", self.height, PIXELS)
+
 
 @dataclasses.dataclass(frozen=True)
 class RapidArguments:
@@ -248,12 +315,16 @@ class RapidArguments:
     once `run --motion` asks for it.
     """
 
-    task: str = "yumi_stack"
+    task: str = DEFAULT_TASK
     """name or .yaml file of the task whose heaviest box the controller is told"""
     gripper_mass: float | None = None
     """kg of a gripper with its fingers (default: that of the model)"""
     out: Path = Path("rapid")
     """folder for the module"""
+
+    def check(self) -> None:
+        """Raise UserError for arguments that cannot work."""
+        _check_mass(self.gripper_mass)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -38,13 +38,12 @@ ATTEMPTS = 3000  # images of a live camera to look for the board in
 
 def calibrate_command(arguments: CalibrateArguments) -> int:
     """Do one step and print the residuals; the exit code is 0. Raise UserError."""
+    arguments.check()
     console = Console(highlight=False)
     return _lens(arguments, console) if arguments.step == "intrinsics" else _place(arguments, console)
 
 
 def _lens(arguments: CalibrateArguments, console: Console) -> int:
-    if not 0 < arguments.square < 1:
-        raise UserError(f"--square {arguments.square} is no size in metres; measure a square of the print")
     board = charuco_board(arguments.square)
     views: list[BoardView] = []
     size: tuple[int, int] | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rich.console import Console
 
-from bt_jax.deploy.commands.arguments import FASTEST, CheckArguments
+from bt_jax.deploy.commands.arguments import REDUCED_SPEED, CheckArguments
 from bt_jax.deploy.commands.real_cell import open_real_cell
 from bt_jax.deploy.execution.equipment import Equipment
 from bt_jax.deploy.execution.preflight import CheckResult, passed, preflight, show
@@ -16,7 +16,8 @@ __all__ = ["check_command", "print_preflight"]
 def check_command(arguments: CheckArguments, console: Console | None = None) -> int:
     """Print every item; return 0 where all have passed, else 1."""
     console = Console(highlight=False, soft_wrap=True) if console is None else console
-    with open_real_cell(arguments, motion=False, override=FASTEST) as cell:
+    arguments.check()
+    with open_real_cell(arguments, motion=False, override=REDUCED_SPEED) as cell:
         items = print_preflight(cell.equipment, console)
     return Exit.DONE if passed(items) else Exit.FAILED
 

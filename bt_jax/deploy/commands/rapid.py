@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import importlib.resources
+import math
 import re
+import string
 
 from rich.console import Console
 from rich.markup import escape
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
-from bt_jax.deploy.commands.arguments import RapidArguments
+from bt_jax.deploy.commands.arguments import DEFAULT_TASK, RapidArguments
 from bt_jax.deploy.link.rws import MODULE
+from bt_jax.deploy.link.settings import EGM_SPEED
+from bt_jax.deploy.planning.feasibility import check_scale, load_share
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.tasks import Task, load_task
 
 __all__ = ["rapid_command", "rapid_module"]
@@ -32,19 +37,23 @@ It was never run on a controller: read it, and try it in RobotStudio first.
 
 
 def rapid_module(task: Task | None = None, *, gripper_mass: float | None = None) -> str:
-    """Return the text of the module, with the mass of the heaviest box of a task, and of a gripper [kg]."""
+    """Return the text of the module, with the mass of the heaviest box of a task (default: yumi_stack), and of a gripper
+    with its fingers [kg] (default: that of the model). Raise UserError for what an arm cannot take or carry."""
+    task = load_task(DEFAULT_TASK) if task is None else task
+    check_scale(YUMI, task)
+    load_share(YUMI, task, gripper_mass)
     text = importlib.resources.files("bt_jax.deploy.commands").joinpath(f"{MODULE}.mod").read_text(encoding="ascii")
-    if gripper_mass is not None:
-        text = re.sub(r"(tooldata gripper:=\[TRUE,\[\[0,0,0\],\[1,0,0,0\]\],\[)[^,]+", rf"\g<1>{gripper_mass:g}", text)
-    if task is not None:
-        heaviest = max(box.density * box.size**3 for box in task.boxes)
-        text = re.sub(r"(loaddata part:=\[)[^,]+", rf"\g<1>{heaviest:.3f}", text)
-    return text
+    return string.Template(text).substitute(
+        gripper_mass=f"{YUMI.arms[0].gripper.total_mass if gripper_mass is None else gripper_mass:g}",
+        part_mass=f"{max(box.mass for box in task.boxes):.3f}",
+        egm_speed=f"{math.degrees(EGM_SPEED):g}",
+    )
 
 
 def rapid_command(arguments: RapidArguments, console: Console | None = None) -> int:
     """Write the module and print the next steps; the exit code is 0. Raise UserError if it cannot be written."""
     console = Console(highlight=False, soft_wrap=True) if console is None else console
+    arguments.check()
     path = arguments.out / f"{MODULE}.mod"
     text = rapid_module(load_task(arguments.task), gripper_mass=arguments.gripper_mass)
     try:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import math
 import os
 import shlex
 import time
@@ -17,6 +16,7 @@ from bt_jax._util.errors import UserError
 from bt_jax.deploy.commands.arguments import DEFAULT_TASK, TwinArguments
 from bt_jax.deploy.execution.program import load_program
 from bt_jax.deploy.execution.settings import Exit
+from bt_jax.deploy.link.settings import EGM_SPEED
 from bt_jax.deploy.perception.calibration import CameraPose, Intrinsics
 from bt_jax.deploy.perception.camera_file import save_camera
 from bt_jax.deploy.robot.yumi import YUMI
@@ -28,7 +28,6 @@ from bt_jax.tasks import Task, load_task
 
 __all__ = ["check_line", "serve_twin"]
 
-FASTEST = math.radians(15)  # a second, of a joint: BtJax lets EGM turn it no faster
 LENS = 0.1  # px that the residual of the lens is said to be
 POINTS = 8  # markers from which the camera's place is said to be known
 GREETING = """\
@@ -43,7 +42,7 @@ def serve_twin(arguments: TwinArguments, console: Console) -> int:
     with contextlib.suppress(OSError):  # a real robot and camera are slowed down by no other program
         os.nice(-10)
     realism = arguments.realism
-    realism = dataclasses.replace(realism, egm_speed=min(realism.egm_speed, FASTEST))
+    realism = dataclasses.replace(realism, egm_speed=min(realism.egm_speed, EGM_SPEED))
     scene = build_scene(YUMI, _task(arguments), arguments.seed, realism)
     ports = dict(zip(YUMI.arm_names, arguments.ports, strict=True))
     _calibrate(scene, arguments)

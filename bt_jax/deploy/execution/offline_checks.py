@@ -18,6 +18,7 @@ from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.statuses import Context, Statuses
 from bt_jax.deploy.link.reception import open_socket
 from bt_jax.deploy.link.safety import Rejected, check_setpoint
+from bt_jax.deploy.planning.feasibility import load_share
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import prefix
 
@@ -76,19 +77,8 @@ def priority_allowed(equipment: Equipment) -> str:
 
 def payload_allowed(equipment: Equipment) -> str:
     """No arm has to carry more than it may, with its gripper."""
-    task, worst = opened(equipment.program).task, 0.0
-    for arm in equipment.robot.arms:
-        gripper = arm.gripper.total_mass if equipment.gripper_mass is None else equipment.gripper_mass
-        for box in task.boxes:
-            mass = gripper + box.density * box.size**3
-            if not (gripper >= 0 and mass <= arm.payload):
-                raise UserError(
-                    f"{box.name} ({1000 * (mass - gripper):.0f} g) and the gripper ({1000 * gripper:.0f} g) are more than "
-                    f"the {1000 * arm.payload:.0f} g that the {arm.name} arm may carry; use lighter boxes and give their "
-                    "density in the task, or give the mass of the gripper with --gripper-mass"
-                )
-            worst = max(worst, mass / arm.payload)
-    return f"{100 * worst:.0f} % of what an arm may carry"
+    share = load_share(equipment.robot, opened(equipment.program).task, equipment.gripper_mass)
+    return f"{100 * share:.0f} % of what an arm may carry"
 
 
 def home_clear(equipment: Equipment) -> str:

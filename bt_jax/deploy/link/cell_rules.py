@@ -6,6 +6,7 @@ import numpy as np
 
 from bt_jax.deploy.link.safety import Rules
 from bt_jax.deploy.planning.clearance import SafetyClearance
+from bt_jax.deploy.planning.feasibility import check_scale
 from bt_jax.deploy.robot.model import RobotModel
 from bt_jax.tasks import Task
 
@@ -15,8 +16,10 @@ __all__ = ["cell_rules"]
 def cell_rules(robot: RobotModel, task: Task, *, override: float = float("inf")) -> Rules:
     """Return what a robot may do in a task's cell; `override` is the largest joint speed, rad/s.
 
-    Raise ValueError if its arms have different limits: the rules are the same for all.
+    Raise ValueError if its arms have different limits: the rules are the same for all. Raise UserError for a task that is
+    not at the robot's scale.
     """
+    check_scale(robot, task)
     arm, *others = robot.arms
     for name in ("lower", "upper", "speed", "acceleration"):
         if not all(np.array_equal(getattr(arm, name), getattr(other, name)) for other in others):

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 
-__all__ = ["LinkConfig", "LinkTiming"]
+__all__ = ["EGM_SPEED", "LinkConfig", "LinkTiming"]
+
+EGM_SPEED = math.radians(15.0)  # rad/s: the RAPID program BtJax lets EGM turn a joint no faster
 
 
 @dataclasses.dataclass(frozen=True)

@@ -117,6 +117,12 @@ class ArmModel:
         """Where the first joint is in the robot's base frame."""
         return np.array(self.joints[0].placement[0], float)
 
+    @functools.cached_property
+    def length(self) -> float:
+        """How far the point between the finger tips can be from the first joint at most."""
+        steps = [placement for placement, _ in (*(joint.placement for joint in self.joints[1:]), self.hand)]
+        return float(sum(map(np.linalg.norm, (*steps, self.tcp))))
+
     @property
     def joint_names(self) -> tuple[str, ...]:
         """The names of its joints in chain order."""

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.deploy.perception.level import level
+from bt_jax.deploy.planning.feasibility import check_scale
 from bt_jax.deploy.robot.arrays import Point
 from bt_jax.deploy.robot.mjcf import add_to_mjcf
 from bt_jax.deploy.robot.model import RobotModel
@@ -61,7 +62,9 @@ def build_scene(
 ) -> TwinScene:
     """Return a robot in the cell of a task, with boxes at random places and turned at random; the same for the same seed.
     It is as real as `realism` says, by default as a real one. With `stranger`, an object that the task does not know lies
-    out of sight, with the markers of the box of that name, without any if it is ""."""
+    out of sight, with the markers of the box of that name, without any if it is "". Raise UserError for a task that is not
+    at the robot's scale."""
+    check_scale(robot, task)
     realism = realism or Realism()
     rng = np.random.default_rng(seed)
     table = task.tables[draw_kit_table(task, rng)]

@@ -51,7 +51,8 @@ class Realism:
     """s from a setpoint to the first motion"""
     egm_lag: float = 0.05
     """s by which the motion then trails behind the setpoints"""
-    # BtJax lets EGM turn a joint by 0.26; run asks for 0.2 at most, and twin for more.
+    # None, so that a simulated run may move at the planner's own pace, 45 % of what the joints can: faster than the reduced
+    # speed at which `run` moves a real robot, 0.2. BtJax allows `link.settings.EGM_SPEED`, and so does `twin --serve`.
     egm_speed: float = math.inf
     """rad/s at which EGM lets a joint turn"""
     # Estimate: BtJax ends one session after a look at the gripper (0.05 s), and sets up the next.

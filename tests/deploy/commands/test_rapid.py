@@ -1,6 +1,7 @@
 """The robot's program cannot be run here: what can be checked is that it is whole, and that it is what our side expects."""
 
 import io
+import math
 import os
 import re
 import subprocess
@@ -11,13 +12,13 @@ import pytest
 from rich.console import Console
 
 from bt_jax._util.errors import UserError
-from bt_jax.deploy.commands.arguments import FASTEST, RapidArguments
+from bt_jax.deploy.commands.arguments import REDUCED_SPEED, RapidArguments
 from bt_jax.deploy.commands.rapid import rapid_command, rapid_module
 from bt_jax.deploy.link import rws
 from bt_jax.deploy.link.egm import CYCLE
 from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.deploy.link.rws import EGM_REQUEST, EGM_STATE, MODULE, TASKS, Motion, Rws, symbol
-from bt_jax.deploy.link.settings import LinkConfig, LinkTiming
+from bt_jax.deploy.link.settings import EGM_SPEED, LinkConfig, LinkTiming
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.controller import Controller
 from bt_jax.deploy.twin.network import free_ports
@@ -68,7 +69,8 @@ def test_all_seven_axes_are_guided():
 
 
 def test_the_controller_limits_the_speed_but_not_below_ours():
-    assert np.degrees(FASTEST) * 1.05 < constant("MAX_SPEED") < 1.5 * np.degrees(FASTEST)
+    assert constant("MAX_SPEED") == pytest.approx(np.degrees(EGM_SPEED))
+    assert np.degrees(REDUCED_SPEED) * 1.05 < constant("MAX_SPEED") < 1.5 * np.degrees(REDUCED_SPEED)
 
 
 def test_we_hold_the_arms_until_guided_motion_has_ended():
@@ -172,6 +174,17 @@ def test_the_command_writes_it_and_says_what_next(tmp_path):
     said = console.file.getvalue()
     for word in ("never run on a controller", "UDPUC", "6511", "6512", "T_ROB_L", "emergency stop"):
         assert word in said
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [({"gripper_mass": mass}, "--gripper-mass") for mass in (math.nan, math.inf, -3.0, 0.0, 0.45)]
+    + [({"task": "stack"}, "100 mm wide")],
+)
+def test_nothing_is_written_that_an_arm_cannot_take(tmp_path, changes, told):
+    with pytest.raises(UserError, match=told):
+        rapid_command(RapidArguments(out=tmp_path, **changes), Console(file=io.StringIO()))
+    assert not list(tmp_path.iterdir())
 
 
 def test_where_it_cannot_be_written_a_sentence_says_so(tmp_path):

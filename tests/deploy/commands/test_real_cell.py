@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bt_jax._util.errors import UserError
-from bt_jax.deploy.commands.arguments import FASTEST, CheckArguments, RunArguments
+from bt_jax.deploy.commands.arguments import REDUCED_SPEED, CheckArguments, RunArguments
 from bt_jax.deploy.commands.check import check_command
 from bt_jax.deploy.commands.run import SENTENCE, run_command
 from bt_jax.deploy.execution.log import Log
@@ -206,7 +206,7 @@ def test_faults_in_mid_motion_hold_the_arms(at_a_terminal, tmp_path, fault, code
         assert word in end["reason"]
         if controller.alive:
             held = arm_joints(controller)
-            assert np.abs(held - struck[0]).max() < FASTEST * seconds
+            assert np.abs(held - struck[0]).max() < REDUCED_SPEED * seconds
             time.sleep(0.5)
             np.testing.assert_allclose(arm_joints(controller), held, atol=1e-3)
 

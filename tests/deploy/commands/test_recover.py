@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bt_jax._util.errors import UserError
-from bt_jax.deploy.commands.arguments import FASTEST, RecoverArguments
+from bt_jax.deploy.commands.arguments import REDUCED_SPEED, RecoverArguments
 from bt_jax.deploy.commands.recover import recover_command
 from bt_jax.deploy.execution.settings import Exit
 from bt_jax.deploy.robot.yumi import YUMI
@@ -36,7 +36,7 @@ def test_the_arms_rise_and_go_home_once_the_word_is_typed(tmp_path, monkeypatch)
         assert "fingers" in person.said
         np.testing.assert_allclose(arms(controller), before, atol=1e-3)
         person = Terminal("release")
-        assert recover_command(RecoverArguments(**arguments, speed=FASTEST), person) == Exit.DONE, person.said
+        assert recover_command(RecoverArguments(**arguments, speed=REDUCED_SPEED), person) == Exit.DONE, person.said
         assert "the arms are home" in person.said
         home = np.array([YUMI.home[arm] for arm in YUMI.arm_names])
         assert np.abs(arms(controller) - home).max() < 0.06

@@ -131,6 +131,10 @@ REFUSED = [
     (("pick BlueBox", "--watch", "--camera", "twin"), "--watch does not take a script"),
     (("--watch", "--camera", "twin", "--fps", "0"), "--fps is 0; choose"),
     (("--watch", "--camera", "twin", "--idle", "nan"), "--idle is nan; choose"),
+    (("--watch", "--camera", "twin", "--idle", "inf"), "--idle is inf; choose"),
+    (("--watch", "--camera", "twin", "--fps", "nan"), "--fps is nan; choose"),
+    (("--watch", "--camera", "twin", "--fps", "inf"), "--fps is inf; choose"),
+    (("--watch", "--camera", "twin", "--task", "stack"), "of task stack is 100 mm wide"),
 ]
 
 
