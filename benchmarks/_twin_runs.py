@@ -1,15 +1,12 @@
-"""Runs of a tree on the twin, several at a time, kept in a file as they end: a survey that was interrupted goes on."""
+"""Runs of a tree on the twin, for surveys that go on where they were interrupted."""
 
 from __future__ import annotations
 
-import concurrent.futures
 import dataclasses
-import json
-import multiprocessing
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks._survey import code_digest, digest_of
 from bt_jax.deploy.execution.program import load_program
 from bt_jax.deploy.execution.settings import Limits
 from bt_jax.deploy.robot.yumi import YUMI
@@ -19,7 +16,8 @@ from bt_jax.deploy.twin.settings import Realism
 
 @dataclasses.dataclass(frozen=True)
 class Job:
-    """One run: `disturbance` as `run_twin` knows it, "" for none; `touches` of a person; images `width` px wide."""
+    """One run: `disturbance` as `run_twin` knows it, "" for none; `touches` of a person; images `width` px wide. `program`
+    and `code` tell runs of other trees, tasks and versions of the package apart."""
 
     disturbance: str
     seed: int
@@ -27,6 +25,14 @@ class Job:
     width: int = 1280
     factor: float = 1.0  # of all that `Realism` says
     limit: float = 240.0  # s
+    program: str = ""
+    code: str = ""
+
+
+def origin(source: Path) -> dict[str, str]:
+    """Return the `program` and the `code` of jobs that run the tree of a run folder or file now."""
+    program = load_program(source)
+    return {"program": f"{program.digest[:12]}-{digest_of(program.task)}", "code": code_digest()}
 
 
 def carry_out(source: Path, job: Job, logs: Path | None = None) -> dict[str, Any]:
@@ -45,7 +51,6 @@ def carry_out(source: Path, job: Job, logs: Path | None = None) -> dict[str, Any
     )
     last = max((touch.time for touch in run.touches), default=run.start)
     return {
-        **dataclasses.asdict(job),
         "status": run.outcome.status.name,
         "reason": run.outcome.reason,
         "solved": bool(run.solved),
@@ -59,26 +64,3 @@ def carry_out(source: Path, job: Job, logs: Path | None = None) -> dict[str, Any
         "ticks": run.outcome.ticks,
         "slow ticks": run.outcome.overruns,
     }
-
-
-def stored(path: Path) -> list[dict[str, Any]]:
-    """Return the records in a file, none if it is missing."""
-    return json.loads(path.read_text(encoding="utf-8")).get("runs", []) if path.exists() else []
-
-
-def accumulated(
-    path: Path, source: Path, jobs: Sequence[Job], processes: int, logs: Path | None = None
-) -> Iterator[dict[str, Any]]:
-    """Yield the record of each job: those in the file first, then new ones as they end and are added to it."""
-    records = stored(path)
-    done = {tuple(record[field.name] for field in dataclasses.fields(Job)): record for record in records}
-    missing = [job for job in jobs if dataclasses.astuple(job) not in done]
-    yield from (done[dataclasses.astuple(job)] for job in jobs if dataclasses.astuple(job) in done)
-    context = multiprocessing.get_context("spawn")
-    with concurrent.futures.ProcessPoolExecutor(processes, mp_context=context) as pool:
-        futures = [pool.submit(carry_out, source, job, logs) for job in missing]
-        for future in concurrent.futures.as_completed(futures):
-            records.append(future.result())
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(json.dumps({"runs": records}, indent=1) + "\n", encoding="utf-8")
-            yield records[-1]

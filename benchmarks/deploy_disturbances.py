@@ -6,6 +6,7 @@ python -m benchmarks.deploy_disturbances RUN_FOLDER|TREE [--kinds steal dark] [-
 from __future__ import annotations
 
 import dataclasses
+import functools
 import re
 import statistics
 from collections.abc import Iterable
@@ -16,7 +17,8 @@ import tyro
 from rich.console import Console
 
 from benchmarks._report import RESULTS, report
-from benchmarks._twin_runs import Job, accumulated, stored
+from benchmarks._survey import accumulated, stored
+from benchmarks._twin_runs import Job, carry_out, origin
 from bt_jax.deploy.twin.disturbances import DISTURBANCES, disturbance
 
 SOON = 20.0  # s within which a run that cannot be solved should stop
@@ -100,19 +102,21 @@ def main(arguments: Arguments) -> None:
     console, path = Console(highlight=False, soft_wrap=True), arguments.out or RESULTS / "deploy_disturbances.json"
     for kind in arguments.kinds:
         disturbance(kind)
+    own = origin(arguments.source)
     jobs = [
-        Job(kind, seed, width=arguments.width, limit=120.0)
+        Job(kind, seed, width=arguments.width, limit=120.0, **own)
         for seed in range(arguments.seeds)
         for kind in arguments.kinds
     ]
-    for record in accumulated(path, arguments.source, jobs, arguments.jobs, arguments.logs):
+    work = functools.partial(carry_out, arguments.source, logs=arguments.logs)
+    for record in accumulated(path, jobs, work, arguments.jobs):
         console.print(
             f"{record['disturbance']:16s} {record['seed']:3d}  {verdict(record):13s} {record['after']:6.1f} s  "
             f"{record['reason']}  [{record['touched']}]",
             markup=False,
         )
-    records = stored(path)
-    report("deploy_disturbances", "disturbances on the twin", rows(records), out=path, runs=records)
+    found = rows(stored(path, **own))
+    report("deploy_disturbances", "disturbances on the twin", found, out=path, runs=stored(path))
 
 
 if __name__ == "__main__":

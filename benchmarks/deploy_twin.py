@@ -6,6 +6,7 @@ python -m benchmarks.deploy_twin RUN_FOLDER|TREE [--layouts 20] [--factor 1.5] [
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,7 +16,8 @@ import tyro
 from rich.console import Console
 
 from benchmarks._report import RESULTS, report
-from benchmarks._twin_runs import Job, accumulated, stored
+from benchmarks._survey import accumulated, stored
+from benchmarks._twin_runs import Job, carry_out, origin
 
 WITH_A_PERSON = 1000  # the first layout of these
 
@@ -67,19 +69,19 @@ def rows(records: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def main(arguments: Arguments) -> None:
     console, path = Console(highlight=False, soft_wrap=True), arguments.out or RESULTS / "deploy_twin.json"
+    own = origin(arguments.source)
     jobs = [
-        Job("", first + layout, touches, arguments.width, arguments.factor)
+        Job("", first + layout, touches, arguments.width, arguments.factor, **own)
         for layout in range(arguments.layouts)
         for first, touches in ((0, 0), (WITH_A_PERSON, 1))
     ]
-    for record in accumulated(path, arguments.source, jobs, arguments.jobs):
+    for record in accumulated(path, jobs, functools.partial(carry_out, arguments.source), arguments.jobs):
         console.print(
             f"layout {record['seed']:4d}  {'✓' if solved(record) else '✗'} {record['robot s']:6.1f} s  "
             f"worst {max(record['mm']):5.1f} mm  {record['reason']}  {record['touched']}",
             markup=False,
         )
-    runs = stored(path)
-    report("deploy_twin", "a tree on the twin", rows(runs), out=path, runs=runs)
+    report("deploy_twin", "a tree on the twin", rows(stored(path, **own)), out=path, runs=stored(path))
 
 
 if __name__ == "__main__":

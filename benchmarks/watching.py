@@ -4,7 +4,7 @@ series, from which a tree is learnt on the ordinary path. Then the trees run on 
 The films of `held out` come from another camera, in other light, of another hand, with more noise and blur; nothing of the
 detection or the watching was tuned on them.
 
-python -m benchmarks.watching films [--series 20] [--held-out 10]
+python -m benchmarks.watching films [--series 20] [--held-out 10] [--jobs 2]
 python -m benchmarks.watching twin [--layouts 20]
 """
 
@@ -17,7 +17,7 @@ import tempfile
 from collections import Counter
 from pathlib import Path
 from time import perf_counter
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 os.environ.setdefault("MUJOCO_GL", "egl")
 
@@ -26,7 +26,8 @@ import tyro
 from rich.console import Console
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from benchmarks._report import report
+from benchmarks._report import RESULTS, report
+from benchmarks._survey import accumulated, code_digest, digest_of, stored
 from bt_jax._util.errors import UserError
 from bt_jax.deploy.execution.program import Program
 from bt_jax.deploy.execution.settings import Exit, Limits
@@ -102,27 +103,65 @@ class Arguments:
     """in which a tree runs on the twin, of every task"""
     first: int = 0
     """number of the first series"""
+    jobs: int = 1
+    """series at a time"""
     out: Path | None = None
-    """where to write the JSON file"""
+    """where the JSON file is, to which series of films are added"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Job:
+    """One series of films. `definition` and `code` tell those of other tasks and versions of the package apart."""
+
+    films: str
+    task: str
+    number: int
+    definition: str
+    code: str
 
 
 def main(arguments: Arguments) -> None:
-    console, tasks = Console(highlight=False), list(map(load_task, arguments.tasks))
+    console = Console(highlight=False, soft_wrap=True)
     if arguments.part == "twin":
         rows = []
-        for task in tasks:
-            lesson = series(task, arguments.first, TUNED, console).lesson
+        for task in map(load_task, arguments.tasks):
+            lesson = series(task, arguments.first, TUNED).lesson
             if lesson is not None:
                 rows.append(on_twin(task, lesson, arguments.layouts, console))
         report("watching_twin", "trees from watched demonstrations, on the twin", rows, out=arguments.out)
         return
-    found: dict[tuple[str, str], list[Series]] = {}
-    for number in range(arguments.first, arguments.first + max(arguments.series, arguments.held_out)):
-        for shooting, count in ((TUNED, arguments.series), (HELD_OUT, arguments.held_out)):
-            for task in tasks if number < arguments.first + count else ():
-                found.setdefault((shooting.name, task.name), []).append(series(task, number, shooting, console))
-        rows = [summary(*names, part) for names, part in sorted(found.items(), reverse=True)]
-        report("watching", "trees from watched demonstrations", rows, out=arguments.out, fps=FPS)
+    path, code = arguments.out or RESULTS / "watching.json", code_digest(Path(__file__))
+    definitions = {task: digest_of(load_task(task)) for task in arguments.tasks}
+    jobs = [
+        Job(shooting.name, task, number, definition, code)
+        for number in range(arguments.first, arguments.first + max(arguments.series, arguments.held_out))
+        for shooting, count in ((TUNED, arguments.series), (HELD_OUT, arguments.held_out))
+        for task, definition in (definitions.items() if number < arguments.first + count else ())
+    ]
+    found: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for record in accumulated(path, jobs, film_series, arguments.jobs):
+        found.setdefault((record["films"], load_task(record["task"]).name), []).append(record)
+        verdict = "right" if record["right"] else "WRONG"
+        worst = "" if record["off"] is None else f"worst place {record['off']:.1f} mm"
+        words = record["films"], Path(record["task"]).stem, record["number"], verdict, worst, record["problem"]
+        console.print(*words, record["doubts"] or "", f"{record['seconds']:.0f} s", sep="  ", markup=False)
+    rows = [summary(*names, part) for names, part in sorted(found.items(), reverse=True)]
+    report("watching", "trees from watched demonstrations", rows, out=path, fps=FPS, runs=stored(path))
+
+
+def film_series(job: Job) -> dict[str, Any]:
+    """Return what a series taught and how it went, as JSON has it; errors in mm."""
+    result = series(load_task(job.task), job.number, {each.name: each for each in (TUNED, HELD_OUT)}[job.films])
+    return {
+        "right": result.right,
+        "problem": result.problem,
+        "off": None if result.off is None else round(1000 * result.off, 2),
+        "seen off": [round(1000 * error, 3) for error in result.seen_off],
+        "doubts": dict(result.doubts),
+        "again": result.again,
+        "images": result.images,
+        "seconds": round(result.seconds, 1),
+    }
 
 
 @dataclasses.dataclass
@@ -132,7 +171,7 @@ class Series:
     lesson: Lesson | None = None
     problem: str = ""
     right: bool = False
-    off: float = float("nan")  # of the worst place from where it is meant to be
+    off: float | None = None  # of the worst place from where it is meant to be
     seen_off: list[float] = dataclasses.field(
         default_factory=list
     )  # of where boxes were seen in their frames, from where they stood
@@ -142,7 +181,7 @@ class Series:
     seconds: float = 0.0
 
 
-def series(task: Task, number: int, shooting: Shooting, console: Console) -> Series:
+def series(task: Task, number: int, shooting: Shooting) -> Series:
     """Watch one series and learn from it."""
     result, began = Series(), perf_counter()
     with tempfile.TemporaryDirectory() as folder:
@@ -163,10 +202,6 @@ def series(task: Task, number: int, shooting: Shooting, console: Console) -> Ser
             )
             result.right = result.off <= RIGHT
     result.seconds = perf_counter() - began
-    console.print(
-        f"{shooting.name:9} {task.name:13} {number:3}  {'right' if result.right else 'WRONG'}  worst place "
-        f"{1000 * result.off:4.1f} mm  {dict(result.doubts) or ''} {result.problem} {result.seconds:.0f} s"
-    )
     return result
 
 
@@ -229,11 +264,11 @@ def shape(tree: object) -> str:
     return re.sub(r"\([-\d., e]+\)", "(..)", str(tree))
 
 
-def summary(films: str, task: str, found: list[Series]) -> dict:
+def summary(films: str, task: str, found: list[dict[str, Any]]) -> dict[str, Any]:
     """One line of the table."""
-    good = [one for one in found if one.right]
-    off = [1000 * one.off for one in good]
-    seen = [1000 * error for one in found for error in one.seen_off]
+    good = [one for one in found if one["right"]]
+    off = [one["off"] for one in good]
+    seen = [error for one in found for error in one["seen off"]]
     return {
         "films": films,
         "task": task,
@@ -243,11 +278,11 @@ def summary(films: str, task: str, found: list[Series]) -> dict:
         "worst place, mm most": max(off, default=float("nan")),
         "seen, mm median": float(np.median(seen)) if seen else float("nan"),
         "seen, mm 95 %": float(np.percentile(seen, 95)) if seen else float("nan"),
-        "shown again": sum(one.again for one in found),
-        "doubts": sum(sum(one.doubts.values()) for one in found),
-        "problems": "; ".join(one.problem for one in found if one.problem),
-        "images": sum(one.images for one in found),
-        "ms an image": 1000 * sum(one.seconds for one in found) / max(1, sum(one.images for one in found)),
+        "shown again": sum(one["again"] for one in found),
+        "doubts": sum(sum(one["doubts"].values()) for one in found),
+        "problems": "; ".join(one["problem"] for one in found if one["problem"]),
+        "images": sum(one["images"] for one in found),
+        "ms an image": 1000 * sum(one["seconds"] for one in found) / max(1, sum(one["images"] for one in found)),
     }
 
 
