@@ -25,9 +25,10 @@ from bt_jax._util.words import counted
 from bt_jax.commands.arguments import DemonstrateArguments
 from bt_jax.deploy.commands.arguments import DEFAULT_TASK
 from bt_jax.deploy.perception.calibration import Intrinsics
-from bt_jax.deploy.perception.camera import Camera, Recorder, open_camera
+from bt_jax.deploy.perception.camera import Camera
 from bt_jax.deploy.perception.camera_file import load_camera
-from bt_jax.deploy.perception.film import FilmCamera, pictures_in
+from bt_jax.deploy.perception.film import Recorder, pictures_in
+from bt_jax.deploy.perception.opening import open_camera
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.cell import build_scene
 from bt_jax.deploy.twin.demonstrator import Demonstrator
@@ -118,19 +119,15 @@ def _sources(arguments: DemonstrateArguments, task: Task, folder: DemonstrationF
     if Path(name).is_dir():
         inner = [] if pictures_in(Path(name)) else sorted(path for path in Path(name).iterdir() if path.is_dir())
         for path in inner or [Path(name)]:
-            yield _Source(str(path), functools.partial(_film, path, lens, place.pose, fps), repeats=False)
+            yield _Source(str(path), functools.partial(_open, str(path), lens, place.pose, fps), repeats=False)
         return
     for number in range(1, arguments.count + 1):
         title = f"demonstration {number} of {arguments.count}; Enter or Ctrl-C ends it"
-        yield _Source(title, functools.partial(_camera, name, lens, place.pose), live=True)
+        yield _Source(title, functools.partial(_open, name, lens, place.pose), live=True)
 
 
-def _camera(name: str, lens: Intrinsics, pose: RigidTransform) -> tuple[Camera, RigidTransform]:
-    return open_camera(name, lens), pose
-
-
-def _film(folder: Path, lens: Intrinsics, pose: RigidTransform, fps: float | None) -> tuple[Camera, RigidTransform]:
-    return FilmCamera(folder, lens, fps), pose
+def _open(name: str, lens: Intrinsics, pose: RigidTransform, fps: float | None = None) -> tuple[Camera, RigidTransform]:
+    return open_camera(name, lens, fps=fps, realtime=False), pose
 
 
 def _twin(task: Task, seed: list[int], attempts: Iterator[int], fps: float) -> tuple[Camera, RigidTransform]:

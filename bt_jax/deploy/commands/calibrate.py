@@ -6,7 +6,6 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import cv2
 import numpy as np
 from rich.console import Console
 from rich.progress import Progress
@@ -25,12 +24,13 @@ from bt_jax.deploy.perception.calibration import (
     locate_camera,
     marker_centres,
 )
-from bt_jax.deploy.perception.camera import CameraError, open_camera
+from bt_jax.deploy.perception.camera import CameraError
 from bt_jax.deploy.perception.camera_file import load_intrinsics, load_points, save_camera
+from bt_jax.deploy.perception.film import pictures_in, read_picture
+from bt_jax.deploy.perception.opening import open_camera
 
 __all__ = ["calibrate_command"]
 
-PICTURES = (".png", ".jpg", ".jpeg", ".bmp")
 IMAGES = 30  # of the markers, averaged
 LIMITS = CalibrationLimits()
 ATTEMPTS = 3000  # images of a live camera to look for the board in
@@ -115,10 +115,7 @@ def _place(arguments: CalibrateArguments, console: Console) -> int:
 def _images(arguments: CalibrateArguments) -> Iterator[ColorImage]:
     folder = Path(arguments.camera)
     if folder.is_dir():
-        for path in sorted(folder.iterdir()):
-            image = cv2.imread(str(path)) if path.suffix.lower() in PICTURES else None
-            if image is not None:
-                yield cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+        yield from map(read_picture, pictures_in(folder))
         return
     camera = open_camera(arguments.camera, None, width=arguments.width, height=arguments.height)
     last = float("-inf")

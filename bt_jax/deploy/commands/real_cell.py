@@ -18,8 +18,8 @@ from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.deploy.link.safety import Rules
 from bt_jax.deploy.link.settings import LinkConfig
 from bt_jax.deploy.perception.calibration import CameraPose, Intrinsics
-from bt_jax.deploy.perception.camera import open_camera
 from bt_jax.deploy.perception.camera_file import load_camera
+from bt_jax.deploy.perception.opening import open_camera
 from bt_jax.deploy.perception.pipeline import Perception
 from bt_jax.deploy.perception.threaded import BackgroundPerception
 from bt_jax.deploy.planning.grasps import grasp_poses

@@ -8,32 +8,12 @@ from bt_jax._util.errors import UserError
 from bt_jax.deploy.perception.camera import (
     Camera,
     CameraError,
-    CameraFrame,
-    RecordedCamera,
-    Recorder,
     UvcCamera,
-    open_camera,
 )
+from bt_jax.deploy.perception.opening import open_camera
 from bt_jax.deploy.twin.rendered_camera import RenderedCamera, cell_camera
 from bt_jax.tasks import load_task, task_names
 from tests.helpers.rendered import PLACEMENT, TASK, fresh_scene
-
-
-class Pictures:
-    """A camera that gives images of its own, or none."""
-
-    def __init__(self, count: int) -> None:
-        rng = np.random.default_rng(0)
-        self.images = [rng.integers(0, 256, (48, 64, 3), np.uint8) for _ in range(count)]
-        self.index = 0
-
-    def read(self) -> CameraFrame:
-        image = self.images[min(self.index, len(self.images) - 1)]
-        self.index += 1
-        return CameraFrame(image, 10.0 + 0.1 * min(self.index, len(self.images)), np.eye(3), np.arange(5.0))
-
-    def close(self) -> None:
-        self.images = []
 
 
 def film(path, count: int = 12) -> None:
@@ -41,43 +21,6 @@ def film(path, count: int = 12) -> None:
     for i in range(count):
         writer.write(np.full((48, 64, 3), 20 * i, np.uint8))
     writer.release()
-
-
-def test_what_was_recorded_is_played_back(tmp_path):
-    pictures = Pictures(3)
-    recorder = Recorder(pictures, tmp_path)
-    assert isinstance(recorder, Camera)
-    for _ in range(5):
-        recorder.read()
-    played = RecordedCamera(tmp_path)
-    for i, image in enumerate(pictures.images):
-        frame = played.read()
-        np.testing.assert_array_equal(frame.image, image)
-        np.testing.assert_array_equal(frame.distortion, np.arange(5.0))
-        assert frame.time == pytest.approx(10.1 + 0.1 * i)
-    with pytest.raises(CameraError, match="end"):
-        played.read()
-
-
-def test_a_recording_plays_by_the_clock(tmp_path):
-    pictures, now = Pictures(3), [50.0]
-    recorder = Recorder(pictures, tmp_path)
-    for _ in range(3):
-        recorder.read()
-    played = RecordedCamera(tmp_path, lambda: now[0])
-    for passed, index in [(0.0, 0), (0.09, 0), (0.11, 1), (5.0, 2)]:
-        now[0] = 50.0 + passed
-        frame = played.read()
-        np.testing.assert_array_equal(frame.image, pictures.images[index])
-        assert frame.time == pytest.approx(50.0 + 0.1 * index)
-
-
-def test_bad_recordings_are_refused(tmp_path):
-    with pytest.raises(UserError, match="no recorded images"):
-        RecordedCamera(tmp_path)
-    (tmp_path / "000000.json").write_text("{}")
-    with pytest.raises(UserError, match="record again"):
-        RecordedCamera(tmp_path)
 
 
 def test_a_film_is_a_camera_until_its_end(tmp_path):
@@ -133,6 +76,12 @@ def test_a_camera_of_another_size_is_refused(tmp_path):
 def test_no_camera_is_told(tmp_path):
     with pytest.raises(UserError, match="cannot be opened"):
         open_camera(str(tmp_path / "none.avi"), None)
+
+
+def test_a_video_is_refused_with_a_remedy(tmp_path):
+    film(tmp_path / "film.avi")
+    with pytest.raises(UserError, match=r"film\.avi is a file, .*ffmpeg -i .*and give the folder"):
+        open_camera(str(tmp_path / "film.avi"), None)
 
 
 def test_rendered_images_freeze_and_are_lost():

@@ -6,10 +6,28 @@ from PIL import Image
 
 from bt_jax._util.errors import UserError
 from bt_jax.deploy.perception.calibration import Intrinsics
-from bt_jax.deploy.perception.camera import CameraFrame, Recorder
-from bt_jax.deploy.perception.film import FilmCamera, FilmEnded
+from bt_jax.deploy.perception.camera import Camera, CameraFrame
+from bt_jax.deploy.perception.film import FilmCamera, FilmEnded, Recorder, pictures_in, read_picture
+from bt_jax.deploy.perception.opening import open_camera
 
 LENS = Intrinsics(np.array([[20.0, 0, 11.5], [0, 20, 8.5], [0, 0, 1]]), np.zeros(5), 24, 18, 0.1)
+
+
+class Pictures:
+    """A camera that gives images of its own, or none."""
+
+    def __init__(self, count: int) -> None:
+        rng = np.random.default_rng(0)
+        self.images = [rng.integers(0, 256, (48, 64, 3), np.uint8) for _ in range(count)]
+        self.index = 0
+
+    def read(self) -> CameraFrame:
+        image = self.images[min(self.index, len(self.images) - 1)]
+        self.index += 1
+        return CameraFrame(image, 10.0 + 0.1 * min(self.index, len(self.images)), np.eye(3), np.arange(5.0))
+
+    def close(self) -> None:
+        self.images = []
 
 
 def filmed(folder, *names, size=(24, 18), taken=()):
@@ -57,21 +75,70 @@ def test_a_rate_counts_more_than_what_pictures_tell(tmp_path):
     assert [int(camera.read().image[0, 0, 0]) for _ in range(3)] == [0, 10, 20]  # frame9 before frame10
 
 
-def test_what_was_recorded_is_played_at_its_times(tmp_path):
-    class Source:
-        time = 5.0
+def test_what_was_recorded_is_played_back(tmp_path):
+    pictures = Pictures(3)
+    recorder = Recorder(pictures, tmp_path)
+    assert isinstance(recorder, Camera)
+    for _ in range(5):
+        recorder.read()
+    played = FilmCamera(tmp_path, LENS)
+    for i, image in enumerate(pictures.images):
+        frame = played.read()
+        np.testing.assert_array_equal(frame.image, image)
+        np.testing.assert_array_equal(frame.distortion, np.arange(5.0))
+        assert frame.time == pytest.approx(10.1 + 0.1 * i)
+    with pytest.raises(FilmEnded, match="end"):
+        played.read()
 
-        def read(self):
-            self.time += 0.3
-            return CameraFrame(np.zeros((18, 24, 3), np.uint8), self.time, LENS.matrix, LENS.distortion)
 
-        def close(self):
-            pass
-
-    recorder = Recorder(Source(), tmp_path)
+def test_a_recording_plays_by_the_clock(tmp_path):
+    pictures, now = Pictures(3), [50.0]
+    recorder = Recorder(pictures, tmp_path)
     for _ in range(3):
         recorder.read()
-    assert times(tmp_path) == pytest.approx([5.3, 5.6, 5.9])
+    played = FilmCamera(tmp_path, LENS, clock=lambda: now[0])
+    for passed, index in [(0.0, 0), (0.09, 0), (0.11, 1), (5.0, 2)]:
+        now[0] = 50.0 + passed
+        frame = played.read()
+        np.testing.assert_array_equal(frame.image, pictures.images[index])
+        assert frame.time == pytest.approx(50.0 + 0.1 * index)
+
+
+def test_bad_recordings_are_refused(tmp_path):
+    with pytest.raises(UserError, match="holds no pictures"):
+        FilmCamera(tmp_path, LENS)
+    filmed(tmp_path, "000000.png")
+    (tmp_path / "000000.json").write_text("{}")
+    with pytest.raises(UserError, match="record again"):
+        FilmCamera(tmp_path, LENS)
+
+
+def test_a_recording_at_another_rate_keeps_its_lens(tmp_path):
+    recorder = Recorder(Pictures(2), tmp_path)
+    for _ in range(2):
+        recorder.read()
+    assert times(tmp_path) == pytest.approx([10.1, 10.2])
+    assert times(tmp_path, fps=2.0) == [0, 0.5]
+    frame = FilmCamera(tmp_path, LENS, 2.0).read()
+    np.testing.assert_array_equal(frame.distortion, np.arange(5.0))
+    np.testing.assert_array_equal(frame.matrix, np.eye(3))
+
+
+def test_every_folder_of_pictures_that_is_watched_is_also_played(tmp_path):
+    folder = filmed(tmp_path / "film", "a_12.5.webp", "a_9.25.webp")
+    assert [path.name for path in pictures_in(folder)] == ["a_9.25.webp", "a_12.5.webp"]
+    played = open_camera(str(folder), LENS, clock=lambda: 100.0).read()
+    assert played.time == 100.0
+    np.testing.assert_array_equal(played.matrix, LENS.matrix)
+    watched = open_camera(str(folder), LENS, realtime=False)
+    assert [watched.read().time, watched.read().time] == [9.25, 12.5]
+
+
+def test_a_picture_is_not_turned_as_its_camera_was_held(tmp_path):
+    exif = Image.Exif()
+    exif[0x0112] = 6  # orientation: to be turned by 90 degrees
+    Image.new("RGB", (24, 18)).save(tmp_path / "board.jpg", exif=exif)
+    assert read_picture(tmp_path / "board.jpg").shape == (18, 24, 3)
 
 
 BAD = {

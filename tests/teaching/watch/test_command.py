@@ -13,8 +13,9 @@ from bt_jax.commands import watch as command
 from bt_jax.commands.arguments import DemonstrateArguments
 from bt_jax.commands.watch import watch
 from bt_jax.deploy.perception.calibration import CameraPose, Intrinsics
-from bt_jax.deploy.perception.camera import CameraError, Recorder
+from bt_jax.deploy.perception.camera import CameraError
 from bt_jax.deploy.perception.camera_file import save_camera
+from bt_jax.deploy.perception.film import Recorder
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.cell import build_scene
 from bt_jax.deploy.twin.demonstrator import Demonstrator, Manner
@@ -97,7 +98,7 @@ def test_a_person_puts_the_boxes_back_before_every_showing_but_the_first(filmed,
     film = (sighting for part in (table.wait(1), table.carry("YellowBox", IN_KIT)) for sighting in part)
     _, watched = watched_of(film)
     doubt = Doubt("bumped", "BlueBox was bumped", (), "leave out")
-    monkeypatch.setattr(command, "open_camera", lambda name, lens: happened.append("watched") or Blind())
+    monkeypatch.setattr(command, "open_camera", lambda name, lens, **how: happened.append("watched") or Blind())
     monkeypatch.setattr(
         command, "watch_demonstration", lambda *given, **others: dataclasses.replace(watched, doubts=(doubt,))
     )
