@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform
 
-from bt_jax.deploy.perception.level import lean, level
-from bt_jax.tasks import Table, Task
+from bt_jax.deploy.planning.pose_geometry import is_over_kit, lean, level, stands_on, table_under
+from bt_jax.tasks import Task
 
 __all__ = ["CameraShift", "camera_shift"]
 
@@ -24,7 +24,7 @@ HEIGHT = 0.0032  # m by which things must seem too high or too low; a calibratio
 TILT = math.radians(0.5)  # by which they must seem to slant
 ALIKE = 0.5  # of these limits: within it things err alike, as they do if the camera is to blame
 AWAY = 0.03  # m from its height on a table: such a box lies on nothing that is known
-LEANING = math.radians(6)  # such a box leans on something
+UPRIGHT = math.radians(6)  # a box that is tilted by more leans on something
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,42 +61,26 @@ def _lying(task: Task, poses: Mapping[str, RigidTransform]) -> list[tuple[float,
     """Return, for all that lies on a table or the kit, how much too high it is [m] and the slope of its top."""
     finite = {name: pose for name, pose in poses.items() if np.isfinite(pose.as_matrix()).all()}
     base, kit, found = np.array(task.robot_position), finite.get(task.kit.name), []
-    if kit is not None and (table := _table_under(task, kit.translation + base)) is not None:
+    if kit is not None and (table := table_under(task, kit.translation + base)) is not None:
         error = kit.translation[2] + base[2] - table.top - task.kit.thickness / 2
         found.append((float(error), kit.rotation.as_matrix()[:2, 2]))
     boxes = {box.name: finite[box.name] for box in task.boxes if box.name in finite}
     for box in task.boxes:
         pose = boxes.get(box.name)
-        if pose is None or lean(pose) > LEANING or _on_another(task, box.name, boxes):
+        on_another = pose is not None and any(
+            stands_on(task, box.name, other, boxes, above_most=math.inf) for other in boxes
+        )
+        if pose is None or lean(pose) > UPRIGHT or on_another:
             continue
-        table = _table_under(task, pose.translation + base)
+        table = table_under(task, pose.translation + base)
         if table is None:
             continue
-        in_kit = kit is not None and bool(np.all(np.abs(kit.inv().apply(pose.translation)[:2]) < task.kit.size / 2))
+        in_kit = kit is not None and is_over_kit(task, kit, pose.translation)
         floor = table.top + (task.kit.thickness if in_kit else 0.0)
         error = float(pose.translation[2] + base[2] - floor - box.size / 2)
         if abs(error) < AWAY:
             found.append((error, level(pose).rotation.as_matrix()[:2, 2]))
     return found
-
-
-def _table_under(task: Task, place: Float[np.ndarray, " 3"]) -> Table | None:
-    """Return the table over which a place of the world lies."""
-    for table in task.tables:
-        if np.all(np.abs(place[:2] - table.position[:2]) <= np.array(table.size[:2]) / 2):
-            return table
-    return None
-
-
-def _on_another(task: Task, name: str, boxes: Mapping[str, RigidTransform]) -> bool:
-    """Does a box stand on another one, or higher than a seen one beside it?"""
-    sizes = {box.name: box.size for box in task.boxes}
-    for other, pose in boxes.items():
-        apart = boxes[name].translation - pose.translation
-        near = np.all(np.abs(apart[:2]) < 0.8 * (sizes[name] + sizes[other]))
-        if other != name and near and apart[2] > sizes[other] / 2:
-            return True
-    return False
 
 
 def _common(

@@ -13,16 +13,15 @@ from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy.execution.observation import Finding
 from bt_jax.deploy.perception.camera_check import camera_shift
-from bt_jax.deploy.perception.detection import Picture
-from bt_jax.deploy.perception.level import lean
+from bt_jax.deploy.perception.detection import Gates, Picture
 from bt_jax.deploy.perception.markers import MODULES, Marker, task_markers
 from bt_jax.deploy.perception.sight import Sight
+from bt_jax.deploy.planning.pose_geometry import lean
 from bt_jax.tasks import Task
 
-__all__ = ["LEANING", "Inspection", "InspectionSettings"]
+__all__ = ["TILTED", "Inspection", "InspectionSettings"]
 
-NEAR = 0.006  # m between where a body is known to be and where an image shows it
-LEANING = math.radians(15)  # from which on a box does not lie on a face
+TILTED = math.radians(15)  # from which on a box does not lie on a face
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,7 +106,7 @@ class Inspection:
         for body in picture.apart:
             yield "twice", Finding(body, f"{body}'s markers are seen at two places: they are on two things", stops=True)
         for body, pose in poses.items():
-            if body != self._task.kit.name and lean(pose) > LEANING:
+            if body != self._task.kit.name and lean(pose) > TILTED:
                 yield "leans", Finding(body, f"{body} is tilted by {math.degrees(lean(pose)):.0f} degrees")
         if all(name in poses for name in self._task.box_names):  # else it may be the one that is missing
             yield from self._covered(picture, poses)
@@ -123,7 +122,7 @@ class Inspection:
     def _covered(self, picture: Picture, poses: Mapping[str, RigidTransform]) -> Iterator[tuple[str, Finding]]:
         for detection in picture.detections:
             body, known = self._camera * detection.pose, poses.get(detection.body)
-            if known is None or math.dist(known.translation, body.translation) > NEAR:
+            if known is None or math.dist(known.translation, body.translation) > Gates.near:
                 continue
             for marker in (self._markers[number] for number in detection.unlike):
                 if self._sight.hidden(marker, body, poses):

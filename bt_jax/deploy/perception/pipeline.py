@@ -9,12 +9,12 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy.execution.observation import Finding
-from bt_jax.deploy.perception.camera import Camera, CameraError
+from bt_jax.deploy.perception.camera import Camera, CameraError, CameraFrame
 from bt_jax.deploy.perception.detection import Detection, Detector
-from bt_jax.deploy.perception.inspection import LEANING, Inspection
-from bt_jax.deploy.perception.level import lean, level
+from bt_jax.deploy.perception.inspection import TILTED, Inspection
 from bt_jax.deploy.perception.markers import task_markers
 from bt_jax.deploy.perception.tracker import Tracker, TrackerSettings
+from bt_jax.deploy.planning.pose_geometry import lean, level, turn_between
 from bt_jax.tasks import Task
 
 __all__ = ["Perception"]
@@ -44,15 +44,18 @@ class Perception:
         self.certain: dict[str, RigidTransform] = {}
 
     def update(self) -> None:
-        """Take in the newest image. An old one, or none, changes nothing: what is known goes on ageing."""
+        """Take in the camera's newest image. An old one, or none, changes nothing: what is known goes on ageing."""
         try:
             frame = self.camera.read()
         except CameraError as error:
             self.lost = str(error)
             return
         self.lost = ""
-        if not frame.time > self.image:
-            return
+        if frame.time > self.image:
+            self.take(frame)
+
+    def take(self, frame: CameraFrame) -> None:
+        """Take in an image that is newer than those before."""
         self.image = frame.time
         to_camera = self.camera_pose.inv()
         known = {name: to_camera * pose for name, pose in self.tracker.last().items()}
@@ -68,7 +71,7 @@ class Perception:
         that lies on another face is level: its z axis points up. A box that leans, on no face, is not known."""
         poses = self.tracker.poses(time)
         kit = {name: poses.pop(name) for name in [self._kit] if name in poses}
-        return {name: level(pose) for name, pose in poses.items() if lean(pose) <= LEANING} | kit
+        return {name: level(pose) for name, pose in poses.items() if lean(pose) <= TILTED} | kit
 
     def findings(self, time: float) -> tuple[Finding, ...]:
         """Return what is wrong with what the pictures show, as of `time` [s]."""
@@ -94,15 +97,13 @@ class Perception:
     ) -> list[RigidTransform]:
         """Return those poses of a doubtful measurement that are turned as the known one or, if none is, stand upright and
         not in a table."""
-        near = [] if known is None else [pose for pose in candidates if _turn(pose, known) < SAME]
+        if known is not None:
+            near = [pose for pose in candidates if turn_between(pose, known) < SAME]
+            if near:
+                return near
         lowest = self._lowest.get(body, -math.inf)
-        return near or [
+        return [
             pose
             for pose in candidates
             if np.abs(pose.rotation.as_matrix()[2]).max() > math.cos(UPRIGHT) and pose.translation[2] > lowest
         ]
-
-
-def _turn(a: RigidTransform, b: RigidTransform) -> float:
-    """Return the angle between two poses, rad."""
-    return float((a.rotation.inv() * b.rotation).magnitude())

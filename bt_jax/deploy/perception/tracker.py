@@ -10,6 +10,8 @@ from types import MappingProxyType
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from bt_jax.deploy.planning.pose_geometry import distance_between, turn_between
+
 __all__ = ["Tracker", "TrackerSettings"]
 
 SIGMA = 0.001  # m, of a measurement that says nothing about it
@@ -118,17 +120,17 @@ class Tracker:
         gap = time - track.time
         passed = gap if gap <= limits.unwatched else 0.0
         return (
-            _distance(track.pose, pose) <= limits.position + limits.speed * passed
-            and _angle(track.pose, pose) <= limits.angle + limits.turn * passed
+            distance_between(track.pose, pose) <= limits.position + limits.speed * passed
+            and turn_between(track.pose, pose) <= limits.angle + limits.turn * passed
         )
 
     def _absorb(self, track: _Track, time: float, pose: RigidTransform, sigma: float) -> None:
         """Average if the body rests as far as this measurement can tell, else take the measurement."""
         limits, weight = self.settings, sigma**-2
         doubt = DOUBT * max(0.0, sigma - SIGMA)
-        still = _distance(track.pose, pose) < min(limits.still + doubt, limits.position) and _angle(
-            track.pose, pose
-        ) < min(limits.still_angle + doubt / LEVER, limits.angle)
+        far, turned = distance_between(track.pose, pose), turn_between(track.pose, pose)
+        still = far < min(limits.still + doubt, limits.position)
+        still = still and turned < min(limits.still_angle + doubt / LEVER, limits.angle)
         before = track.weight * (1 - 1 / limits.window) if still else 0.0
         share = weight / (before + weight)
         turn = (pose.rotation * track.pose.rotation.inv()).as_rotvec()
@@ -137,11 +139,3 @@ class Tracker:
         track.pose = RigidTransform.from_components(position, rotation)
         track.time, track.weight = time, before + weight
         track.count += 1
-
-
-def _distance(a: RigidTransform, b: RigidTransform) -> float:
-    return float(np.linalg.norm(a.translation - b.translation))
-
-
-def _angle(a: RigidTransform, b: RigidTransform) -> float:
-    return float((a.rotation.inv() * b.rotation).magnitude())

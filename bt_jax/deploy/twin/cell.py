@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from bt_jax.deploy.perception.level import level
 from bt_jax.deploy.planning.feasibility import check_scale
+from bt_jax.deploy.planning.pose_geometry import level
 from bt_jax.deploy.robot.arrays import Point
 from bt_jax.deploy.robot.mjcf import add_to_mjcf
 from bt_jax.deploy.robot.model import RobotModel

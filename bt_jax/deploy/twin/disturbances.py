@@ -17,9 +17,10 @@ from bt_jax.deploy.execution.outcome import TickReport
 from bt_jax.deploy.robot.arrays import Point
 from bt_jax.deploy.twin.cell import STRANGER, TwinScene, box_poses
 from bt_jax.deploy.twin.controller import Controller
-from bt_jax.deploy.twin.person import AWAY, OFF, Touch, tcp_points
+from bt_jax.deploy.twin.person import AWAY, OFF, Touch, free_boxes, tcp_points
 from bt_jax.deploy.twin.rendered_camera import RenderedCamera
 from bt_jax.deploy.twin.settings import Realism
+from bt_jax.tasks import Task
 
 __all__ = ["DISTURBANCES", "Disturbance", "Disturber", "disturbance"]
 
@@ -51,20 +52,10 @@ class Moment:
         action = self.shown.action
         return action.object if action is not None and action.name == name else None
 
-    def free(self) -> list[str]:
+    def free(self, task: Task) -> list[str]:
         """Return the boxes that no hand is near and no other stands on."""
-        held = self.shown.seen.holding
-        return [
-            name
-            for name, pose in self.boxes.items()
-            if name != held
-            and all(np.linalg.norm(pose.translation - hand) > AWAY for hand in self.hands.values())
-            and not any(_over(other.translation, pose.translation) for other in self.boxes.values())
-        ]
-
-
-def _over(upper: Point, lower: Point) -> bool:
-    return bool(np.linalg.norm(upper[:2] - lower[:2]) < 0.05 and upper[2] - lower[2] > LEVEL)
+        free = free_boxes(task, self.boxes, self.hands.values())
+        return [name for name in free if name != self.shown.seen.holding]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,7 +114,7 @@ class Disturber:
 
     def swap(self, moment: Moment) -> str | None:
         """Swap two boxes that stand on the same level."""
-        free = moment.free() if moment.time >= self._time else []
+        free = moment.free(self.scene.task) if moment.time >= self._time else []
         for i, one in enumerate(free):
             for other in free[i + 1 :]:
                 if abs(moment.boxes[one].translation[2] - moment.boxes[other].translation[2]) < LEVEL:
@@ -148,7 +139,9 @@ class Disturber:
         """Take a box away for good from where a hand is about to close around it."""
         box = self._descended_on(moment)
         if box is not None:
-            self.controller.put(box, RigidTransform.from_translation([*OFF, self.scene.task.floor + self._half(box)]))
+            self.controller.put(
+                box, RigidTransform.from_translation([*OFF, self.scene.task.floor + self.scene.task.size(box) / 2])
+            )
         return box
 
     def lose(self, moment: Moment) -> str | None:
@@ -157,24 +150,24 @@ class Disturber:
         if box is None or moment.shown.seen.holding != box or not self._lasted(moment, CARRIED):
             return None
         pose = moment.boxes[box]
-        lowest = min(table.top for table in self.scene.task.tables) + self._half(box)
+        lowest = min(table.top for table in self.scene.task.tables) + self.scene.task.size(box) / 2
         below = [*pose.translation[:2], max(pose.translation[2] - 0.07, lowest)]
         self.controller.put(box, RigidTransform.from_components(below, pose.rotation))
         return box
 
     def add_beside(self, moment: Moment) -> str | None:
         """Put an unknown object where a finger will go, as soon as the hand is on its way."""
-        return self._add(moment, lambda box: np.array([2 * self._half(box), 0, 0]))
+        return self._add(moment, lambda box: np.array([self.scene.task.size(box), 0, 0]))
 
     def add_on(self, moment: Moment) -> str | None:
         """Put an unknown object on the box that the hand is on its way to."""
-        return self._add(moment, lambda box: np.array([0, 0, 2 * self._half(box)]))
+        return self._add(moment, lambda box: np.array([0, 0, self.scene.task.size(box)]))
 
     def add_twin(self, moment: Moment) -> str | None:
         """Put an object with the markers of one of the boxes on a table."""
         if moment.time < self._time:
             return None
-        size = 2 * self._half(self.scene.task.box_names[0])
+        size = self.scene.task.size(self.scene.task.box_names[0])
         for table in self.scene.task.tables:
             for x, y in ((0.05, 0.0), (-0.05, 0.0), (0.0, 0.05), (0.0, -0.05)):
                 spot = np.array([table.position[0] + x, table.position[1] + y, table.top + size / 2])
@@ -187,7 +180,7 @@ class Disturber:
 
     def lay_on_side(self, moment: Moment) -> str | None:
         """Lay a box on another of its faces."""
-        free = moment.free() if moment.time >= self._time else []
+        free = moment.free(self.scene.task) if moment.time >= self._time else []
         if not free:
             return None
         box = str(self.rng.choice(free))
@@ -256,9 +249,6 @@ class Disturber:
             return None
         self.controller.put(STRANGER, moment.boxes[box] * RigidTransform.from_translation(offset(box)))
         return box
-
-    def _half(self, box: str) -> float:
-        return next(known.size for known in self.scene.task.boxes if known.name == box) / 2
 
 
 def _pictures(**values: float) -> Disturbance:

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Collection, Mapping
 
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.deploy.execution.outcome import TickReport
+from bt_jax.deploy.planning.pose_geometry import stands_on
 from bt_jax.deploy.robot.arrays import Point
 from bt_jax.deploy.twin.cell import TwinScene, box_poses
 from bt_jax.deploy.twin.controller import Controller
+from bt_jax.tasks import Task
 
-__all__ = ["Person", "Touch", "tcp_points"]
+__all__ = ["Person", "Touch", "free_boxes", "tcp_points"]
 
 AWAY = 0.12  # metres that the person keeps from the hands of the robot
 GONE = (1.5, 8.0)  # seconds for which a box is taken away
@@ -62,7 +65,7 @@ class Person:
         if self.rng.random() < 0.4:
             self._times.pop(0)
             self._gone[box] = now + self.rng.uniform(*GONE)
-            size = self._size(box)
+            size = self.scene.task.size(box)
             return self._lay(now, "remove", box, np.array([*OFF, self.scene.task.floor + size / 2]))
         spot = self._spot(box, hands())
         if spot is None:
@@ -84,22 +87,12 @@ class Person:
 
     def _free_box(self, hands: list[Point]) -> str | None:
         poses = self._poses()
-        free = [
-            name
-            for name, pose in poses.items()
-            if name not in self._gone
-            and all(np.linalg.norm(pose.translation - hand) > AWAY for hand in hands)
-            and not any(self._over(other.translation, pose.translation, name) for other in poses.values())
-        ]
+        free = [name for name in free_boxes(self.scene.task, poses, hands) if name not in self._gone]
         return str(self.rng.choice(free)) if free else None
-
-    def _over(self, upper: Point, lower: Point, name: str) -> bool:
-        size = self._size(name)
-        return bool(np.linalg.norm(upper[:2] - lower[:2]) < size and 0.5 * size < upper[2] - lower[2] < 1.5 * size)
 
     def _spot(self, box: str, hands: list[Point]) -> Point | None:
         """Return a free place on a table without the kit, away from other boxes and from the hands."""
-        task, size = self.scene.task, self._size(box)
+        task, size = self.scene.task, self.scene.task.size(box)
         others = [pose.translation for name, pose in self._poses().items() if name != box]
         kit = self.scene.kit.translation
         tables = [table for table in task.tables if np.linalg.norm(np.subtract(table.position, kit)[:2]) > 0.01]
@@ -115,8 +108,16 @@ class Person:
     def _poses(self) -> dict[str, RigidTransform]:
         return box_poses(self.scene, self.controller.state()[1])
 
-    def _size(self, name: str) -> float:
-        return next(box.size for box in self.scene.task.boxes if box.name == name)
+
+def free_boxes(task: Task, poses: Mapping[str, RigidTransform], hands: Collection[Point]) -> list[str]:
+    """Return the boxes that no hand is near and no other box stands on. `poses` and `hands`, the points between the robot's
+    fingers, are in the world."""
+    return [
+        name
+        for name, pose in poses.items()
+        if all(np.linalg.norm(pose.translation - hand) > AWAY for hand in hands)
+        and not any(stands_on(task, other, name, poses) for other in poses)
+    ]
 
 
 def tcp_points(scene: TwinScene, qpos: Float[np.ndarray, " nq"]) -> dict[str, Point]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
+from bt_jax.deploy.planning.pose_geometry import distance_between, turn_between
 from bt_jax.teaching.watch.moves import Decision, Doubt, Move
-from bt_jax.teaching.watch.sighting import distance_between, turn_between
 
 __all__ = ["doubt_about_end", "doubts_about"]
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 from scipy.spatial.transform import RigidTransform
 
-from bt_jax.deploy.perception.camera import Camera, CameraFrame
+from bt_jax.deploy.perception.camera import Camera
 from bt_jax.deploy.perception.pipeline import Perception
 from bt_jax.deploy.perception.visibility import visible_markers
 from bt_jax.tasks import Task
@@ -15,34 +13,19 @@ from bt_jax.teaching.watch.sighting import Seen, Sighting
 __all__ = ["Looking"]
 
 
-@dataclasses.dataclass
-class _Shown:
-    """A camera that shows one image."""
-
-    frame: CameraFrame | None = None
-
-    def read(self) -> CameraFrame:
-        assert self.frame is not None
-        return self.frame
-
-    def close(self) -> None: ...
-
-
 class Looking:
     """See the bodies of a task through a camera whose frame in the robot's base is `camera_pose` [m]."""
 
     def __init__(self, task: Task, camera: Camera, camera_pose: RigidTransform) -> None:
         self.task, self.camera = task, camera
-        self._shown = _Shown()
-        self._perception = Perception(task, self._shown, camera_pose)
+        self._perception = Perception(task, camera, camera_pose)
 
     def look(self) -> Sighting | None:
         """Return what the next image shows, None if there is no newer one yet. Raise CameraError if there will be none."""
         frame, perception = self.camera.read(), self._perception
         if not frame.time > perception.image:
             return None
-        self._shown.frame = frame
-        perception.update()
+        perception.take(frame)
         used = {detection.body: detection for detection in perception.detections}
         around = {**perception.tracker.last(), **perception.certain}
         visible = visible_markers(self.task, around, perception.camera_pose)

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax._util.errors import UserError
-from bt_jax.deploy.perception.level import level
+from bt_jax.deploy.planning.pose_geometry import level
 from bt_jax.lfd import Action, Demonstration, Frames, Pose
 from bt_jax.lfd.demonstration import END_EFFECTOR_HEIGHT
 from bt_jax.lfd.demonstration import Kind as ActionKind

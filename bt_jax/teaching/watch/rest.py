@@ -10,7 +10,8 @@ from collections.abc import Collection
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from bt_jax.teaching.watch.sighting import Seen, distance_between, turn_between
+from bt_jax.deploy.planning.pose_geometry import distance_between, turn_between
+from bt_jax.teaching.watch.sighting import Seen
 
 __all__ = ["BodyTrack", "Rest", "WatchSettings"]
 

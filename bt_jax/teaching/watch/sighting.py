@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
 
-import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-__all__ = ["Seen", "Sighting", "distance_between", "turn_between"]
+__all__ = ["Seen", "Sighting"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,14 +28,3 @@ class Sighting:
     time: float
     bodies: Mapping[str, Seen]
     screened: frozenset[str] = frozenset()
-
-
-def distance_between(a: RigidTransform, b: RigidTransform) -> float:
-    """Return how far the origins of two frames are apart, m."""
-    return math.dist(a.translation, b.translation)
-
-
-def turn_between(a: RigidTransform, b: RigidTransform) -> float:
-    """Return the angle between the axes of two frames, rad."""
-    cosine = (float(np.sum(a.as_matrix()[:3, :3] * b.as_matrix()[:3, :3])) - 1) / 2
-    return math.acos(max(-1.0, min(1.0, cosine)))

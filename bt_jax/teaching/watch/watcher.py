@@ -13,12 +13,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform
 
-from bt_jax.behaviors.geometry import rests_on
+from bt_jax.deploy.planning.pose_geometry import distance_between, is_over_kit, stands_on
 from bt_jax.tasks import Task
 from bt_jax.teaching.watch.doubts import doubt_about_end, doubts_about
 from bt_jax.teaching.watch.moves import Doubt, Kind, Move, Watched
 from bt_jax.teaching.watch.rest import BodyTrack, Rest, WatchSettings
-from bt_jax.teaching.watch.sighting import Sighting, distance_between
+from bt_jax.teaching.watch.sighting import Sighting
 
 __all__ = ["Event", "EventKind", "Watcher"]
 
@@ -157,17 +157,15 @@ class Watcher:
         if name == self.task.kit.name:
             return self._table(pose.translation, 0.0)
         size, here = self.task.size(name), pose.translation
-        for box in self.task.boxes:
-            track = self._tracks[box.name]
-            if box.name == name or track.away or track.rest is None:
-                continue
-            if rests_on(here, track.rest.pose.translation, size, box.size):
-                return box.name
+        poses = {n: t.rest.pose for n, t in self._tracks.items() if not t.away and t.rest is not None} | {name: pose}
+        for other in self.task.box_names:
+            if other in poses and stands_on(self.task, name, other, poses):
+                return other
         kit, at = self.task.kit, self._tracks[self.task.kit.name].rest
         slack = HEIGHT * size
-        if at is not None:
-            x, y, z = at.pose.inv().apply(here)
-            if max(abs(x), abs(y)) < kit.size / 2 and abs(z - kit.thickness / 2 - size / 2) < slack:
+        if at is not None and is_over_kit(self.task, at.pose, here):
+            height = at.pose.inv().apply(here)[2] - kit.thickness / 2 - size / 2
+            if abs(height) < slack:
                 return kit.name
         return self._table(here - np.array([0.0, 0.0, size / 2]), slack)
 

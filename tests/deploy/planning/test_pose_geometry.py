@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from bt_jax.deploy.perception.level import lean, level
 from bt_jax.deploy.perception.pipeline import Perception
+from bt_jax.deploy.planning.pose_geometry import lean, level
 from tests.helpers.rendered import PLACEMENT, TASK, TOP, errors, fresh_scene
 
 FACES = [

@@ -1,0 +1,73 @@
+"""How two frames differ, which way up a box lies, and what stands on what.
+
+Poses are in one frame whose z points up [m]. A cube has no top of its own: whichever face is up, "on top of it" is against
+gravity.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from bt_jax.behaviors.geometry import GEOMETRY, rests_on
+from bt_jax.deploy.robot.arrays import Point
+from bt_jax.tasks import Table, Task
+
+__all__ = ["distance_between", "is_over_kit", "lean", "level", "stands_on", "table_under", "turn_between"]
+
+
+def distance_between(a: RigidTransform, b: RigidTransform) -> float:
+    """Return how far the origins of two frames are apart, m."""
+    return math.dist(a.translation, b.translation)
+
+
+def turn_between(a: RigidTransform, b: RigidTransform) -> float:
+    """Return the angle of the rotation from the axes of one frame to those of another, rad."""
+    return float((a.rotation.inv() * b.rotation).magnitude())
+
+
+def lean(pose: RigidTransform) -> float:
+    """Return the angle between the vertical and the axis of the body that is nearest to it, rad."""
+    return math.acos(min(1.0, float(np.abs(pose.rotation.as_matrix()[2]).max())))
+
+
+def level(pose: RigidTransform) -> RigidTransform:
+    """Return a cube's frame with that axis as z which points up most nearly. Frames of upright cubes stay; one that was
+    tipped over, about an axis of its own, keeps its yaw; one that is upside down is turned about its x axis."""
+    up = pose.rotation.as_matrix()[2]
+    axis = int(np.argmax(np.abs(up)))
+    if axis == 2:
+        turn = Rotation.identity() if up[2] > 0 else Rotation.from_euler("x", math.pi)
+    else:
+        new = np.sign(up[axis]) * np.eye(3)[axis]
+        turn = Rotation.from_rotvec(math.pi / 2 * np.cross([0, 0, 1], new))
+    return RigidTransform.from_components(pose.translation, pose.rotation * turn)
+
+
+def stands_on(
+    task: Task,
+    upper: str,
+    lower: str,
+    poses: Mapping[str, RigidTransform],
+    *,
+    above_most: float = GEOMETRY.above_most,
+) -> bool:
+    """Does a box stand over another one, close enough to rest on it? `above_most` as for `rests_on`."""
+    places = poses[upper].translation, poses[lower].translation
+    return upper != lower and rests_on(*places, task.size(upper), task.size(lower), above_most=above_most)
+
+
+def is_over_kit(task: Task, kit: RigidTransform, place: Point) -> bool:
+    """Is a place over the plate of a kit at `kit`, or below it?"""
+    return bool(np.all(np.abs(kit.inv().apply(place)[:2]) < task.kit.size / 2))
+
+
+def table_under(task: Task, place: Point) -> Table | None:
+    """Return the table over which a place of the world lies, None if there is none under it."""
+    for table in task.tables:
+        if np.all(np.abs(place[:2] - table.position[:2]) <= np.array(table.size[:2]) / 2):
+            return table
+    return None
