@@ -175,7 +175,7 @@ def test_a_box_whose_markers_are_covered_is_looked_for_and_not_guessed(tmp_path)
     cover = Covers(lambda shown: True)
     twin = Twin(cover, tmp_path)
     assert twin.run.exit_code == twin.end["exit_code"] == Exit.FAILED
-    assert twin.end["reason"] == f"the tree has failed: one of {TASK.kit.name}, {BOX} is not seen"
+    assert twin.end["reason"] == f"the tree has failed: {BOX} is not seen"
     found = check_that_unknown_is_never_true(twin, cover.since)
     assert {"looking"} < {entry["phase"] for entry, _ in found}
     assert not twin.attempts("pick"), "nothing is begun"
