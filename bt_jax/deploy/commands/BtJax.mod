@@ -40,8 +40,8 @@ MODULE BtJax
     TASK PERS tooldata gripper:=[TRUE,[[0,0,0],[1,0,0,0]],[$gripper_mass,[8.7,12.3,49.2],[1,0,0,0],0.00021,0.00024,0.00009]];
     TASK PERS loaddata part:=[$part_mass,[0,0,130],[1,0,0,0],0,0,0];
 
-    ! Where the arm begins, taught by a person with teach_ready
-    TASK PERS jointtarget ready:=[[0,-130,30,0,40,0],[135,9E9,9E9,9E9,9E9,9E9]];
+    ! Where the arm begins: no target until a person has taught one with teach_ready
+    TASK PERS jointtarget ready:=[[0,0,0,0,0,0],[0,9E9,9E9,9E9,9E9,9E9]];
     TASK PERS bool ready_taught:=FALSE;
 
     ! Values of egm_request and egm_state
@@ -60,10 +60,13 @@ MODULE BtJax
     LOCAL CONST egm_minmax NEAR:=[-0.1,0.1];  ! deg
 
     LOCAL VAR egmident egm_id;
+    LOCAL VAR bool begin_here:=FALSE;  ! egm_here, as it was when main began
     LOCAL VAR num hand_target:=-1;  ! mm, what the gripper was told last
 
     ! After an error the program stops; a person who starts it again begins from the start.
     PROC main()
+        begin_here:=egm_here=1;
+        egm_here:=0;
         egm_request:=LISTEN;
         egm_state:=LISTEN;
         prepare_hand;
@@ -87,6 +90,10 @@ MODULE BtJax
 
     ! For a person, with nothing near: the arm moves to where it shall begin.
     PROC go_ready()
+        IF NOT ready_taught THEN
+            TPWrite "BtJax: no ready target. Jog the arm to where it shall begin: teach_ready.";
+            RETURN;
+        ENDIF
         MoveAbsJ ready\NoEOffs,v50,fine,gripper;
     ENDPROC
 
@@ -100,11 +107,13 @@ MODULE BtJax
     PROC begin_at_ready()
         VAR jointtarget here;
         here:=CJointT();
-        IF egm_here=1 THEN
-            egm_here:=0;
-        ELSE
+        IF NOT begin_here THEN
             WHILE NOT ready_taught OR joint_gap(here,ready)>AT_READY DO
-                TPWrite "BtJax: not at the ready target. teach_ready or go_ready, then PP to main.";
+                IF ready_taught THEN
+                    TPWrite "BtJax: not at the ready target. PP to go_ready, then PP to main.";
+                ELSE
+                    TPWrite "BtJax: no ready target. Jog the arm there, teach_ready, then PP to main.";
+                ENDIF
                 Stop;
                 here:=CJointT();
             ENDWHILE

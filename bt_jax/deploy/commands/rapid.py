@@ -30,7 +30,7 @@ It was never run on a controller: read it, and try it in RobotStudio first.
 3. Load {file} into both tasks, as the only module with a main. The loads in it are those of the task and of the model of
    the gripper: measure them with LoadIdentify.
 4. Once for each arm, in manual mode: PP to routine calibrate_hand, fingers closed; then jog the arm to where it shall begin,
-   and PP to routine teach_ready. Later, go_ready takes it there again.
+   and PP to routine teach_ready. Later, go_ready takes it there again: with nothing in its way, as after recover.
 5. PP to main in both tasks. Automatic mode, motors on, low speed, the emergency stop in your hand: start the program.
    The arms stand still and tell where they are.
 6. Now python -m bt_jax.deploy check --robot ADDRESS sees both arms."""

@@ -12,7 +12,7 @@ from rich.markup import escape
 from bt_jax._util.errors import UserError
 from bt_jax.deploy.commands.arguments import RecoverArguments
 from bt_jax.deploy.commands.real_cell import OpenedCell, open_real_cell
-from bt_jax.deploy.commands.run import last_stop
+from bt_jax.deploy.commands.run import AGAIN, last_stop
 from bt_jax.deploy.execution.equipment import opened
 from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.settings import Exit
@@ -55,7 +55,7 @@ def recover_command(arguments: RecoverArguments, console: Console | None = None)
             more = link.stop("interrupted")
             console.print(f"end        interrupted{escape(f'; {more}' if more else '')}")
             return Exit.INTERRUPTED
-    console.print(f"end        {escape(problem or 'the arms are home; choose PP to main, start BtJax, and run again')}")
+    console.print(f"end        {escape(problem or f'the arms are home; {AGAIN}')}")
     if (unconfirmed := link.unconfirmed()) is not None:
         console.print(f"[bold red]{escape(unconfirmed)}[/]")
     return Exit.FAILED if problem else Exit.DONE

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import shlex
 import sys
 import time
 from collections.abc import Callable
@@ -20,7 +21,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from bt_jax._util.errors import UserError
-from bt_jax.deploy.commands.arguments import RunArguments
+from bt_jax.deploy.commands.arguments import RealCellArguments, RunArguments
 from bt_jax.deploy.commands.check import print_preflight
 from bt_jax.deploy.commands.display import RunDisplay
 from bt_jax.deploy.commands.real_cell import RealCell, open_real_cell
@@ -33,7 +34,7 @@ from bt_jax.deploy.execution.preflight import CheckResult, passed
 from bt_jax.deploy.execution.settings import Exit
 from bt_jax.deploy.robot.yumi import YUMI
 
-__all__ = ["confirm", "last_stop", "run_command"]
+__all__ = ["AGAIN", "confirm", "last_stop", "recover_line", "run_command"]
 
 SENTENCE = "the cell is clear"
 WARNING = (
@@ -43,8 +44,12 @@ WARNING = (
 STOPPED = """\
 This was a protective stop: the arms have come to rest and hold. On our side the stop ends with this process, so that nothing
 has to be reset here. Remove the cause, clear the error on the pendant, and take the arms home, with or without what they
-hold: python -m bt_jax.deploy recover, with the same arguments. Then choose PP to main, start BtJax on the controller, and
-run again: preflight and sentence come first, as always."""
+hold: {recover}
+Then, {again}: preflight and sentence come first, as always."""
+AGAIN = (
+    "in manual mode, take both arms to where they were taught to begin (PP to go_ready in both tasks); "
+    "choose PP to main, start BtJax in automatic mode, and run again"
+)
 
 
 def confirm(console: Console) -> None:
@@ -54,6 +59,19 @@ def confirm(console: Console) -> None:
         raise UserError("motion must be confirmed at a terminal; run this command in one, or leave out --motion")
     if console.input(f'Type "{SENTENCE}" to go on: ').strip() != SENTENCE:
         raise UserError("motion was not confirmed, nothing has moved; type the sentence as it is written")
+
+
+def recover_line(arguments: RealCellArguments) -> str:
+    """Return the command that takes the arms home in the same cell; a password is not repeated."""
+    words = ["python", "-m", "bt_jax.deploy", "recover", str(arguments.source)]
+    for field in dataclasses.fields(RealCellArguments):
+        value = getattr(arguments, field.name)
+        if field.name != "source" and value != field.default:
+            values = (
+                ["PASSWORD"] if field.name == "password" else map(str, value if isinstance(value, tuple) else [value])
+            )
+            words += [f"--{field.name.replace('_', '-')}", *values]
+    return shlex.join(words)
 
 
 def last_stop(folder: Path) -> str | None:
@@ -99,7 +117,7 @@ def run_command(arguments: RunArguments, console: Console | None = None) -> int:
     console.print(f"end        {escape(outcome.reason)}")
     console.print(f"ticks      {outcome.ticks}, {outcome.overruns} too slow; link {cell.link.counters()}")
     if arguments.motion and outcome.exit_code == Exit.STOPPED:
-        console.print(escape(STOPPED))
+        console.print(escape(STOPPED.format(recover=recover_line(arguments), again=AGAIN)))
     if (unconfirmed := cell.link.unconfirmed()) is not None:
         console.print(f"[bold red]{escape(unconfirmed[0].upper() + unconfirmed[1:])}.[/]")
     return outcome.exit_code

@@ -133,9 +133,7 @@ class Irc5Link:
             time.sleep(0.005)
             problem = self._program.ask_to_follow() or self._ask("enable")
         if problem is not None:
-            raise UserError(
-                f"{problem} {self._timing.guided:g} s after the start; check that EGM is set up to send to this machine"
-            )
+            raise UserError(self._program.why_not_followed(f"{problem} {self._timing.guided:g} s after the start"))
         self._enabled = True
 
     def close(self) -> None:

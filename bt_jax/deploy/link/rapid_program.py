@@ -6,12 +6,14 @@ own way, see `program_stop`.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
 import time
 
 import numpy as np
 
+from bt_jax._util.errors import UserError
 from bt_jax.deploy.link.program_stop import ProgramStop
 from bt_jax.deploy.link.request_budget import RequestBudget
 from bt_jax.deploy.link.rws import (
@@ -66,9 +68,30 @@ class RapidProgram:
     def start(self, *, here: bool = False) -> None:
         """Start the program from its beginning; the arms stand still until they are asked to follow. They must be at their
         ready targets, unless they are to begin where they are `here`."""
-        for arm in self.arms if here else ():
-            self._rws.set_number(symbol(arm, EGM_HERE), 1.0)
-        self._rws.start()
+        try:
+            for arm in self.arms if here else ():
+                self._rws.set_number(symbol(arm, EGM_HERE), 1.0)
+            self._rws.start()
+        except BaseException:
+            self._begin_at_ready()
+            raise
+
+    def why_not_followed(self, problem: str) -> str:
+        """Return why the arms do not follow after a start, a `problem` that our side sees, and what to do."""
+        self._begin_at_ready()
+        if self.state().rapid == "running":
+            return f"{problem}; check that EGM is set up to send to this machine"
+        said = self.complaint()
+        return (
+            f"{problem}: the robot's program has stopped{'' if said is None else f' ({said})'}; read on the pendant what "
+            "BtJax says: each gripper must be calibrated, and each arm at its ready target, where PP to go_ready takes it"
+        )
+
+    def _begin_at_ready(self) -> None:
+        """Have the next start, whoever it is by, require the ready targets, as far as the controller answers."""
+        for arm in self.arms:
+            with contextlib.suppress(UserError):
+                self._rws.set_number(symbol(arm, EGM_HERE), 0.0)
 
     def expect_stop(self) -> None:
         """Make ready for a stop: open its session, and note what the controller's event log says by now."""

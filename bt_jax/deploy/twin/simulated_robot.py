@@ -131,6 +131,7 @@ class SimulatedRobot:
         if not self.rapid:
             for arm in self.arms:
                 arm.numbers[EGM_REQUEST] = arm.numbers[EGM_STATE] = float(Motion.LISTEN)
+                arm.numbers[EGM_HERE] = 0.0
                 arm.mci = Mci.STOPPED
             self.rapid = True
         return True

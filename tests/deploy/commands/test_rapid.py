@@ -111,7 +111,10 @@ def test_each_side_of_the_handshake_writes_its_own_number():
     assert re.findall(r"(?<!num )egm_request:=(\w+);", CODE) == ["LISTEN"], (
         "only to forget what was asked for before the start"
     )
-    assert re.search(r"PROC main\(\) egm_request:=LISTEN;", STATEMENT)
+    assert re.search(r"PROC main\(\) begin_here:=egm_here=1; egm_here:=0; egm_request:=LISTEN;", STATEMENT)
+    assert len(re.findall(r"\begm_here\b", CODE)) == 3, (
+        "a start away from the ready target is for once, whatever follows"
+    )
     assert re.findall(r"(?<!num )egm_state:=(\w+);", CODE) == ["LISTEN", "LISTEN", "GUIDED", "LISTEN"]
 
 
@@ -121,6 +124,14 @@ def test_the_arm_begins_at_a_target_that_a_person_has_taught():
     assert "Stop;" in begun
     motions = re.findall(r"MoveAbsJ ([^;]+);", CODE)
     assert motions == ["ready\\NoEOffs,v50,fine,gripper", "here\\NoEOffs,v10,fine,gripper"]
+    assert re.search(
+        r"PROC go_ready\(\) IF NOT ready_taught THEN TPWrite [^;]+; RETURN; ENDIF MoveAbsJ ready", STATEMENT
+    )
+    refusal = re.search(r"IF ready_taught THEN TPWrite ([^;]+); ELSE TPWrite ([^;]+); ENDIF Stop;", begun)
+    assert "go_ready" in refusal[1]
+    assert "teach_ready" in refusal[2]
+    assert "go_ready" not in refusal[2], "there is nowhere to go yet"
+    assert "TASK PERS jointtarget ready:=[[0,0,0,0,0,0],[0,9E9," in CODE, "the same module is loaded for both arms"
     assert re.search(r"PROC teach_ready\(\) ready:=CJointT\(\); ready_taught:=TRUE;", STATEMENT)
 
 

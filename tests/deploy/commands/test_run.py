@@ -1,13 +1,16 @@
 import contextlib
+import dataclasses
 import os
+import shlex
 import time
 
 import pytest
+import tyro
 
 from bt_jax._util.errors import UserError
 from bt_jax.deploy.commands import run as module
-from bt_jax.deploy.commands.arguments import RunArguments
-from bt_jax.deploy.commands.run import SENTENCE, last_stop, run_command
+from bt_jax.deploy.commands.arguments import RealCellArguments, RecoverArguments, RunArguments
+from bt_jax.deploy.commands.run import AGAIN, SENTENCE, last_stop, recover_line, run_command
 from bt_jax.deploy.execution.log import Log
 from bt_jax.deploy.execution.settings import Exit, Limits
 from tests.helpers.terminal import Terminal
@@ -68,3 +71,18 @@ def test_help_says_that_no_command_resets_a_stop():
 def test_the_password_is_not_logged():
     told = module._logged(RunArguments(source=module.Path("x"), password="secret"))
     assert "secret" not in str(told)
+
+
+def test_what_a_stop_prints_is_a_command_that_recover_takes(tmp_path):
+    arguments = RunArguments(
+        tmp_path / "a tree.txt", task="yumi_stack", robot="192.168.125.1", camera="0", ports=(6611, 6612), password="x",
+        motion=True, speed=0.1, seconds=20.0, log=tmp_path / "log.jsonl",
+    )  # fmt: skip
+    line = recover_line(arguments)
+    words = shlex.split(line)
+    assert words[:4] == ["python", "-m", "bt_jax.deploy", "recover"]
+    read = tyro.cli(RecoverArguments, args=words[4:])
+    for field in dataclasses.fields(RealCellArguments):
+        expected = "PASSWORD" if field.name == "password" else getattr(arguments, field.name)
+        assert getattr(read, field.name) == expected
+    assert "go_ready" in AGAIN, "BtJax begins at its ready targets only, and home need not be there"

@@ -8,7 +8,8 @@ import pytest
 
 from bt_jax._util.errors import UserError
 from bt_jax.deploy.link.irc5_link import Irc5Link
-from bt_jax.deploy.link.rws import EGM_REQUEST, Motion, Rws, symbol
+from bt_jax.deploy.link.rapid_program import RapidProgram
+from bt_jax.deploy.link.rws import EGM_HERE, EGM_REQUEST, Motion, Rws, symbol
 from bt_jax.deploy.link.settings import LinkConfig
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.controller import Controller
@@ -108,3 +109,30 @@ def test_a_motor_that_is_off_cannot_be_started():
         controller.fault("motors_off")
         with pytest.raises(UserError, match="motors on"):
             link.start()
+
+
+def test_a_start_away_from_the_ready_target_counts_once_also_if_it_fails():
+    with running(realtime=False, start=False) as (controller, link):
+        rws = Rws("127.0.0.1", controller.rws_port, "Default User", "robotics")
+        program = RapidProgram(link.config, realtime=False)
+        controller.fault("motors_off")
+        with pytest.raises(UserError, match="automatic mode"):
+            program.start(here=True)
+        assert [rws.number(symbol(arm, EGM_HERE)) for arm in ARMS] == [0.0, 0.0]
+        program.close()
+        rws.close()
+    with running(realtime=False, start=False) as (controller, link):
+        link.start(here=True)
+        rws = Rws("127.0.0.1", controller.rws_port, "Default User", "robotics")
+        assert [rws.number(symbol(arm, EGM_HERE)) for arm in ARMS] == [0.0, 0.0]
+        rws.close()
+
+
+def test_a_program_that_has_stopped_is_not_taken_for_one_whose_egm_is_set_up_wrongly():
+    with running(realtime=False, start=False) as (_, link):
+        program = RapidProgram(link.config, realtime=False)
+        program.expect_stop()
+        assert "ready target" in program.why_not_followed("left: not guided")
+        program.start()
+        assert "EGM is set up" in program.why_not_followed("left: not guided")
+        program.close()
