@@ -66,7 +66,7 @@ class Movements:
     @property
     def grasped(self) -> dict[str, str]:
         """Arm -> box that it was told to grasp and not to release."""
-        return {arm: carried.box for arm, carried in self.carried.items()}
+        return {arm: carried.box for arm, carried in self.carried.items() if carried.known}
 
     def take(self, seen: Observation) -> None:
         """Take note of what is seen now."""
@@ -97,11 +97,10 @@ class Movements:
     def go_home(self, arms: Iterable[str]) -> Routine:
         for arm in arms:
             plans = 0
-            while not np.abs((joints := self.joints())[arm] - self.robot.home[arm]).max() <= self.motion.at_home:
+            while not np.abs(self.joints()[arm] - self.robot.home[arm]).max() <= self.motion.at_home:
                 if plans == self.motion.replans:
                     raise Failed(f"things do not stay where they are on the {arm} arm's way home")
-                among = Surroundings(self.obstacles(), joints, next(iter(self.carried.values()), None))
-                path = yield from self.planned(self.planner.home, arm, among)
+                path = yield from self.planned(self.planner.home, arm, self.all_around())
                 yield from self.follow(path)
                 plans += 1
 
@@ -228,6 +227,10 @@ class Movements:
     def surroundings(self, arm: str = "") -> Surroundings:
         """Return what a motion is planned among now, with nothing carried but what `arm` does."""
         return Surroundings(self.obstacles(), self.joints(), self.carried.get(arm))
+
+    def all_around(self) -> Surroundings:
+        """Return what a motion of any arm is planned among now, with what one of them carries."""
+        return Surroundings(self.obstacles(), self.joints(), next(iter(self.carried.values()), None))
 
     def joints(self) -> dict[str, Joints]:
         """Return the last setpoints of each arm."""

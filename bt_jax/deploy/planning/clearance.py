@@ -33,11 +33,12 @@ FIXED = ("body", "thing")
 
 @dataclasses.dataclass(frozen=True)
 class Carried:
-    """A box in a gripper; `pose` in the TCP's frame."""
+    """A box in a gripper; `pose` in the TCP's frame. Not `known`: something as large as `box`, which may be elsewhere."""
 
     arm: str
     box: str
     pose: RigidTransform
+    known: bool = True
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,7 +89,7 @@ class CellClearance:
         the box `gripped`."""
         inactive = set()
         for name, solids in self._things.items():
-            there = name in poses and (carried is None or carried.box != name)
+            there = name in poses and (carried is None or carried.box != name or not carried.known)
             for solid in solids:
                 if there:
                     self._model.place(solid, poses[name])

@@ -22,7 +22,7 @@ from bt_jax.encoding.status import Status
 from bt_jax.tasks import load_task
 
 TASK = load_task("yumi_stack")
-BOX = "YellowBox"
+BOX = "BlueBox"  # not the first of those of this size
 
 
 def poses(scene, controller):
