@@ -73,7 +73,8 @@ class Disturbance:
 
 
 class Disturber:
-    """Does one thing to the cell of a run, once. `scene` is the scene as it is afterwards."""
+    """Does one thing to the cell of a run, once. `scene` is the scene as it is afterwards; `time` is when it happens at the
+    earliest, in seconds after the start."""
 
     def __init__(
         self,
@@ -87,7 +88,7 @@ class Disturber:
         self.what, self.scene, self.controller, self.rng, self.start = what, scene, controller, rng, start
         self._camera = camera
         self.touches: list[Touch] = []
-        self._time = float(rng.uniform(*SOON))
+        self.time = float(rng.uniform(*SOON))
         self._skipped = int(rng.integers(2))  # picks or places that it lets pass
         self._boxes: list[str] = []  # of those, in their order
         self._since: float | None = None  # when what it waits for began
@@ -114,7 +115,7 @@ class Disturber:
 
     def swap(self, moment: Moment) -> str | None:
         """Swap two boxes that stand on the same level."""
-        free = moment.free(self.scene.task) if moment.time >= self._time else []
+        free = moment.free(self.scene.task) if moment.time >= self.time else []
         for i, one in enumerate(free):
             for other in free[i + 1 :]:
                 if abs(moment.boxes[one].translation[2] - moment.boxes[other].translation[2]) < LEVEL:
@@ -165,7 +166,7 @@ class Disturber:
 
     def add_twin(self, moment: Moment) -> str | None:
         """Put an object with the markers of one of the boxes on a table."""
-        if moment.time < self._time:
+        if moment.time < self.time:
             return None
         size = self.scene.task.size(self.scene.task.box_names[0])
         for table in self.scene.task.tables:
@@ -180,7 +181,7 @@ class Disturber:
 
     def lay_on_side(self, moment: Moment) -> str | None:
         """Lay a box on another of its faces."""
-        free = moment.free(self.scene.task) if moment.time >= self._time else []
+        free = moment.free(self.scene.task) if moment.time >= self.time else []
         if not free:
             return None
         box = str(self.rng.choice(free))
@@ -192,7 +193,7 @@ class Disturber:
         """Move the kit, with what stands on it, while no hand is near."""
         kit = self.scene.kit
         near = 2 * AWAY
-        if moment.time < self._time or any(
+        if moment.time < self.time or any(
             np.linalg.norm(hand - kit.translation) < near for hand in moment.hands.values()
         ):
             return None
@@ -210,7 +211,7 @@ class Disturber:
 
     def cover_kit(self, moment: Moment) -> str | None:
         """Cover the markers of the kit."""
-        if moment.time < self._time:
+        if moment.time < self.time:
             return None
         self.camera.cover(self.scene.task.kit.name)
         return self.scene.task.kit.name
@@ -255,7 +256,7 @@ def _pictures(**values: float) -> Disturbance:
     """Return pictures that get worse at some time."""
 
     def act(disturber: Disturber, moment: Moment) -> str | None:
-        if moment.time < disturber._time:
+        if moment.time < disturber.time:
             return None
         disturber.camera.change(**values)
         return "the pictures"
