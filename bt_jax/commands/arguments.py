@@ -271,7 +271,8 @@ class DemonstrateArguments:
     """for --watch: number or address of a camera; a folder with the pictures of a film, or with such folders; or twin, where
     a simulated person does what the task's targets say"""
     calibration: Annotated[Path | None, unset("PATH")] = None
-    """for --watch: lens and place of the camera, as python -m bt_jax.deploy calibrate writes them; the twin needs none"""
+    """for --watch: lens and place of the camera, as python -m bt_jax.deploy calibrate writes them; the twin needs none, and
+    films of --record tell their own"""
     fps: Annotated[float | None, unset("FLOAT")] = None
     """for --watch: pictures a second of a film whose pictures do not tell their times, or of the twin's"""
     idle: float = 6.0
@@ -309,7 +310,7 @@ class DemonstrateArguments:
             raise UserError(f"--watch does not take {' and '.join(given)}; leave out what it does not take")
         if self.camera is None:
             raise UserError("--watch needs a camera; give --camera with a number, a folder with pictures, or twin")
-        if self.camera != "twin" and self.calibration is None:
+        if self.camera != "twin" and not Path(self.camera).is_dir() and self.calibration is None:
             raise UserError(
                 "--watch needs to know lens and place of the camera; give --calibration with the file that python -m "
                 "bt_jax.deploy calibrate writes"

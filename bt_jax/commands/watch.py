@@ -18,15 +18,14 @@ from rich.console import Console
 from rich.live import Live
 from rich.markup import escape
 from rich.text import Text
-from scipy.spatial.transform import RigidTransform
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.words import counted
 from bt_jax.commands.arguments import DemonstrateArguments
 from bt_jax.deploy.commands.arguments import DEFAULT_TASK
-from bt_jax.deploy.perception.calibration import Intrinsics
+from bt_jax.deploy.perception.calibration import CameraPose, Intrinsics
 from bt_jax.deploy.perception.camera import Camera
-from bt_jax.deploy.perception.camera_file import load_camera
+from bt_jax.deploy.perception.camera_file import load_camera, save_camera
 from bt_jax.deploy.perception.film import Recorder, pictures_in
 from bt_jax.deploy.perception.opening import open_camera
 from bt_jax.deploy.robot.yumi import YUMI
@@ -47,6 +46,8 @@ from bt_jax.teaching.watch.watcher import Event, Watcher
 
 __all__ = ["watch"]
 
+Calibration = tuple[Intrinsics, CameraPose]
+OWN = "camera.yaml"  # of a recorded film: lens and place of its camera
 TWIN_FPS = 10.0  # images a second of the twin's film
 STYLES = MappingProxyType({"moving": "cyan", "stands": "green", "back": "dim", "doubt": "yellow"})
 ANSWERS: MappingProxyType[str, Decision] = MappingProxyType({"k": "keep", "l": "leave out", "a": "again"})
@@ -62,11 +63,11 @@ CHOICES = MappingProxyType(  # kind of a doubt -> what keeping and leaving out m
 
 @dataclasses.dataclass(frozen=True)
 class _Source:
-    """Where one demonstration is watched: `open` returns a camera and its frame in the robot's base, each time another one
-    where `repeats`. `live`: a person is there, and the demonstration ends once they do nothing more."""
+    """Where one demonstration is watched: `open` returns a camera with its lens and place, each time another one where
+    `repeats`. `live`: a person is there, and the demonstration ends once they do nothing more."""
 
     title: str
-    open: Callable[[], tuple[Camera, RigidTransform]]
+    open: Callable[[], tuple[Camera, Intrinsics, CameraPose]]
     repeats: bool = True
     live: bool = False
     layout: int | None = None  # of the twin
@@ -114,28 +115,40 @@ def _sources(arguments: DemonstrateArguments, task: Task, folder: DemonstrationF
             film = functools.partial(_twin, task, [DEMONSTRATED, number], itertools.count(), fps or TWIN_FPS)
             yield _Source(f"twin, layout {number}", film, layout=number)
         return
-    assert arguments.calibration is not None
-    lens, place = load_camera(arguments.calibration)
+    given = None if arguments.calibration is None else load_camera(arguments.calibration)
     if Path(name).is_dir():
         inner = [] if pictures_in(Path(name)) else sorted(path for path in Path(name).iterdir() if path.is_dir())
         for path in inner or [Path(name)]:
-            yield _Source(str(path), functools.partial(_open, str(path), lens, place.pose, fps), repeats=False)
+            yield _Source(str(path), functools.partial(_film, path, given, fps), repeats=False)
         return
     for number in range(1, arguments.count + 1):
         title = f"demonstration {number} of {arguments.count}; Enter or Ctrl-C ends it"
-        yield _Source(title, functools.partial(_open, name, lens, place.pose), live=True)
+        yield _Source(title, functools.partial(_camera, name, given), live=True)
 
 
-def _open(name: str, lens: Intrinsics, pose: RigidTransform, fps: float | None = None) -> tuple[Camera, RigidTransform]:
-    return open_camera(name, lens, fps=fps, realtime=False), pose
+def _camera(name: str, given: Calibration | None) -> tuple[Camera, Intrinsics, CameraPose]:
+    assert given is not None
+    return open_camera(name, given[0]), *given
 
 
-def _twin(task: Task, seed: list[int], attempts: Iterator[int], fps: float) -> tuple[Camera, RigidTransform]:
+def _film(folder: Path, given: Calibration | None, fps: float | None) -> tuple[Camera, Intrinsics, CameraPose]:
+    """Return the camera that plays a film, with the given lens and place, else those that were kept with it."""
+    own = folder / OWN
+    if given is None and not own.is_file():
+        raise UserError(
+            f"{folder} does not tell lens and place of its camera; give --calibration with the file that python -m "
+            "bt_jax.deploy calibrate writes"
+        )
+    lens, place = given or load_camera(own)
+    return open_camera(str(folder), lens, fps=fps, realtime=False), lens, place
+
+
+def _twin(task: Task, seed: list[int], attempts: Iterator[int], fps: float) -> tuple[Camera, Intrinsics, CameraPose]:
     """Return the camera that films a person in the twin's cell, doing what the task's targets say, and otherwise in each of
     the `attempts`."""
     scene = build_scene(YUMI, task, seed)
     person = Demonstrator(scene, task.targets, np.random.default_rng([*seed, next(attempts)]))
-    return FilmedDemonstration(scene, person, fps=fps, seed=seed), scene.calibrated
+    return FilmedDemonstration(scene, person, fps=fps, seed=seed), *scene.calibration
 
 
 def _watch_one(
@@ -148,12 +161,14 @@ def _watch_one(
             console.input("put the boxes where the next demonstration begins, then press Enter (Ctrl-C ends) ")
         first = False
         console.print(f"[bold]{escape(source.title)}[/]")
-        camera, pose = source.open()
+        camera, lens, place = source.open()
         if arguments.record is not None:
-            camera = Recorder(camera, _unused(arguments.record))
+            kept = _unused(arguments.record)
+            save_camera(kept / OWN, lens, place)
+            camera = Recorder(camera, kept)
         settings = WatchSettings(idle=arguments.idle if source.live else math.inf)
         try:
-            watched = _watched(console, Looking(task, camera, pose), Watcher(task, settings), live=source.live)
+            watched = _watched(console, Looking(task, camera, place.pose), Watcher(task, settings), live=source.live)
         finally:
             camera.close()
         decisions = [_decide(console, doubt, arguments.unclear, again=source.repeats) for doubt in watched.doubts]

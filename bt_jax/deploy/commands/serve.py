@@ -8,7 +8,6 @@ import os
 import shlex
 import time
 
-import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
@@ -17,19 +16,16 @@ from bt_jax.deploy.commands.arguments import DEFAULT_TASK, TwinArguments
 from bt_jax.deploy.execution.program import load_program
 from bt_jax.deploy.execution.settings import Exit
 from bt_jax.deploy.link.settings import EGM_SPEED
-from bt_jax.deploy.perception.calibration import CameraPose, Intrinsics
 from bt_jax.deploy.perception.camera_file import save_camera
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.camera_server import CameraServer
-from bt_jax.deploy.twin.cell import CAMERA, TwinScene, build_scene
+from bt_jax.deploy.twin.cell import CAMERA, build_scene
 from bt_jax.deploy.twin.controller import Controller
 from bt_jax.deploy.twin.rendered_camera import RenderedCamera
 from bt_jax.tasks import Task, load_task
 
 __all__ = ["check_line", "serve_twin"]
 
-LENS = 0.1  # px that the residual of the lens is said to be
-POINTS = 8  # markers from which the camera's place is said to be known
 GREETING = """\
 robot      127.0.0.1, Robot Web Services at port {rws}, EGM to ports {left} and {right}; BtJax runs
 camera     {camera}, {width} x {height}, calibration in {calibration}
@@ -45,7 +41,7 @@ def serve_twin(arguments: TwinArguments, console: Console) -> int:
     realism = dataclasses.replace(realism, egm_speed=min(realism.egm_speed, EGM_SPEED))
     scene = build_scene(YUMI, _task(arguments), arguments.seed, realism)
     ports = dict(zip(YUMI.arm_names, arguments.ports, strict=True))
-    _calibrate(scene, arguments)
+    save_camera(arguments.calibration, *scene.calibration)
     with (
         Controller(scene.cell, ports=ports, rws_port=arguments.rws_port, realism=realism) as controller,
         CameraServer(arguments.camera_port) as server,
@@ -106,10 +102,3 @@ def _task(arguments: TwinArguments) -> Task:
     if arguments.source is None:
         return load_task(arguments.task or DEFAULT_TASK)
     return load_program(arguments.source, arguments.task, otherwise=DEFAULT_TASK).task
-
-
-def _calibrate(scene: TwinScene, arguments: TwinArguments) -> None:
-    """Write what `calibrate` would have found, which is wrong by as much as the cell's realism says."""
-    camera, realism = scene.camera, scene.realism
-    lens = Intrinsics(camera.matrix, np.zeros(5), camera.width, camera.height, LENS)
-    save_camera(arguments.calibration, lens, CameraPose(scene.calibrated, realism.camera_error, POINTS))

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from bt_jax.deploy.perception.calibration import CameraPose, Intrinsics
 from bt_jax.deploy.planning.feasibility import check_scale
 from bt_jax.deploy.planning.pose_geometry import level
 from bt_jax.deploy.robot.arrays import Point
@@ -37,6 +38,10 @@ STIFF = "0.005 1"  # of contacts, s and damping ratio: a box that falls must not
 SHELL = '<material name="shell" rgba=".88 .88 .86 1" specular=".3" shininess=".4"/>'
 
 
+LENS = 0.1  # px that the residual of the lens is said to be
+POINTS = 8  # markers from which the camera's place is said to be known
+
+
 @dataclasses.dataclass(frozen=True)
 class TwinScene:
     """A cell for the twin's controller, its compiled model, and the pose of the kit in the world. `camera` is where the
@@ -50,6 +55,13 @@ class TwinScene:
     realism: Realism
     camera: CameraPlacement
     calibrated: RigidTransform
+
+    @property
+    def calibration(self) -> tuple[Intrinsics, CameraPose]:
+        """What `calibrate` would have found, which is wrong by as much as `realism` says."""
+        camera = self.camera
+        lens = Intrinsics(camera.matrix, np.zeros(5), camera.width, camera.height, LENS)
+        return lens, CameraPose(self.calibrated, self.realism.camera_error, POINTS)
 
 
 def build_scene(

@@ -124,6 +124,26 @@ class Blind:
         pass
 
 
+def test_a_recording_tells_lens_and_place_of_its_camera(filmed, tmp_path, monkeypatch):
+    seen = []
+
+    def look(looking, *given, **others):
+        seen.append(looking.camera.read().time)
+        raise CameraError("enough")
+
+    monkeypatch.setattr(command, "watch_demonstration", look)
+    with pytest.raises(CameraError, match="enough"):
+        watch(arguments(filmed, tmp_path / "demos", record=tmp_path / "films"))
+    own = dataclasses.replace(arguments(filmed, tmp_path / "demos"), camera=str(tmp_path / "films"), calibration=None)
+    own.check()
+    with pytest.raises(CameraError, match="enough"):
+        watch(own)
+    assert seen[0] == seen[1]
+    (tmp_path / "films" / "film1" / "camera.yaml").unlink()
+    with pytest.raises(UserError, match="film1 does not tell lens and place of its camera; give --calibration"):
+        watch(own)
+
+
 REFUSED = [
     (("--camera", "twin"), "--camera is for watching; add --watch"),
     (("--watch",), "--watch needs a camera"),
