@@ -49,8 +49,8 @@ class Rules:
     moved: float = 0.02  # rad between the first setpoint and where the arm is when it begins to follow
     start: float = 0.005  # rad between where an arm is sent and where a new path begins
     deviation: float = 0.02  # rad by which setpoints may leave a path to keep to the limits
-    lag: float = 0.25  # rad between measurement and all that was sent within `response`: something blocks the arm
-    response: float = 0.3  # seconds by which an arm may follow late
+    lag: float = 0.05  # rad between measurement and all that was sent within `response`: something blocks the arm
+    response: float = 0.3  # seconds by which an arm may follow late, which explains what it lags behind at any speed
     lowest: tuple[float, float, float] = (-0.2, -0.8, 0.0)  # workspace of the points, base frame [m]
     highest: tuple[float, float, float] = (0.8, 0.8, 1.2)
     clearance: float = 0.005  # m

@@ -7,6 +7,8 @@ bounds of position: here a cycle lasts as long as the controller says, and an ar
 
 from __future__ import annotations
 
+import collections
+
 import numpy as np
 
 from bt_jax.deploy.link.safety import Rules, bounds
@@ -15,6 +17,7 @@ from bt_jax.deploy.robot.arrays import Joints
 __all__ = ["ElapsedTime", "SetpointStream"]
 
 
+SLICES = 4  # of the rules' `response`, for each of which the least and the largest setpoints are kept
 ROUNDED = 0.0011  # seconds by which a difference of whole milliseconds may be off
 
 
@@ -54,8 +57,8 @@ class SetpointStream:
         self._acceleration = np.broadcast_to(np.array(rules.acceleration, float), self.joints.shape)
         self._lower, self._upper = bounds(rules)
         self._target = self.joints  # where the path was, at the last setpoint
-        self._low = self._high = self._low_before = self._high_before = self.joints  # of what was sent recently
-        self._age = 0.0
+        self._recent = collections.deque([(self.joints, self.joints)], SLICES + 1)  # least and largest setpoints
+        self._age = 0.0  # seconds of the newest slice
 
     @property
     def resting(self) -> bool:
@@ -75,7 +78,9 @@ class SetpointStream:
 
     def brake(self, seconds: float) -> Joints:
         """Return the next setpoint on the way to rest: straight on in joint space, as fast as the accelerations permit."""
-        if seconds > 0 and not self.resting:
+        if self.resting:
+            self._remember(seconds)
+        elif seconds > 0:
             self._advance(self.velocity * max(0.0, 1 - seconds / self._braking()), seconds)
         self._target = self.joints
         return self.joints
@@ -86,8 +91,8 @@ class SetpointStream:
 
     def off(self, measured: Joints) -> float:
         """Return by how much a measurement is outside everything that was sent within the rules' `response` [rad]."""
-        low, high = np.minimum(self._low, self._low_before), np.maximum(self._high, self._high_before)
-        return float(np.maximum(low - measured, measured - high).max())
+        lows, highs = zip(*self._recent, strict=True)
+        return float(np.maximum(np.min(lows, axis=0) - measured, measured - np.max(highs, axis=0)).max())
 
     def _braking(self) -> float:
         """Return the seconds that braking takes."""
@@ -110,7 +115,8 @@ class SetpointStream:
 
     def _remember(self, seconds: float) -> None:
         self._age += seconds
-        if self._age >= self._rules.response:
-            self._low_before, self._high_before, self._age = self._low, self._high, 0.0
-            self._low = self._high = self.joints
-        self._low, self._high = np.minimum(self._low, self.joints), np.maximum(self._high, self.joints)
+        if self._age >= self._rules.response / SLICES:
+            self._recent.append((self.joints, self.joints))
+            self._age = 0.0
+        low, high = self._recent[-1]
+        self._recent[-1] = np.minimum(low, self.joints), np.maximum(high, self.joints)

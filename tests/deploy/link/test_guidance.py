@@ -11,7 +11,11 @@ import pytest
 from bt_jax.deploy.link.egm import CYCLE, Feedback, Mci
 from bt_jax.deploy.link.guidance import Guidance
 from bt_jax.deploy.link.safety import Rejected, Rules, check_trajectory
+from bt_jax.deploy.planning.timing import Pace, timed
 from bt_jax.deploy.planning.trajectory import HALT, Trajectory
+from bt_jax.deploy.robot.yumi import YUMI
+from bt_jax.deploy.twin.servo import SetpointFilter
+from bt_jax.deploy.twin.settings import Realism
 from tests.helpers.cells import smooth
 from tests.helpers.hostile import EPISODE, play
 
@@ -126,6 +130,44 @@ def test_a_blocked_arm_is_not_pulled_to_where_it_is_held():
     assert rest[0] > cell.measured[0] + RULES.lag
     cell.run(1.0)
     np.testing.assert_array_equal(cell.sent[-1], rest)
+
+
+def test_an_arm_that_is_held_is_not_pushed_for_long():
+    cell = Cell()
+    cell.measured = HERE
+    cell.follow(HERE + 0.5, seconds=5.0)  # at up to 0.19 rad/s
+    while cell.supervisor.reason is None:
+        cell.cycle()
+    assert "holds it" in cell.supervisor.reason
+    assert np.abs(cell.sent[-1] - HERE).max() < np.radians(8.0)
+
+
+def test_an_arm_that_is_pushed_away_at_rest_stops_also_where_it_came_from():
+    cell = Cell()
+    cell.follow(seconds=1.0)
+    cell.run(1.0 + 1.5 * RULES.response)
+    assert not cell.arm.moving
+    assert cell.supervisor.reason is None
+    cell.measured = FAR - 1.1 * RULES.lag
+    cell.cycle()
+    assert "holds it" in cell.supervisor.reason
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.5, 3.0])
+def test_an_arm_that_is_held_by_nothing_is_not_stopped_however_late_and_fast(factor):
+    arm = YUMI.arm("left")
+    here, there = YUMI.home["left"], YUMI.home["left"] + np.array([0.6, 0.5, -0.6, -0.5, 0.6, 0.5, 0.6])
+    wide = dataclasses.replace(RULES, lower=(-4.0,) * 7, upper=(4.0,) * 7, speed=tuple(arm.speed))
+    rules = dataclasses.replace(wide, acceleration=tuple(arm.acceleration))
+    servo, cell = SetpointFilter(Realism().scaled(factor), here), Cell(rules, here=here)
+    for goal in (there, here):
+        path = timed(np.stack([cell.sent[-1], goal]), Pace(share=1.0, acceleration=1.0, tool=5.0), arm)
+        assert cell.guidance.follow("left", path.times, path.joints, 1) is None
+        while cell.arm.moving:
+            servo.take(cell.cycle(), cell.time)
+            cell.measured = servo.advance(cell.time)
+    assert cell.supervisor.reason is None
+    assert np.abs(path.speeds()).max() > 1.5
 
 
 @pytest.mark.parametrize("corrupt", [np.radians(170.0), np.nan])
