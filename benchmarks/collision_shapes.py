@@ -28,7 +28,8 @@ from benchmarks._report import best_seconds, report, show
 from bt_jax.deploy.planning.clearance import CellClearance, SafetyClearance
 from bt_jax.deploy.planning.grasps import grasp_poses
 from bt_jax.deploy.planning.kinematics import ArmKinematics
-from bt_jax.deploy.planning.planner import Planner, Surroundings, Unplannable
+from bt_jax.deploy.planning.planner import Planner, Surroundings
+from bt_jax.deploy.planning.unplannable import Unplannable
 from bt_jax.deploy.robot.model import RobotModel
 from bt_jax.deploy.robot.shapes import Box, Capsule, Hull, Link, LinkShape, placement_matrix
 from bt_jax.deploy.robot.yumi import SHAPES_FILE, YUMI

@@ -17,8 +17,9 @@ from scipy.spatial.transform import RigidTransform
 
 from benchmarks._report import report
 from bt_jax.deploy.planning.kinematics import ArmKinematics
-from bt_jax.deploy.planning.planner import Planner, Surroundings, Unplannable
+from bt_jax.deploy.planning.planner import Planner, Surroundings
 from bt_jax.deploy.planning.timing import Pace, timed
+from bt_jax.deploy.planning.unplannable import Unplannable
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.cell import TwinScene, box_poses, build_scene
 from bt_jax.tasks import load_task

@@ -22,9 +22,10 @@ from bt_jax.deploy.execution.settings import MotionSettings
 from bt_jax.deploy.planning.clearance import Carried
 from bt_jax.deploy.planning.grasps import carried_pose
 from bt_jax.deploy.planning.paths import densified
-from bt_jax.deploy.planning.planner import JointPath, Planner, Surroundings, Unplannable
+from bt_jax.deploy.planning.planner import JointPath, Planner, Surroundings
 from bt_jax.deploy.planning.timing import PERIOD, ROUND, Pace, timed
 from bt_jax.deploy.planning.trajectory import Trajectory
+from bt_jax.deploy.planning.unplannable import Unplannable
 from bt_jax.deploy.robot.arrays import JointRows
 from bt_jax.deploy.robot.model import ArmModel
 from bt_jax.deploy.robot.yumi import YUMI

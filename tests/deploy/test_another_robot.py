@@ -11,8 +11,9 @@ from bt_jax.deploy.link.safety import check_trajectory
 from bt_jax.deploy.planning.clearance import Carried, CellClearance
 from bt_jax.deploy.planning.grasps import carried_pose, grasp_poses
 from bt_jax.deploy.planning.kinematics import ArmKinematics
-from bt_jax.deploy.planning.planner import Planner, Surroundings, Unplannable
+from bt_jax.deploy.planning.planner import Planner, Surroundings
 from bt_jax.deploy.planning.timing import Pace
+from bt_jax.deploy.planning.unplannable import Unplannable
 from bt_jax.encoding.status import Status
 from bt_jax.tasks import load_task
 from tests.helpers.following import FollowingLink, carried_out

@@ -17,8 +17,9 @@ from bt_jax.deploy.link.setpoints import SetpointStream
 from bt_jax.deploy.link.supervision import Supervisor
 from bt_jax.deploy.perception.tracker import Tracker
 from bt_jax.deploy.planning.clearance import Carried
-from bt_jax.deploy.planning.planner import Planner, Surroundings, Unplannable
+from bt_jax.deploy.planning.planner import Planner, Surroundings
 from bt_jax.deploy.planning.trajectory import Trajectory
+from bt_jax.deploy.planning.unplannable import Unplannable
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.encoding.status import Status
 from bt_jax.tasks import load_task

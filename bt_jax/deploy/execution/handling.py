@@ -15,7 +15,8 @@ from scipy.spatial.transform import RigidTransform
 from bt_jax.deploy.execution.movements import Failed, Moved, Movements, Routine
 from bt_jax.deploy.planning.clearance import Carried
 from bt_jax.deploy.planning.grasps import carried_pose, put_poses, yaw_of
-from bt_jax.deploy.planning.planner import Reach, Unplannable
+from bt_jax.deploy.planning.planner import Reach
+from bt_jax.deploy.planning.unplannable import Unplannable
 from bt_jax.deploy.robot.arrays import Point
 from bt_jax.tasks import Task
 

@@ -13,9 +13,9 @@ from bt_jax.deploy.execution.settings import GraspSettings, MotionSettings
 from bt_jax.deploy.link.protocol import RobotLink
 from bt_jax.deploy.link.safety import Rejected
 from bt_jax.deploy.planning.grasps import grasp_poses
-from bt_jax.deploy.planning.planner import Unplannable
 from bt_jax.deploy.planning.process import PlanningProcess
 from bt_jax.deploy.planning.timing import Pace
+from bt_jax.deploy.planning.unplannable import Unplannable
 from bt_jax.deploy.robot.model import RobotModel
 from bt_jax.encoding.status import Status
 from bt_jax.tasks import Task

@@ -20,11 +20,12 @@ from bt_jax.deploy.planning.kinematics import ArmKinematics
 from bt_jax.deploy.planning.paths import connect
 from bt_jax.deploy.planning.timing import ROUND, Pace, timed
 from bt_jax.deploy.planning.trajectory import Trajectory
+from bt_jax.deploy.planning.unplannable import Unplannable
 from bt_jax.deploy.robot.arrays import JointRows, Joints, Point
 from bt_jax.deploy.robot.model import RobotModel
 from bt_jax.tasks import Task
 
-__all__ = ["JointPath", "Planner", "Reach", "Surroundings", "Unplannable"]
+__all__ = ["JointPath", "Planner", "Reach", "Surroundings"]
 
 ABOVE = 0.08  # metres above the place where a straight path begins
 STEPS = 8  # of a straight path
@@ -33,10 +34,6 @@ LOOKS = 8000  # at clearance, after which a plan is given up; a count, so that i
 TRIES = 150  # of a search for a way to one of the places
 LOOK_EVERY = 2  # points of a trajectory with rounded corners
 SPOT = 0.02  # metres between places that are tried for setting a box down
-
-
-class Unplannable(Exception):
-    """There is no way; the message says what was in it."""
 
 
 @dataclasses.dataclass(frozen=True)

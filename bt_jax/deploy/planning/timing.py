@@ -18,6 +18,7 @@ from toppra.constraint import JointAccelerationConstraint, JointVelocityConstrai
 from toppra.interpolator import AbstractGeometricPath
 
 from bt_jax.deploy.planning.trajectory import Trajectory
+from bt_jax.deploy.planning.unplannable import Unplannable
 from bt_jax.deploy.robot.arrays import JointRows
 from bt_jax.deploy.robot.model import ArmModel
 
@@ -26,6 +27,7 @@ __all__ = ["ROUND", "Pace", "timed"]
 PERIOD = 0.008  # seconds between the points of a trajectory
 GRID = 80  # points of a path at which speeds are chosen, besides the ends of its pieces
 SMOOTH = 10  # points of a trajectory that are averaged
+SAME = 1e-6  # rad: points that are nearer are one
 ROUND = 0.2  # rad before a corner where it begins to be rounded
 logging.getLogger("toppra").setLevel(logging.ERROR)
 
@@ -47,9 +49,11 @@ class Pace:
 
 def timed(path: JointRows, pace: Pace, arm: ArmModel, *, round_from: float = ROUND) -> Trajectory:
     """Return a path as a trajectory that starts and ends at rest and keeps the pace at every point. Its corners are rounded
-    from `round_from` before them [rad along the path], or from half of the way to the next; with 0 the arm stops there."""
-    path = np.asarray(path, float)
-    path = np.concatenate([path[:1], path[1:][np.abs(np.diff(path, axis=0)).max(axis=1) > 1e-9]])
+    from `round_from` before them [rad along the path], or from half of the way to the next; with 0 the arm stops there.
+
+    Raise Unplannable if no way to run along it is found.
+    """
+    path = _distinct(np.asarray(path, float))
     if len(path) == 1:
         return Trajectory(np.array([0.0]), path)
     if round_from <= 0 and len(path) > 2:
@@ -57,6 +61,17 @@ def timed(path: JointRows, pace: Pace, arm: ArmModel, *, round_from: float = ROU
     rows = _averaged(_fastest(_Path(_rounded(path, round_from)), pace, arm))
     rows[0], rows[-1] = path[0], path[-1]
     return _within(Trajectory(PERIOD * np.arange(len(rows)), rows), pace, arm)
+
+
+def _distinct(path: JointRows) -> Float[np.ndarray, "m joints"]:
+    """Return the path without points that are where another one is, but with both ends, unless they are all it has."""
+    points = [path[0]]
+    for point in path[1:-1]:
+        if min(np.abs(point - points[-1]).max(), np.abs(point - path[-1]).max()) > SAME:
+            points.append(point)
+    if np.abs(path[-1] - points[-1]).max() > SAME:
+        points.append(path[-1])
+    return np.array(points)
 
 
 def _rounded(path: JointRows, before: float) -> PPoly:
@@ -91,7 +106,7 @@ def _fastest(path: _Path, pace: Pace, arm: ArmModel) -> Float[np.ndarray, "m joi
     ]
     _, speeds, _ = TOPPRA(limits, path, gridpoints=grid, solver_wrapper="seidel").compute_parameterization(0, 0)
     if speeds is None:
-        raise ArithmeticError("TOPP-RA finds no way to run along a path from rest to rest")
+        raise Unplannable("TOPP-RA finds no way to run along a path from rest to rest")
     gaps = 2 * np.diff(grid) / (speeds[1:] + speeds[:-1])
     times = np.concatenate([[0], np.cumsum(gaps)])
     now = np.append(np.arange(0, times[-1], PERIOD), times[-1])

@@ -6,7 +6,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.behaviors import parse_behavior
 from bt_jax.deploy.execution.skills import RobotSkills
-from bt_jax.deploy.planning.planner import Unplannable
+from bt_jax.deploy.planning.unplannable import Unplannable
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.encoding.status import Status
 from bt_jax.tasks import load_task

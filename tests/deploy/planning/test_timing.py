@@ -1,8 +1,11 @@
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from toppra.algorithm import TOPPRA
 
 from bt_jax.deploy.planning.timing import Pace, timed
+from bt_jax.deploy.planning.unplannable import Unplannable
 from bt_jax.deploy.robot.yumi import YUMI
 
 ARM = YUMI.arm("left")
@@ -33,6 +36,30 @@ def test_a_straight_path_is_not_left():
 
 def test_a_path_to_where_the_arm_is_takes_no_time():
     assert timed(np.zeros((2, 7)), Pace(), ARM).duration == 0
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3])
+def test_steps_of_any_size_are_timed(scale):
+    here = YUMI.home["left"]
+    for way in np.random.default_rng(1).normal(0, 1, (3, 7)):
+        for path in (
+            [here, here + scale * way],
+            [here, here + scale * way, here + 0.1 * way],
+            [here, here + 0.1 * way],
+        ):
+            trajectory = timed(np.array(path), Pace().slowed(0.3), ARM)
+            np.testing.assert_allclose(trajectory.joints[[0, -1]], np.array(path)[[0, -1]], atol=1e-6)
+
+
+def test_many_small_steps_make_a_way():
+    path = np.outer(np.linspace(0, 1e-4, 1000), np.ones(7))
+    np.testing.assert_array_equal(timed(path, Pace(), ARM).joints[-1], path[-1])
+
+
+def test_where_no_way_to_run_is_found_there_is_no_plan(monkeypatch):
+    monkeypatch.setattr(TOPPRA, "compute_parameterization", lambda *_: (None, None, None))
+    with pytest.raises(Unplannable, match="TOPP-RA"):
+        timed(np.stack([np.zeros(7), np.ones(7)]), Pace(), ARM)
 
 
 def test_corners_are_rounded_near_them_only():
