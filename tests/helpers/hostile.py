@@ -7,7 +7,7 @@ import numpy as np
 from bt_jax.deploy.link.egm import CYCLE, Feedback, Mci
 from bt_jax.deploy.link.guidance import Guidance
 from bt_jax.deploy.link.safety import Rejected, Rules, check_trajectory
-from bt_jax.deploy.link.setpoints import ElapsedTime
+from bt_jax.deploy.link.setpoints import ROUNDED, ElapsedTime
 from bt_jax.deploy.planning.trajectory import Trajectory
 from tests.helpers.cells import smooth
 
@@ -21,10 +21,14 @@ EPISODE = 400  # cycles
 
 
 class Witness:
-    """Checks every setpoint of one arm against the ones before, with clocks of its own."""
+    """Checks every setpoint of one arm against the ones before. How far it may have gone is counted here, by our time alone:
+    no message adds to that, whatever the controller's clock says."""
 
-    def __init__(self, arm: str) -> None:
-        self.arm, self.elapsed = arm, ElapsedTime(RULES.longest)
+    def __init__(self, arm: str, rules: Rules = RULES) -> None:
+        self.arm, self.elapsed = arm, ElapsedTime(rules.longest)  # for how sudden a step may be
+        self.speed = np.minimum(rules.speed, rules.override)
+        self.room = self.speed * rules.longest  # rad that each joint may go
+        self.now: float | None = None
         self.measured: list[np.ndarray] = []
         self.sent: np.ndarray | None = None
         self.velocity = np.zeros(7)
@@ -32,9 +36,11 @@ class Witness:
         self.moved = 0
 
     def see(self, feedback: Feedback, now: float, sent: np.ndarray | None) -> None:
-        seconds = self.elapsed.since_last(feedback.time, now)
-        assert 0 <= seconds <= min(max(feedback.time - self.time, 0.0), RULES.longest)
-        self.time = feedback.time
+        seconds = self.elapsed.since_last(feedback.time, now, feedback.stamp)
+        assert 0 <= seconds <= min(max(feedback.time - self.time, 0.0) + ROUNDED, RULES.longest)
+        passed = 0.0 if self.now is None else now - self.now
+        self.room = np.minimum(self.room + self.speed * passed, self.speed * RULES.longest)
+        self.time, self.now = feedback.time, now
         self.measured = [*self.measured[-2:], feedback.joints]
         if sent is None:
             assert self.sent is None, "an arm that was answered must not be left alone"
@@ -49,10 +55,12 @@ class Witness:
             self.sent = sent.copy()
             return
         step = sent - self.sent
-        assert np.all(np.abs(step) <= np.array(RULES.speed) * seconds + 1e-12), "more than one step"
+        assert np.all(np.abs(step) <= self.speed * seconds + 1e-12), "more than one step"
+        self.room = self.room - np.abs(step)
+        assert np.all(self.room >= -1e-9), "faster than by our time"
         assert np.all(sent >= np.minimum(LOWER, self.sent) - 1e-12), "out of bounds"
         assert np.all(sent <= np.maximum(UPPER, self.sent) + 1e-12), "out of bounds"
-        if seconds > 0:
+        if seconds > 1e-9:  # else all that a step shows is how numbers are rounded
             velocity = step / seconds
             most = np.array(RULES.acceleration) * seconds
             assert np.all(np.abs(velocity - self.velocity) <= most + 1e-9), "too sudden"
@@ -71,12 +79,12 @@ def hostile_path(rng, start):
     return Trajectory(np.concatenate([[0.0], np.cumsum(rng.uniform(0.001, 0.1, count - 1))]), joints)
 
 
-def checked_path(rng, start):
+def checked_path(rules, rng, start):
     """A path as the program above asks for one; None if it is rejected."""
     inside = np.clip(rng.uniform(-1.2, 1.2, 7), LOWER, UPPER)
     try:
         path = smooth(start, inside, rng.uniform(0.2, 2.0))
-        return check_trajectory(RULES, "left", path, commanded=start, others={}, clearance=None)
+        return check_trajectory(rules, "left", path, commanded=start, others={}, clearance=None)
     except Rejected:
         return None
 
@@ -87,16 +95,21 @@ class Peer:
     def __init__(self, seed: int) -> None:
         self.rng = rng = np.random.default_rng(seed)
         self.evil = float(rng.choice([0.0, 0.002, 0.02, 0.2]))
-        rules = RULES
+        rules = dataclasses.replace(RULES, override=float(rng.choice([np.inf, 1.0, 0.2])))
+        if rng.random() < 0.5:
+            rules = dataclasses.replace(rules, points=lambda arm, joints: {"tcp": 0.3 * joints[:3] + [0.3, 0.0, 0.5]})
         if rng.random() < 0.2:
             rules = dataclasses.replace(rules, clearance_of=lambda: lambda joints: 0.8 - abs(joints["left"][0]))
         self.guidance = Guidance(rules, ARMS, realtime=True)
-        self.witnesses = {arm: Witness(arm) for arm in ARMS}
+        self.rules = rules
+        self.witnesses = {arm: Witness(arm, rules) for arm in ARMS}
         where = rng.uniform(-0.5, 0.5, 7) if rng.random() < 0.8 else rng.uniform(LOWER - 0.1, UPPER + 0.1)
         self.joints = {arm: where.copy() for arm in ARMS}
         self.sequence = dict.fromkeys(ARMS, 1)
         self.time = self.now = self.alive = 100.0
         self.period = float(rng.choice([CYCLE, CYCLE, 0.001]))
+        self.ahead = float(rng.choice([1.0, 1.0, 1.0, 3.0]))  # how fast the controller's clock runs
+        self.stamped = rng.random() < 0.5
         self.blocked = self.quiet = False
 
     def chance(self, factor: float = 1.0) -> bool:
@@ -107,7 +120,9 @@ class Peer:
 
     def cycle(self, number: int) -> None:
         rng, guidance = self.rng, self.guidance
-        self.time += self.period if not self.chance() else self.pick(0.0, 0.0, 0.001, 0.03, 5.0, -5.0, -self.time)
+        self.time += (
+            self.ahead * self.period if not self.chance() else self.pick(0.0, 0.0, 0.001, 0.03, 5.0, -5.0, -self.time)
+        )
         self.now += self.period if not self.chance() else self.pick(0.0, 0.0, 0.02, 2.0)
         self.quiet ^= self.chance(0.5)
         self.alive = self.alive if self.quiet else self.now
@@ -122,15 +137,19 @@ class Peer:
             guidance.watch(self.now, self.alive)
 
     def message(self, arm: str) -> None:
-        self.sequence[arm] += 1 if not self.chance() else self.pick(0, -1, 3, 50, -self.sequence[arm])
+        self.sequence[arm] += 1 if not self.chance(0.3) else self.pick(0, -1, 3, 50, -self.sequence[arm])
         commanded = self.guidance.arms[arm].commanded
         if commanded is not None and not self.blocked and self.guidance.enabled:
             self.joints[arm] = self.joints[arm] + 0.1 * (commanded - self.joints[arm])
         measured = self.joints[arm] + self.rng.normal(0, 1e-4, 7)
-        if self.chance():
+        if self.chance(0.1):
             measured[self.rng.integers(7)] = self.pick(np.nan, np.inf, -np.inf, 3.0, -0.3, 1e9)
         running = not self.chance(0.1)
-        message = Feedback(self.sequence[arm] % (1 << 32), self.time, measured, None, running, Mci.RUNNING, True)
+        time, stamp = (round(self.time, 3), 7.0 + self.time) if self.stamped else (self.time, None)
+        if self.stamped and self.chance():
+            stamp = self.pick(None, np.nan, np.inf, 0.0, 7.0 + self.time + 0.0009, -self.time)
+        number = self.sequence[arm] % (1 << 32)
+        message = Feedback(number, time, measured, None, running, Mci.RUNNING, True, stamp=stamp)
         if self.guidance.hear(arm, message, self.now):
             self.witnesses[arm].see(message, self.now, self.answer(arm))
 
@@ -148,7 +167,9 @@ class Peer:
             guidance.enable(self.now)
         if where is not None and not guidance.arms[arm].moving and self.rng.random() < 0.1 and number > 25:
             path = (
-                hostile_path(self.rng, where) if self.rng.random() < 0.1 + self.evil else checked_path(self.rng, where)
+                hostile_path(self.rng, where)
+                if self.rng.random() < 0.1 + self.evil
+                else checked_path(self.rules, self.rng, where)
             )
             if path is not None:
                 guidance.follow(arm, path.times, path.joints, number)
