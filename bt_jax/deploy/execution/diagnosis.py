@@ -23,20 +23,25 @@ class Diagnosis:
         self.conditions = tuple(dict.fromkeys(conditions))
         self._objects = {name for leaf in (*leaves, *conditions) for name in (leaf.object, leaf.frame) if name}
         self._hidden: list[str] = []  # boxes and kit that are not seen now
-        self._seen_at: dict[str, float] = {}  # when each was seen last
+        self._seen_at: dict[str, float] = {}  # when each was seen last, or looked for first
         self._findings: tuple[Finding, ...] = ()  # about the tree's objects and the picture
-        self._found_at: dict[str, float] = {}  # what findings that stop a run are about, and since when
+        # What findings that stop a run are about, and whether something hides it; since when.
+        self._found_at: dict[tuple[str, bool], float] = {}
 
     def take(self, seen: Observation) -> str:
         """Take note of what is seen now. Return what has made it wrong for too long, "" if nothing has."""
         self._seen_at.update(dict.fromkeys(seen.poses, seen.time))
         objects = (*self.task.box_names, self.task.kit.name)
+        self._seen_at = dict.fromkeys(objects, seen.time) | self._seen_at
         self._hidden = [name for name in objects if name not in (*seen.poses, seen.holding)]
         self._findings = tuple(f for f in seen.findings if f.about in self._objects or not f.about)
-        stopping = {finding.about: finding for finding in self._findings if finding.stops}
-        self._found_at = {about: self._found_at.get(about, seen.time) for about in stopping}
-        late = [about for about, since in self._found_at.items() if seen.time - since >= self.limits.finding]
-        return "; ".join(stopping[about].text for about in late)
+        stopping = {(finding.about, bool(finding.sight)): finding for finding in self._findings if finding.stops}
+        self._found_at = {key: self._found_at.get(key, seen.time) for key in stopping}
+        return "; ".join(
+            stopping[key].text
+            for key, since in self._found_at.items()
+            if seen.time - since >= (self.limits.covered if stopping[key].sight else self.limits.finding)
+        )
 
     @property
     def doubt(self) -> str:
@@ -45,7 +50,7 @@ class Diagnosis:
 
     def patience(self, undecided: frozenset[Behavior], now: float) -> float:
         """Return how long the tree may fail [s]: less than usual where what it misses has not been seen for long."""
-        times = [self._seen_at.get(name, 0.0) for name in self._missing(undecided)]
+        times = [self._seen_at[name] for name in self._missing(undecided)]
         left = self.limits.unseen - (now - max(times, default=now))
         return min(self.limits.patience, max(left, self.limits.patience / 2))
 
@@ -77,9 +82,7 @@ class Diagnosis:
 
     def _gone(self, names: Sequence[str | None], now: float) -> list[str]:
         """Return which of them have not been seen for long."""
-        return [
-            name for name in self._hidden if name in names and now - self._seen_at.get(name, 0.0) >= self.limits.unseen
-        ]
+        return [name for name in self._hidden if name in names and now - self._seen_at[name] >= self.limits.unseen]
 
     def _missing(self, undecided: frozenset[Behavior]) -> list[str]:
         """Return what is not seen that keeps conditions from being decided: what they name, else all that is hidden, which

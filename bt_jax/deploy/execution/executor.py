@@ -116,14 +116,14 @@ class Executor:
             why = f": {seen.lost}" if seen.lost else ""
             raise Halt(f"camera: no new image for {seen.time - seen.image:.1f} s{why}", Exit.STOPPED)
         wrong = self._diagnosis.take(seen)
-        if wrong:
+        if wrong and not self._committed:
             raise self._failed(wrong, now)
         self._reached |= subgoals_by_sight(self.program.task, seen)
         self.runner.poll(seen, now)
         decision = None
         context = self._context(seen)
         look = Look(self.runner.looking, self.runner.looked, self._undecided)
-        if self.runner.action is not None and self.skills.committed:
+        if self._committed:
             phase = "committed"
         elif self._diagnosis.doubt:
             phase = self._pause(self._diagnosis.doubt, now)
@@ -137,9 +137,14 @@ class Executor:
         self._record(TickEntry(now, seen, context, look, decision, phase, time.monotonic() - began))
         self.link.wait(now + self.limits.tick)
 
+    @property
+    def _committed(self) -> bool:
+        """Is an attempt in a phase that only a stop of the robot breaks off?"""
+        return self.runner.action is not None and self.skills.committed
+
     def _check(self, now: float, start: float) -> None:
         self._check_stops()
-        if not now - start <= self.limits.run:
+        if not now - start <= self.limits.run + (self.limits.action if self._committed else 0.0):
             raise self._failed(joined(f"the time is up ({self.limits.run:g} s)", self._diagnosis.troubles()), now)
 
     def _check_stops(self) -> None:

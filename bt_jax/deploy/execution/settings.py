@@ -28,6 +28,7 @@ class Limits:
     patience: float = 10.0  # for which the tree may fail before the run has failed
     unseen: float = 10.0  # for which what is missing may not be seen before it has; never less than half the patience
     finding: float = 2.0  # for which a finding may last that makes what is known wrong
+    covered: float = 10.0  # the same for something that hides a marker: it may be a person's hand
     success: float = 1.0  # for which it must succeed
     image: float = 1.0  # the newest image may be old
     broken_off: int = 5  # times that an attempt at an action is broken off, with nothing new achieved meanwhile

@@ -230,6 +230,65 @@ def test_a_finding_that_makes_what_is_known_wrong_ends_the_run_if_it_lasts():
     assert outcome.seconds <= Limits().finding + 0.5
 
 
+OFF = Finding("", "the camera is 5 mm off: calibrate again", stops=True)
+
+
+@pytest.mark.parametrize(("limits", "reason"), [(Limits(), OFF.text), (Limits(run=3.0), "time is up")])
+def test_what_ends_a_run_waits_for_a_committed_phase(limits, reason):
+    """Fingers that close, or a box that is being set down."""
+    cell = IdealCell(limits=limits)
+    cell.skills.polls, cell.skills.committed = 60, True
+    cell.on_tick = lambda shown: setattr(cell, "findings", (OFF,) if reason == OFF.text else ())
+    outcome = cell.executor.run()
+    assert outcome.exit_code == Exit.FAILED
+    assert reason in outcome.reason
+    assert cell.skills.cancelled == []
+    assert 6.0 <= outcome.seconds < 6.5, "at once after it"
+
+
+def test_a_stop_of_the_robot_waits_for_no_phase():
+    cell = IdealCell()
+    cell.skills.polls, cell.skills.committed = 60, True
+    cell.on_tick = lambda shown: setattr(cell.link, "reason", "left: no feedback" if shown.seen.time > 1.0 else None)
+    assert cell.executor.run().exit_code == Exit.STOPPED
+    assert cell.link.time < 2.0
+
+
+def test_a_committed_phase_without_end_is_ended():
+    cell = IdealCell(limits=Limits(run=3.0, action=20.0))
+    cell.skills.polls, cell.skills.committed = 10**6, True
+    assert cell.executor.run().seconds < 24.0
+
+
+def test_a_hand_that_covers_a_box_is_waited_for():
+    hand = Finding(
+        "YellowBox", "something unknown is on YellowBox", stops=True, sight=((0.0, 0.0, 1.0), (0.3, 0.0, 0.0))
+    )
+    cell = IdealCell()
+    cell.on_tick = lambda shown: setattr(cell, "findings", (hand,) if 1.0 < shown.seen.time < 8.0 else ())
+    outcome = cell.executor.run()
+    assert (outcome.exit_code, outcome.reason) == (Exit.DONE, "the tree has succeeded")
+    assert outcome.seconds > 8.0
+    cell = IdealCell()
+    cell.findings = (hand,)
+    outcome = cell.executor.run()
+    assert (outcome.exit_code, outcome.reason) == (Exit.FAILED, hand.text)
+    assert outcome.seconds == pytest.approx(Limits().covered, abs=0.5)
+
+
+@pytest.mark.parametrize("hidden", [set(), {"YellowBox"}, {"KittingBox"}])
+def test_what_a_run_does_depends_on_no_clock_that_begins_at_0(hidden):
+    """A real link's clock counts from when the computer was switched on."""
+    runs = []
+    for start in (0.0, 86400.0):
+        cell = IdealCell()
+        cell.link.time, cell.hide = start, hidden
+        outcome = cell.executor.run()
+        runs.append((outcome.reason, cell.skills.started, outcome.seconds))
+    assert runs[0][:2] == runs[1][:2]
+    assert runs[0][2] == pytest.approx(runs[1][2], abs=1.5), "rounding shifts some ticks"
+
+
 def test_nothing_is_done_while_what_is_known_is_wrong():
     twice = Finding("GreenBox", "GreenBox's markers are on two things", stops=True)
     cell = IdealCell()

@@ -5,7 +5,8 @@ import pytest
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy.planning.clearance import Carried
-from bt_jax.deploy.planning.planner import Planner, Surroundings, Unplannable
+from bt_jax.deploy.planning.planner import Planner, Surroundings
+from bt_jax.deploy.planning.unplannable import Unplannable
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.tasks import load_task
 
