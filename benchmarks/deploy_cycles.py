@@ -24,7 +24,7 @@ from bt_jax.deploy.link.egm import CYCLE
 from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.deploy.link.loop_timing import LateRound
 from bt_jax.deploy.link.realtime import FIFO_PRIORITY
-from bt_jax.deploy.link.settings import LinkConfig
+from bt_jax.deploy.link.settings import link_config
 from bt_jax.deploy.perception.pipeline import Perception
 from bt_jax.deploy.planning.timing import Pace, timed
 from bt_jax.deploy.robot.yumi import YUMI
@@ -159,7 +159,7 @@ def measure(
     task = load_task("yumi_stack")
     scene, machine = build_scene(YUMI, task, 0), Machine()
     with Controller(scene.cell, ports=PORTS, realtime=realtime) as controller:
-        config = LinkConfig("127.0.0.1", PORTS, controller.rws_port, motion=True)
+        config = link_config(YUMI, "127.0.0.1", PORTS, controller.rws_port, motion=True)
         with Irc5Link(config, cell_rules(YUMI, task), controller) as link, beside(work(scene, controller)):
             link.start()
             with machine:

@@ -22,7 +22,7 @@ FACES = {
         "YUMI", "ArmState", "Executor", "Exit", "GraspSettings", "Irc5Link", "Limits", "LinkConfig", "LinkTiming",
         "Log", "MotionSettings", "Observation", "Observer", "Perception", "Program", "Rejected", "RobotLink",
         "RobotModel", "RobotSkills", "Rules", "RunOutcome", "Skills", "Supervisor", "TickReport", "TwinRun",
-        "cell_rules", "load_program", "read_log", "replay", "run_twin",
+        "cell_rules", "link_config", "load_program", "read_log", "replay", "run_twin",
     ],
     "bt_jax.encoding": [
         "MAX_NODES", "JumpTable", "Status", "Ticked", "TreeMemory", "TreeTick", "Trees", "children", "decode", "depth",

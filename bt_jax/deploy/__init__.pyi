@@ -13,7 +13,7 @@ from bt_jax.deploy.link.cell_rules import cell_rules
 from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.deploy.link.protocol import ArmState, RobotLink
 from bt_jax.deploy.link.safety import Rejected, Rules
-from bt_jax.deploy.link.settings import LinkConfig, LinkTiming
+from bt_jax.deploy.link.settings import LinkConfig, LinkTiming, link_config
 from bt_jax.deploy.link.supervision import Supervisor
 from bt_jax.deploy.perception.pipeline import Perception
 from bt_jax.deploy.robot.model import RobotModel
@@ -47,6 +47,7 @@ __all__ = [
     "TickReport",
     "TwinRun",
     "cell_rules",
+    "link_config",
     "load_program",
     "read_log",
     "replay",

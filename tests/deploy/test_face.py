@@ -6,8 +6,8 @@ from bt_jax import deploy
 NAMES = [
     "YUMI", "ArmState", "Executor", "Exit", "GraspSettings", "Irc5Link", "Limits", "LinkConfig", "LinkTiming", "Log",
     "MotionSettings", "Observation", "Observer", "Perception", "Program", "Rejected", "RobotLink", "RobotModel",
-    "RobotSkills", "Rules", "RunOutcome", "Skills", "Supervisor", "TickReport", "TwinRun", "cell_rules", "load_program",
-    "read_log", "replay", "run_twin",
+    "RobotSkills", "Rules", "RunOutcome", "Skills", "Supervisor", "TickReport", "TwinRun", "cell_rules", "link_config",
+    "load_program", "read_log", "replay", "run_twin",
 ]  # fmt: skip
 EXTRA = ("cv2", "google.protobuf", "httpx", "pinocchio")
 

@@ -27,7 +27,14 @@ from tests.helpers.following import FollowingLink
 from tests.helpers.ideal import IdealCell
 
 NOT_FINITE = st.sampled_from([np.nan, np.inf, -np.inf])
-RULES = Rules(lower=(-1.0,) * 7, upper=(1.0,) * 7, speed=(2.0,) * 7)
+RULES = Rules(
+    lower=(-1.0,) * 7,
+    upper=(1.0,) * 7,
+    speed=(2.0,) * 7,
+    acceleration=(20.0,),
+    lowest=(-0.2, -0.8, 0.0),
+    highest=(0.8, 0.8, 1.2),
+)
 REST = np.zeros(7)
 PATH = Trajectory(np.array([0.0, 1.0]), np.array([REST, REST + 0.05]))
 

@@ -11,7 +11,7 @@ from bt_jax.deploy.link.egm import CYCLE
 from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.deploy.link.protocol import ControllerGone
 from bt_jax.deploy.link.safety import Rejected, Rules
-from bt_jax.deploy.link.settings import LinkConfig
+from bt_jax.deploy.link.settings import link_config
 from bt_jax.deploy.planning.trajectory import Trajectory
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.controller import Controller
@@ -20,7 +20,10 @@ from bt_jax.deploy.twin.simulated_robot import CellModel
 
 ARMS = ("left", "right")
 STARVED = 0.05  # seconds; a cycle has 4 ms
-RULES = Rules(lower=(-2.0,) * 7, upper=(2.0,) * 7, speed=(3.0,) * 7, stale=0.3)  # a shared machine may stall
+RULES = Rules(
+    lower=(-2.0,) * 7, upper=(2.0,) * 7, speed=(3.0,) * 7, acceleration=(20.0,),
+    lowest=YUMI.workspace[0], highest=YUMI.workspace[1], stale=0.3,  # a shared machine may stall
+)  # fmt: skip
 
 
 def _arm(name: str, y: float) -> str:
@@ -73,7 +76,7 @@ def running(*, realtime: bool, rules: Rules = RULES, start: bool = True):
     """A controller and a link to it: (controller, link). Skips what fails in real time on a starved machine."""
     ports = free_ports(YUMI.arm_names)
     with Controller(cell(), ports=ports, realtime=realtime) as controller:
-        config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
+        config = link_config(YUMI, "127.0.0.1", ports, controller.rws_port, motion=True)
         link = Irc5Link(config, rules, controller)
         with skipped_where_starved(controller, link), link:
             if start:

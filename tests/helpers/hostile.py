@@ -15,6 +15,7 @@ ARMS = ("left", "right")
 RULES = Rules(
     lower=(-1.0, -0.8, -1.0, -1.0, -2.0, -1.0, -1.0), upper=(1.0, 1.0, 0.7, 1.0, 2.0, 1.0, 1.0),
     speed=(2.0, 2.0, 2.0, 2.0, 5.0, 5.0, 5.0), acceleration=(10.0, 10.0, 15.0, 15.0, 25.0, 25.0, 25.0),
+    lowest=(-0.2, -0.8, 0.0), highest=(0.8, 0.8, 1.2),
 )  # fmt: skip
 LOWER, UPPER = np.array(RULES.lower) + RULES.margin, np.array(RULES.upper) - RULES.margin
 EPISODE = 400  # cycles

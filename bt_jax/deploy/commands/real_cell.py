@@ -16,7 +16,7 @@ from bt_jax.deploy.execution.skills import RobotSkills
 from bt_jax.deploy.link.cell_rules import cell_rules
 from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.deploy.link.safety import Rules
-from bt_jax.deploy.link.settings import LinkConfig
+from bt_jax.deploy.link.settings import LinkConfig, link_config
 from bt_jax.deploy.perception.calibration import CameraPose, Intrinsics
 from bt_jax.deploy.perception.camera_file import load_camera
 from bt_jax.deploy.perception.opening import open_camera
@@ -72,10 +72,11 @@ def open_real_cell(arguments: RealCellArguments, *, motion: bool, override: floa
     if arguments.calibration is not None:
         file = arguments.calibration
         calibration = _tried(lambda: load_camera(file))
-    config = LinkConfig(
-        host=arguments.robot or HOST,
-        ports=dict(zip(YUMI.arm_names, arguments.ports, strict=True)),
-        rws_port=arguments.rws_port,
+    config = link_config(
+        YUMI,
+        arguments.robot or HOST,
+        dict(zip(YUMI.arm_names, arguments.ports, strict=True)),
+        arguments.rws_port,
         user=arguments.user,
         password=arguments.password,
         motion=motion,

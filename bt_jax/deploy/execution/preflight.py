@@ -26,7 +26,7 @@ from bt_jax.deploy.execution.offline_checks import (
     ran_in_twin,
 )
 from bt_jax.deploy.execution.settings import CalibrationLimits
-from bt_jax.deploy.link.reception import complaint
+from bt_jax.deploy.link.reception import complaint, title
 from bt_jax.deploy.robot.arrays import Joints
 
 __all__ = ["CONTROLLER", "CheckResult", "passed", "preflight", "show"]
@@ -121,7 +121,9 @@ def _feedback(equipment: Equipment) -> str:
         port, after = link.config.ports[arm], link.reception(arm)
         if after.since(before[arm]).silent:
             raise UserError(_silence(link, arm, port))
-        problem = complaint(arm, port, link.config.host, before[arm], after, seconds)
+        problem = complaint(
+            arm, port, link.config.host, before[arm], after, seconds, axes=len(equipment.robot.arm(arm).joints)
+        )
         if problem is not None:
             raise UserError(problem)
     now = link.counters()
@@ -135,11 +137,11 @@ def _silence(link: CheckedLink, arm: str, port: int) -> str:
     if elsewhere:
         ports = ", ".join(f"{other} (from {sender})" for other, sender in sorted(elsewhere.items()))
         return (
-            f"nothing came to UDP port {port} for the {arm} arm, but messages come to {ports}; name the ports with --ports, "
+            f"nothing came to UDP port {port} for {title(arm)}, but messages come to {ports}; name the ports with --ports, "
             "left arm first"
         )
     return (
-        f"nothing came from the {arm} arm; load BtJax (python -m bt_jax.deploy rapid), choose PP to main and start it, with "
+        f"nothing came from {title(arm)}; load BtJax (python -m bt_jax.deploy rapid), choose PP to main and start it, with "
         f"its EGM set up to send to UDP port {port} of this machine, which a firewall must let in"
     )
 
@@ -148,7 +150,7 @@ def _joints(link: CheckedLink, arm: str) -> Joints:
     """Return an arm's joints [rad]. Raise UserError where not all of them are finite."""
     joints = link.arm(arm).joints
     if not np.all(np.isfinite(joints)):
-        raise UserError(f"the {arm} arm tells joints that are not finite ({joints}); restart its controller")
+        raise UserError(f"{title(arm)} tells joints that are not finite ({joints}); restart its controller")
     return joints
 
 
@@ -160,7 +162,7 @@ def _limits(equipment: Equipment) -> str:
         room = float(np.min(np.minimum(joints - rules.lower, np.array(rules.upper) - joints)))
         if not room >= rules.margin:
             raise UserError(
-                f"a joint of the {arm} arm is {np.degrees(room):.1f} deg from its limit; jog it to the middle"
+                f"a joint of {title(arm)} is {np.degrees(room):.1f} deg from its limit; jog it to the middle"
             )
         closest = min(closest, room)
     return f"{np.degrees(closest):.0f} deg from the nearest limit"
@@ -172,14 +174,14 @@ def _kinematics(equipment: Equipment) -> str:
         state, joints = link.arm(arm), _joints(link, arm)
         if state.flange is None:
             raise UserError(
-                f"the {arm} arm's EGM tells no Cartesian pose; use quaternions, tool0 and wobj0 in its setup"
+                f"the EGM of {title(arm)} tells no Cartesian pose; use quaternions, tool0 and wobj0 in its setup"
             )
         change = equipment.flange(arm, joints).inv() * state.flange
         away, turn = float(np.linalg.norm(change.translation)), change.rotation.magnitude()
         if not (away <= FLANGE and turn <= TURN):
             raise UserError(
-                f"the {arm} arm's flange is {1000 * away:.1f} mm and {np.degrees(turn):.1f} deg from where its joints put "
-                "it; check axis order, tool0, wobj0 and the base frames"
+                f"the flange of {title(arm)} is {1000 * away:.1f} mm and {np.degrees(turn):.1f} deg from where its joints "
+                "put it; check axis order, tool0, wobj0 and the base frames"
             )
         worst = max(worst, away)
     return f"{1000 * worst:.2f} mm at most"
@@ -188,10 +190,9 @@ def _kinematics(equipment: Equipment) -> str:
 def _grippers(equipment: Equipment) -> str:
     link = opened(equipment.link)
     openings = {arm: link.arm(arm).opening for arm in link.arms}
-    widest = opened(equipment.program).task.gripper_opening
     for arm, opening in openings.items():
-        if not -0.001 <= opening <= widest + 0.001:
-            raise UserError(f"the {arm} gripper tells {1000 * opening:.1f} mm; calibrate it on the pendant")
+        if not -0.001 <= opening <= equipment.robot.arm(arm).gripper.opening + 0.001:
+            raise UserError(f"the gripper of {title(arm)} tells {1000 * opening:.1f} mm; calibrate it on the pendant")
     return ", ".join(f"{arm} {1000 * opening:.1f} mm" for arm, opening in openings.items())
 
 

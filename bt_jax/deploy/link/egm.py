@@ -16,10 +16,10 @@ from google.protobuf.message import DecodeError
 from bt_jax.deploy.link.egm_messages import EgmRobot, EgmSensor
 from bt_jax.deploy.robot.arrays import Joints, PoseRow
 
-__all__ = ["CYCLE", "EXTERNAL", "Feedback", "Mci", "Setpoint", "WrongAxes"]
+__all__ = ["CYCLE", "EXTERNAL", "SIX", "Feedback", "Mci", "Setpoint", "WrongAxes"]
 
 CYCLE = 0.004  # seconds between two messages
-SIX = 6  # joints of a message
+SIX = 6  # joints of a message; further axes are external
 EXTERNAL = 2  # place in the chain of a seventh axis, which travels as an external joint
 DATA, CORRECTION = 2, 3  # kinds of messages
 _SEQUENCE = 1 << 32  # numbers wrap here

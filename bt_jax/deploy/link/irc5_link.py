@@ -22,7 +22,7 @@ from bt_jax.deploy.link.program_stop import UNCONFIRMED
 from bt_jax.deploy.link.protocol import ArmState, ControllerGone, Counters, Records, SimulatedController
 from bt_jax.deploy.link.rapid_program import RapidProgram
 from bt_jax.deploy.link.realtime import CONTEXT
-from bt_jax.deploy.link.reception import USUAL_PORTS, Reception, complaint, senders
+from bt_jax.deploy.link.reception import USUAL_PORTS, Reception, complaint, senders, title
 from bt_jax.deploy.link.rws import ControllerMessage, ControllerState
 from bt_jax.deploy.link.safety import Rejected, Rules, check_trajectory
 from bt_jax.deploy.link.settings import LinkConfig
@@ -201,11 +201,10 @@ class Irc5Link:
 
     def _missing(self, arm: str) -> str:
         """Say that an arm has told nothing, and what came to its port instead."""
-        came = self.reception(arm)
-        instead = (
-            None if came.silent else complaint(arm, self.config.ports[arm], self.config.host, Reception(), came, 0.0)
-        )
-        return instead or f"no feedback came from the {arm} arm yet; check that EGM is set up to send to this machine"
+        came, axes = self.reception(arm), len(self.rules.lower)
+        look = arm, self.config.ports[arm], self.config.host, Reception(), came, 0.0
+        instead = None if came.silent else complaint(*look, axes=axes)
+        return instead or f"no feedback came from {title(arm)} yet; check that EGM is set up to send to this machine"
 
     def state(self) -> ControllerState:
         """Return the controller's state, asked for now."""

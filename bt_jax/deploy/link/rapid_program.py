@@ -44,7 +44,7 @@ class RapidProgram:
 
     def __init__(self, config: LinkConfig, *, realtime: bool = True) -> None:
         self.arms = tuple(config.ports)
-        self._widest, self._strongest = config.widest, config.strongest
+        self._grippers = config.grippers
         self.openings = dict.fromkeys(self.arms, math.nan)  # m between the fingers, as read last
         self._forces: dict[str, float] = {}  # N, as written last
         self._gripped: tuple[str, float] = ("", float("-inf"))  # arm that was told to grip last, and when
@@ -131,11 +131,12 @@ class RapidProgram:
 
     def grip(self, arm: str, opening: float, force: float) -> None:
         """Move an arm's fingers to a distance from each other [m], with a force [N], both clipped to what is possible."""
-        force = float(np.clip(force, 0, self._strongest))
+        gripper = self._grippers[arm]
+        force = float(np.clip(force, 0, gripper.force))
         if self._forces.get(arm) != force:
             self._rws.set_number(symbol(arm, GRIP_FORCE), force)
             self._forces[arm] = force
-        self._rws.set_number(symbol(arm, GRIP_TARGET), MILLIMETRES * float(np.clip(opening, 0, self._widest)))
+        self._rws.set_number(symbol(arm, GRIP_TARGET), MILLIMETRES * float(np.clip(opening, 0, gripper.opening)))
         self._gripped = arm, time.monotonic()
 
     def read_openings(self) -> None:

@@ -13,9 +13,9 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from jaxtyping import Float
 
-from bt_jax.deploy.link.egm import CYCLE, WrongAxes
+from bt_jax.deploy.link.egm import CYCLE, SIX, WrongAxes
 
-__all__ = ["USUAL_PORTS", "Receiver", "Reception", "complaint", "open_socket", "senders"]
+__all__ = ["USUAL_PORTS", "Receiver", "Reception", "complaint", "open_socket", "senders", "title"]
 
 USUAL_PORTS = range(6510, 6516)  # where a controller sends whose transmission protocols were left as in the manual
 LOST = 0.02  # share of messages that may be lost
@@ -31,14 +31,14 @@ class Reception:
     old: int = 0  # numbered like one before, or lower
     sources: int = 0  # taken ones that came from another port of the controller than the one before
     foreign: int = 0  # from another address than the controller's
-    axes: int = 0  # of EGM, but not about seven axes
+    axes: int = 0  # of EGM, but not about as many axes as the arm has
     unreadable: int = 0  # not of EGM
     sequence: int = 0  # number of the last message that was taken
     time: float = 0.0  # its time [s], by the controller's clock
     first: int = 0  # number of the first message that was taken since the numbers began
     first_time: float = 0.0  # its time, s
     address: int = 0  # IPv4 address of the last foreign message
-    joints: int = 0  # axes and external axes of the last message that was not about seven
+    joints: int = 0  # axes and external axes of the last message that was not about so many
     external: int = 0
 
     @property
@@ -131,18 +131,25 @@ def _opened(ports: Iterable[int], stack: contextlib.ExitStack) -> Iterator[tuple
             yield stack.enter_context(open_socket(port)), port
 
 
-def complaint(arm: str, port: int, host: str, before: Reception, after: Reception, seconds: float) -> str | None:
-    """Return what is wrong with the messages that came to an arm's port between two looks, `seconds` apart, and what to do
-    about it; None where they are as they should be. Something must have come."""
+def title(arm: str) -> str:
+    """Return what an arm is called in a sentence: the only one of a robot is named "arm"."""
+    return "the arm" if arm == "arm" else f"the {arm} arm"
+
+
+def complaint(
+    arm: str, port: int, host: str, before: Reception, after: Reception, seconds: float, *, axes: int
+) -> str | None:
+    """Return what is wrong with the messages that came to the port of an arm with so many `axes` between two looks,
+    `seconds` apart, and what to do about it; None where they are as they should be. Something must have come."""
     came = after.since(before)
-    where = f"came to UDP port {port}, meant for the {arm} arm,"
+    where = f"came to UDP port {port}, meant for {title(arm)},"
     if came.taken > 0:
         return _irregular(arm, port, before, after, seconds)
     if came.axes > 0:
         return (
-            f"{came.axes} EGM messages {where} with {came.joints} joints and {came.external} external ones instead of 6 "
-            "and 1: another robot, or an EGM setup without axis 7; give the address of this robot with --robot, and start "
-            "BtJax in both arms' tasks"
+            f"{came.axes} EGM messages {where} with {came.joints} joints and {came.external} external ones instead of {SIX} "
+            f"and {axes - SIX}: another robot, or another EGM setup; give the address of this robot with --robot, and start "
+            f"its program, which must guide {axes} axes"
         )
     if came.unreadable > 0:
         return (
@@ -175,12 +182,12 @@ def _irregular(arm: str, port: int, before: Reception, after: Reception, seconds
     period = (after.time - then) / steps if steps else CYCLE
     if not abs(period) < SLOW * CYCLE:
         return (
-            f"the {arm} arm's messages come every {1000 * period:.0f} ms instead of every {1000 * CYCLE:.0f}; set "
+            f"the messages of {title(arm)} come every {1000 * period:.0f} ms instead of every {1000 * CYCLE:.0f}; set "
             f"SampleRate to {1000 * CYCLE:.0f} where EGM is started, as BtJax does"
         )
     if not (came.taken >= (1 - LOST) * expected and lost <= LOST * expected):
         return (
-            f"only {came.taken} of {expected:.0f} messages of the {arm} arm came in {seconds:g} s, {lost} were lost; use a "
+            f"only {came.taken} of {expected:.0f} messages of {title(arm)} came in {seconds:g} s, {lost} were lost; use a "
             "cable and no other load"
         )
     return None

@@ -41,7 +41,9 @@ class Rules:
     lower: tuple[float, ...]
     upper: tuple[float, ...]
     speed: tuple[float, ...]  # of the robot: faster targets are rejected
-    acceleration: tuple[float, ...] = (20.0,)
+    acceleration: tuple[float, ...]
+    lowest: tuple[float, float, float]  # workspace of the points, base frame [m]
+    highest: tuple[float, float, float]
     margin: float = np.radians(2.0)  # distance kept from the joint bounds
     implausible: float = np.radians(5.0)  # beyond the joint bounds: no arm is measured there
     override: float = np.inf  # rad/s: slower than the robot could; trajectories are slowed down to it
@@ -51,8 +53,6 @@ class Rules:
     deviation: float = 0.02  # rad by which setpoints may leave a path to keep to the limits
     lag: float = 0.05  # rad between measurement and all that was sent within `response`: something blocks the arm
     response: float = 0.3  # seconds by which an arm may follow late, which explains what it lags behind at any speed
-    lowest: tuple[float, float, float] = (-0.2, -0.8, 0.0)  # workspace of the points, base frame [m]
-    highest: tuple[float, float, float] = (0.8, 0.8, 1.2)
     clearance: float = 0.005  # m
     longest: float = 0.012  # seconds for which one message may move an arm on, however long none came
     stale: float = 0.1  # seconds without feedback

@@ -5,8 +5,11 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
+from typing import Any
 
-__all__ = ["EGM_SPEED", "LinkConfig", "LinkTiming"]
+from bt_jax.deploy.robot.model import GripperModel, RobotModel
+
+__all__ = ["EGM_SPEED", "LinkConfig", "LinkTiming", "link_config"]
 
 EGM_SPEED = math.radians(15.0)  # rad/s: the RAPID program BtJax lets EGM turn a joint no faster
 
@@ -32,14 +35,25 @@ class LinkTiming:
 
 @dataclasses.dataclass(frozen=True)
 class LinkConfig:
-    """Where the controller is. The ports are ours: the controller must be set up to send each arm's EGM there."""
+    """Where the controller is, and what the arms' grippers can do. The ports are ours: the controller must be set up to send
+    each arm's EGM there."""
 
-    host: str = "192.168.125.1"  # the service port of an IRC5
-    ports: Mapping[str, int] = dataclasses.field(default_factory=lambda: {"left": 6511, "right": 6512})
+    host: str
+    ports: Mapping[str, int]
+    grippers: Mapping[str, GripperModel]
     rws_port: int = 80
     user: str = "Default User"
     password: str = "robotics"
-    widest: float = 0.05  # m between the fingers, and the strongest grip in N: of the Smart Gripper
-    strongest: float = 20.0
     motion: bool = False  # False: listen only; no setpoint ever leaves
     timing: LinkTiming = LinkTiming()
+
+
+def link_config(
+    robot: RobotModel, host: str, ports: Mapping[str, int], rws_port: int = LinkConfig.rws_port, **others: Any
+) -> LinkConfig:
+    """Return where the controller of a robot is. Raise ValueError unless each of its arms has a port."""
+    if set(ports) != set(robot.arm_names):
+        raise ValueError(
+            f"{robot.name} has the arms {', '.join(robot.arm_names)}, and ports are for {', '.join(ports)}"
+        )
+    return LinkConfig(host, ports, {arm.name: arm.gripper for arm in robot.arms}, rws_port, **others)

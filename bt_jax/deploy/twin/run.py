@@ -27,7 +27,7 @@ from bt_jax.deploy.execution.skills import RobotSkills
 from bt_jax.deploy.link.cell_rules import cell_rules
 from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.deploy.link.protocol import Counters
-from bt_jax.deploy.link.settings import LinkConfig
+from bt_jax.deploy.link.settings import link_config
 from bt_jax.deploy.perception.pipeline import Perception
 from bt_jax.deploy.perception.threaded import BackgroundPerception
 from bt_jax.deploy.planning.process import PlanningProcess
@@ -107,15 +107,7 @@ def run_twin(
     with contextlib.ExitStack() as stack:
         controller = stack.enter_context(Controller(scene.cell, ports=ports, realtime=realtime, realism=scene.realism))
         perception = stack.enter_context(_perception(scene, controller, seed, background=realtime))
-        grippers = [arm.gripper for arm in robot.arms]
-        config = LinkConfig(
-            "127.0.0.1",
-            ports,
-            controller.rws_port,
-            widest=max(gripper.opening for gripper in grippers),
-            strongest=max(gripper.force for gripper in grippers),
-            motion=True,
-        )
+        config = link_config(robot, "127.0.0.1", ports, controller.rws_port, motion=True)
         rules = cell_rules(robot, program.task)
         if not realtime:
             rules = dataclasses.replace(rules, idle=WAITING)

@@ -18,7 +18,7 @@ from bt_jax.deploy.link import rws
 from bt_jax.deploy.link.egm import CYCLE
 from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.deploy.link.rws import EGM_REQUEST, EGM_STATE, MODULE, TASKS, Motion, Rws, symbol
-from bt_jax.deploy.link.settings import EGM_SPEED, LinkConfig, LinkTiming
+from bt_jax.deploy.link.settings import EGM_SPEED, LinkTiming, link_config
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.controller import Controller
 from bt_jax.deploy.twin.network import free_ports
@@ -210,7 +210,7 @@ def test_a_program_that_runs_already_is_asked_to_follow(realtime):
     with Controller(cell(), ports=ports, realtime=realtime) as controller:
         rws = Rws("127.0.0.1", controller.rws_port, "Default User", "robotics")
         rws.start()
-        config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
+        config = link_config(YUMI, "127.0.0.1", ports, controller.rws_port, motion=True)
         link = Irc5Link(config, RULES, controller)
         with skipped_where_starved(controller, link), link:
             run_for(link, 0.2)

@@ -25,7 +25,7 @@ from bt_jax.deploy.link.egm import CYCLE
 from bt_jax.deploy.link.protocol import ArmState, Counters
 from bt_jax.deploy.link.reception import Reception
 from bt_jax.deploy.link.rws import ControllerState
-from bt_jax.deploy.link.settings import LinkConfig
+from bt_jax.deploy.link.settings import link_config
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.network import free_ports
 from bt_jax.mjx_env.scene.layouts import sample_layouts
@@ -82,7 +82,7 @@ class CheckedCell(SimulatedTime):
 
     def __init__(self):
         super().__init__()
-        self.rules, self.config = RULES, LinkConfig()
+        self.rules, self.config = RULES, link_config(YUMI, "192.168.125.1", {"left": 6511, "right": 6512})
         self.control, self.lost, self.silent, self.others = "motoron", 0.0, (), {}
 
     def arm(self, arm):
@@ -190,6 +190,18 @@ def test_no_number_passes_that_is_none_or_cannot_be(good, value, monkeypatch):
         with monkeypatch.context() as patch:
             patch.setattr(good.link, "arm", lambda arm, change=change: dataclasses.replace(state, **change))
             assert name in failing(good)
+
+
+def test_fingers_are_judged_by_the_robots_gripper_whatever_the_task_says(good, monkeypatch):
+    state = good.link.arm("left")
+    roomy = Program(dataclasses.replace(TASK, gripper_opening=0.2), STACK3)
+    wide = dataclasses.replace(good.robot.arms[0].gripper, stroke=0.06)
+    arms = tuple(dataclasses.replace(arm, gripper=wide) for arm in good.robot.arms)
+    monkeypatch.setattr(good.link, "arm", lambda arm: dataclasses.replace(state, opening=0.1))
+    assert "grippers:position" in failing(dataclasses.replace(good, program=roomy))
+    assert "grippers:position" not in failing(
+        dataclasses.replace(good, robot=dataclasses.replace(good.robot, arms=arms))
+    )
 
 
 @pytest.mark.parametrize("odd", [float("nan"), float("inf"), 1e6])

@@ -13,7 +13,7 @@ from bt_jax.deploy.commands.run import run_command
 from bt_jax.deploy.execution.settings import Exit
 from bt_jax.deploy.link.egm import EXTERNAL
 from bt_jax.deploy.link.irc5_link import Irc5Link
-from bt_jax.deploy.link.settings import LinkConfig
+from bt_jax.deploy.link.settings import link_config
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.network import free_ports
 from tests.helpers.cells import ARMS, RULES, move, run_for
@@ -32,7 +32,7 @@ def chain(arm):
 def test_both_arms_follow_with_their_external_axis():
     ports = free_ports(YUMI.arm_names)
     with served() as (controller, server), ForeignPeer(controller, ports) as peer:
-        config = LinkConfig("127.0.0.1", ports, server.server_address[1], motion=True)
+        config = link_config(YUMI, "127.0.0.1", ports, server.server_address[1], motion=True)
         with Irc5Link(config, PATIENT) as link:
             link.start()
             start = {arm: chain(peer.arms[arm]) for arm in ARMS}
@@ -67,7 +67,7 @@ def test_messages_that_are_of_no_use_are_told_by_link_check_and_run(wrong, told,
     ports = free_ports(YUMI.arm_names)
     with served() as (controller, server), ForeignPeer(controller, ports, **wrong):
         port = server.server_address[1]
-        with Irc5Link(LinkConfig("127.0.0.1", ports, port), PATIENT) as link:
+        with Irc5Link(link_config(YUMI, "127.0.0.1", ports, port), PATIENT) as link:
             run_for(link, 20.0, until=lambda: not any(link.reception(arm).silent for arm in ARMS))
             for arm in ARMS:
                 with pytest.raises(UserError, match=told):

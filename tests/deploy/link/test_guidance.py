@@ -19,7 +19,14 @@ from bt_jax.deploy.twin.settings import Realism
 from tests.helpers.cells import smooth
 from tests.helpers.hostile import EPISODE, play
 
-RULES = Rules(lower=(-1.0,) * 7, upper=(1.0,) * 7, speed=(2.0,) * 7, acceleration=(10.0,) * 7)
+RULES = Rules(
+    lower=(-1.0,) * 7,
+    upper=(1.0,) * 7,
+    speed=(2.0,) * 7,
+    acceleration=(10.0,) * 7,
+    lowest=(-0.2, -0.8, 0.0),
+    highest=(0.8, 0.8, 1.2),
+)
 HERE = np.full(7, 0.1)
 FAR = np.full(7, 0.8)
 

@@ -9,7 +9,8 @@ from bt_jax.deploy.link.controller_watch import ControllerWatch
 from bt_jax.deploy.link.program_stop import ProgramStop
 from bt_jax.deploy.link.rapid_program import RapidProgram
 from bt_jax.deploy.link.rws import Rws
-from bt_jax.deploy.link.settings import LinkConfig, LinkTiming
+from bt_jax.deploy.link.settings import LinkTiming, link_config
+from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.rws_server import RwsLimits
 from tests.helpers.rws import client, served
 
@@ -97,7 +98,7 @@ def test_a_stop_that_is_asked_for_again_is_tried_again(monkeypatch):
 
 def test_it_waits_for_no_reading_that_hangs():
     with served() as (controller, server):
-        program = RapidProgram(LinkConfig("127.0.0.1", rws_port=server.server_address[1]))
+        program = RapidProgram(link_config(YUMI, "127.0.0.1", {"left": 6511, "right": 6512}, server.server_address[1]))
         program.expect_stop()
         lost = []
         watch = ControllerWatch(program, LinkTiming(), enabled=lambda: True, stop=lost.append, look=lambda: None)
@@ -117,7 +118,7 @@ def test_it_waits_for_no_reading_that_hangs():
 
 def test_a_watched_controller_is_asked_at_most_ten_times_a_second():
     with served() as (_, server):
-        program = RapidProgram(LinkConfig("127.0.0.1", rws_port=server.server_address[1]))
+        program = RapidProgram(link_config(YUMI, "127.0.0.1", {"left": 6511, "right": 6512}, server.server_address[1]))
         program.state()
         watch = ControllerWatch(program, LinkTiming(), enabled=lambda: True, stop=lambda _: "", look=lambda: None)
         watch.start()
@@ -133,7 +134,9 @@ def test_a_watched_controller_is_asked_at_most_ten_times_a_second():
 
 def test_what_the_controller_says_is_read_from_its_event_log():
     with served() as (controller, server):
-        program = RapidProgram(LinkConfig("127.0.0.1", rws_port=server.server_address[1]), realtime=False)
+        program = RapidProgram(
+            link_config(YUMI, "127.0.0.1", {"left": 6511, "right": 6512}, server.server_address[1]), realtime=False
+        )
         program.expect_stop()
         assert program.complaint() is None
         controller.messages.append(type(controller.messages[0])(2, 3, 50204, "Motion supervision"))

@@ -12,7 +12,7 @@ from bt_jax.deploy.link.egm import CYCLE, Feedback, Mci
 from bt_jax.deploy.link.egm_messages import EgmRobot
 from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.deploy.link.reception import Receiver, Reception, complaint
-from bt_jax.deploy.link.settings import LinkConfig
+from bt_jax.deploy.link.settings import link_config
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.controller import Controller
 from bt_jax.deploy.twin.network import free_ports
@@ -36,7 +36,7 @@ def link():
     """A link to Robot Web Services; what comes to its ports is up to the test."""
     with (
         Controller(cell(), ports=free_ports(YUMI.arm_names), realtime=False) as controller,
-        Irc5Link(LinkConfig(HOST, free_ports(YUMI.arm_names), controller.rws_port), RULES) as link,
+        Irc5Link(link_config(YUMI, HOST, free_ports(YUMI.arm_names), controller.rws_port), RULES) as link,
     ):
         yield link
 
@@ -71,14 +71,22 @@ def _count(came: Reception) -> int:
 )
 def test_what_is_of_no_use_is_told(link, source, make, told):
     before, after = received(link, source, [make(number) for number in range(5)])
-    found = complaint("left", link.config.ports["left"], HOST, before, after, 1.0)
+    found = complaint("left", link.config.ports["left"], HOST, before, after, 1.0, axes=7)
     assert re.search(told, found), found
+
+
+def test_an_arm_of_six_axes_is_told_what_it_should_guide():
+    came = Reception(axes=5, joints=6, external=1)
+    found = complaint("arm", 6511, HOST, Reception(), came, 1.0, axes=6)
+    assert "meant for the arm, with 6 joints and 1 external ones instead of 6 and 0" in found
+    assert "must guide 6 axes" in found
+    assert not re.search("arm arm|axis 7|BtJax|both", found)
 
 
 def test_numbers_that_do_not_rise_are_told(link):
     received(link, HOST, [message(9)])
     before, after = received(link, HOST, [message(9)] * 5)
-    assert "do not rise; restart" in complaint("left", 6511, HOST, before, after, 1.0)
+    assert "do not rise; restart" in complaint("left", 6511, HOST, before, after, 1.0, axes=7)
 
 
 def test_messages_at_another_port_are_heard(link, monkeypatch):
@@ -117,7 +125,7 @@ def test_how_often_messages_come_is_judged(changes, told):
     after = Reception(
         **{name: value + getattr(before, name) for name, value in vars(came).items()},
     )
-    found = complaint("left", 6511, HOST, before, after, 1.0)
+    found = complaint("left", 6511, HOST, before, after, 1.0, axes=7)
     assert found is None if told is None else re.search(told, found), found
 
 
@@ -134,20 +142,20 @@ def receptions(*runs: range, period: float) -> list[Reception]:
 
 def test_a_slow_rate_is_told_also_where_nothing_came_before():
     before, after = receptions(range(700, 742), period=0.024)
-    found = complaint("left", 6511, HOST, before, after, 1.0)
+    found = complaint("left", 6511, HOST, before, after, 1.0, axes=7)
     assert "every 24 ms instead of every 4; set SampleRate" in found
     before, after = receptions(range(700, 950), period=CYCLE)
-    assert complaint("left", 6511, HOST, before, after, 1.0) is None
+    assert complaint("left", 6511, HOST, before, after, 1.0, axes=7) is None
     before, after = receptions(range(700, 1200, 2), period=2 * CYCLE)
-    assert "249 were lost" in complaint("left", 6511, HOST, before, after, 2.0)
+    assert "249 were lost" in complaint("left", 6511, HOST, before, after, 2.0, axes=7)
 
 
 @pytest.mark.parametrize("start", [1, (1 << 31) - 100])
 def test_numbers_that_begin_again_are_no_losses(start):
     """The controller was started again while its messages were counted."""
     _, before, after = receptions(range((1 << 32) - 200, 1 << 32), range(1, 251), period=CYCLE)
-    assert complaint("left", 6511, HOST, before, after, 1.0) is None, "they only wrap"
+    assert complaint("left", 6511, HOST, before, after, 1.0, axes=7) is None, "they only wrap"
     _, before, after = receptions(range(start + 5000, start + 5100), range(start, start + 250), period=CYCLE)
-    assert complaint("left", 6511, HOST, before, after, 1.0) is None
+    assert complaint("left", 6511, HOST, before, after, 1.0, axes=7) is None
     _, before, after = receptions(range(start + 5000, start + 5100), range(start, start + 42), period=0.024)
-    assert "every 24 ms" in complaint("left", 6511, HOST, before, after, 1.0)
+    assert "every 24 ms" in complaint("left", 6511, HOST, before, after, 1.0, axes=7)

@@ -19,6 +19,7 @@ RULES = Rules(
     lower=(-1.0,) * 7,
     upper=(1.0,) * 7,
     speed=(2.0,) * 7,
+    acceleration=(20.0,),
     margin=0.1,
     lowest=(-0.1, -0.7, 0.0),
     highest=(1.1, 0.7, 1.0),

@@ -10,7 +10,7 @@ from bt_jax._util.errors import UserError
 from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.deploy.link.rapid_program import RapidProgram
 from bt_jax.deploy.link.rws import EGM_HERE, EGM_REQUEST, Motion, Rws, symbol
-from bt_jax.deploy.link.settings import LinkConfig
+from bt_jax.deploy.link.settings import link_config
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.controller import Controller
 from bt_jax.deploy.twin.network import free_ports
@@ -20,7 +20,7 @@ from tests.helpers.cells import ARMS, RULES, cell, move, run_for, running, skipp
 @pytest.mark.realtime
 def test_a_link_that_only_listens_never_answers():
     ports = free_ports(YUMI.arm_names)
-    listening = LinkConfig("127.0.0.1", ports, motion=False)
+    listening = link_config(YUMI, "127.0.0.1", ports, motion=False)
     with contextlib.ExitStack() as stack:
         controller = stack.enter_context(Controller(cell(), ports=ports, realtime=True))
         listening = dataclasses.replace(listening, rws_port=controller.rws_port)
@@ -79,7 +79,7 @@ def test_an_arm_that_was_moved_since_the_start_is_not_guided():
 def test_taken_ports_and_wrong_users_are_said_in_a_sentence():
     ports = free_ports(YUMI.arm_names)
     with Controller(cell(), ports=ports, realtime=True) as controller, skipped_where_starved(controller):
-        config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
+        config = link_config(YUMI, "127.0.0.1", ports, controller.rws_port, motion=True)
         wrong = dataclasses.replace(config, password="guess")
         with Irc5Link(wrong, RULES, controller) as link, pytest.raises(UserError, match="refuses the user"):
             link.start()
@@ -100,7 +100,7 @@ def test_taken_ports_and_wrong_users_are_said_in_a_sentence():
 
 def test_an_unknown_controller_is_said_in_a_sentence():
     with pytest.raises(UserError, match="--robot"):
-        Irc5Link(LinkConfig("nowhere.invalid", free_ports(YUMI.arm_names)), RULES)
+        Irc5Link(link_config(YUMI, "nowhere.invalid", free_ports(YUMI.arm_names)), RULES)
 
 
 @pytest.mark.realtime

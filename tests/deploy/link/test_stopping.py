@@ -11,7 +11,7 @@ from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.deploy.link.rws import EGM_REQUEST, Motion, Rws, symbol
 from bt_jax.deploy.link.rws_errors import ControllerBusy
 from bt_jax.deploy.link.safety import Rejected
-from bt_jax.deploy.link.settings import LinkConfig, LinkTiming
+from bt_jax.deploy.link.settings import LinkTiming, link_config
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.controller import Controller
 from bt_jax.deploy.twin.network import free_ports
@@ -78,7 +78,7 @@ def test_stop_and_close_reach_the_controller_without_the_link_process():
 def test_a_latched_stop_ends_with_its_process_and_the_robots_program():
     ports = free_ports(YUMI.arm_names)
     with Controller(cell(), ports=ports, realtime=False) as controller:
-        config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
+        config = link_config(YUMI, "127.0.0.1", ports, controller.rws_port, motion=True)
         with Irc5Link(config, RULES, controller) as link:
             link.start()
             link.stop("somebody shouted")

@@ -9,7 +9,15 @@ from bt_jax.deploy.link.egm import CYCLE, Feedback, Mci
 from bt_jax.deploy.link.safety import Rules
 from bt_jax.deploy.link.supervision import Supervisor
 
-RULES = Rules(lower=(-1.0,) * 7, upper=(1.0,) * 7, speed=(2.0,) * 7, margin=0.1)
+RULES = Rules(
+    lower=(-1.0,) * 7,
+    upper=(1.0,) * 7,
+    speed=(2.0,) * 7,
+    acceleration=(20.0,),
+    lowest=(-0.2, -0.8, 0.0),
+    highest=(0.8, 0.8, 1.2),
+    margin=0.1,
+)
 ARMS = ("left", "right")
 
 

@@ -8,7 +8,7 @@ import pytest
 from bt_jax.deploy.link.egm import CYCLE, Feedback, Mci
 from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.deploy.link.rws import EGM_REQUEST, EGM_STATE, Motion, symbol
-from bt_jax.deploy.link.settings import LinkConfig
+from bt_jax.deploy.link.settings import link_config
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.controller import Controller
 from bt_jax.deploy.twin.network import free_ports
@@ -55,7 +55,7 @@ def test_a_new_session_begins_after_a_silence(realism, silent):
 def test_our_link_begins_guided_motion_through_the_silence():
     ports = free_ports(YUMI.arm_names)
     with Controller(cell(), ports=ports, realtime=False, realism=REALISM) as controller:
-        config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
+        config = link_config(YUMI, "127.0.0.1", ports, controller.rws_port, motion=True)
         with Irc5Link(config, RULES, controller) as link:
             controller.advance(1.0)
             link.start()

@@ -12,7 +12,7 @@ from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.skills import RobotSkills
 from bt_jax.deploy.link.cell_rules import cell_rules
 from bt_jax.deploy.link.irc5_link import Irc5Link
-from bt_jax.deploy.link.settings import LinkConfig
+from bt_jax.deploy.link.settings import link_config
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.cell import build_scene
 from bt_jax.deploy.twin.controller import Controller
@@ -44,7 +44,7 @@ def test_a_part_that_a_stop_left_in_the_fingers_is_let_go_of_or_taken_home(keep)
     scene, ports = build_scene(YUMI, TASK, 3, Realism.perfect()), free_ports(YUMI.arm_names)
     rules = dataclasses.replace(cell_rules(YUMI, TASK), idle=60.0)
     with Controller(scene.cell, ports=ports, realtime=False, realism=scene.realism) as controller:
-        config = LinkConfig("127.0.0.1", ports, controller.rws_port, motion=True)
+        config = link_config(YUMI, "127.0.0.1", ports, controller.rws_port, motion=True)
 
         def drive(link, skills, *, until=lambda: False):
             for _ in range(600):
