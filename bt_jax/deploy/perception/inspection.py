@@ -13,8 +13,9 @@ from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy.execution.observation import Finding
 from bt_jax.deploy.perception.camera_check import camera_shift
-from bt_jax.deploy.perception.detection import Gates, Picture
+from bt_jax.deploy.perception.detection import Picture
 from bt_jax.deploy.perception.markers import MODULES, Marker, task_markers
+from bt_jax.deploy.perception.pose_fit import Gates
 from bt_jax.deploy.perception.sight import Sight
 from bt_jax.deploy.planning.pose_geometry import lean
 from bt_jax.tasks import Task

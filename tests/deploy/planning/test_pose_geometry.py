@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.deploy.perception.pipeline import Perception
-from bt_jax.deploy.planning.pose_geometry import lean, level
+from bt_jax.deploy.planning.pose_geometry import is_over_kit, lean, level, stands_on, table_under, turn_between
 from tests.helpers.rendered import PLACEMENT, TASK, TOP, errors, fresh_scene
 
 FACES = [
@@ -47,3 +47,25 @@ def test_on_top_of_a_box_on_its_side_is_against_gravity():
         perception.update()
     above = perception.poses(scene.time)["YellowBox"].apply([0.0, 0.0, 0.04])
     assert above == pytest.approx([0.3, 0.2, TOP + 0.06], abs=0.001)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-6, 0.7, np.pi])
+def test_the_turn_between_two_frames_is_that_about_any_axis(angle):
+    start = RigidTransform.from_rotation(Rotation.from_euler("xyz", [0.3, -1.1, 2.0]))
+    turned = RigidTransform.from_rotation(start.rotation * Rotation.from_rotvec(angle * np.array([0.6, 0.0, -0.8])))
+    assert turn_between(start, turned) == pytest.approx(angle, abs=1e-9)
+
+
+def test_a_box_stands_on_another_on_the_kit_or_on_a_table():
+    names, table = TASK.box_names, TASK.tables[0]
+    middle = np.array([*table.position[:2], table.top + 0.02])
+    poses = {name: RigidTransform.from_translation(middle + np.array([0, 0, 0.04 * k])) for k, name in enumerate(names)}
+    stacked = [(a, b) for a in names for b in names if stands_on(TASK, a, b, poses)]
+    assert stacked == [(names[1], names[0]), (names[2], names[1])]
+    assert stands_on(TASK, names[2], names[0], poses, above_most=np.inf)
+    turned = RigidTransform.from_components([0.3, 0.1, 0.0], Rotation.from_euler("z", np.pi / 4))
+    edge = TASK.kit.size / 2
+    assert is_over_kit(TASK, turned, turned.apply([0.9 * edge, 0.9 * edge, 0.2]))
+    assert not is_over_kit(TASK, turned, turned.translation + np.array([0.9 * edge, 0.9 * edge, 0.0]))
+    assert table_under(TASK, middle) == table
+    assert table_under(TASK, np.array([5.0, 0.0, 0.0])) is None
