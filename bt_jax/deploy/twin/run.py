@@ -35,8 +35,8 @@ from bt_jax.deploy.planning.timing import Pace
 from bt_jax.deploy.robot.model import RobotModel
 from bt_jax.deploy.twin.cell import CAMERA, TwinScene, build_scene, solved, target_distances
 from bt_jax.deploy.twin.controller import Controller, ControllerStats
-from bt_jax.deploy.twin.disturbances import Disturbance, Disturber
 from bt_jax.deploy.twin.disturbances import disturbance as disturbance_named
+from bt_jax.deploy.twin.disturber import Disturbance, Disturber
 from bt_jax.deploy.twin.network import free_ports
 from bt_jax.deploy.twin.person import Person, Touch
 from bt_jax.deploy.twin.rendered_camera import RenderedCamera
@@ -120,7 +120,7 @@ def run_twin(
         person: Person | Disturber = Person(scene, controller, rng, times)
         if disturbance is not None:
             camera = None if realtime else perception.camera  # type: ignore[attr-defined]
-            person = Disturber(disturbance, scene, controller, camera, np.random.default_rng([seed, 4]), first)
+            person = Disturber(disturbance, happens, scene, controller, camera, np.random.default_rng([seed, 4]), first)
 
         qpos, stats = controller.state()[1], controller.stats()
 
