@@ -43,12 +43,16 @@ class Camera(RenderedCamera):
 
 
 @contextlib.contextmanager
-def connected(folder, monkeypatch):
+def connected(folder, monkeypatch, away=0.0):
     """The controller, the cameras that were opened, and the arguments with which a command reaches both.
+    The arms begin `away` from home [rad].
 
     Skips what fails on a machine that is too busy, or cannot render.
     """
     scene, ports = build_scene(YUMI, TASK, 3), free_ports(YUMI.arm_names)
+    qpos = scene.cell.qpos.copy()
+    qpos[-18:].reshape(2, 9)[:, :7] += away
+    scene = dataclasses.replace(scene, cell=dataclasses.replace(scene.cell, qpos=qpos))
     (folder / "tree.txt").write_text(TREE)
     program = load_program(folder / "tree.txt", "yumi_stack")
     with Log(folder / "twin.jsonl") as log:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
+
 from rich.console import Console
 
 from bt_jax.deploy.commands.arguments import REDUCED_SPEED, CheckArguments
@@ -22,10 +24,10 @@ def check_command(arguments: CheckArguments, console: Console | None = None) -> 
     return Exit.DONE if passed(items) else Exit.FAILED
 
 
-def print_preflight(equipment: Equipment, console: Console) -> list[CheckResult]:
-    """Look at everything and print each item at once."""
+def print_preflight(equipment: Equipment, console: Console, only: Container[str] | None = None) -> list[CheckResult]:
+    """Look at everything, or `only` at some items, and print each at once."""
     items = []
-    for item in preflight(equipment):
+    for item in preflight(equipment, only):
         show(console, item)
         items.append(item)
     return items

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import contextlib
 import sys
+from collections.abc import Container, Mapping
 from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
+from scipy.spatial.transform import RigidTransform
 
 from bt_jax._util.errors import UserError
 from bt_jax.deploy.commands.arguments import RecoverArguments
+from bt_jax.deploy.commands.check import print_preflight
 from bt_jax.deploy.commands.real_cell import OpenedCell, open_real_cell
 from bt_jax.deploy.commands.run import AGAIN, last_stop
 from bt_jax.deploy.execution.equipment import opened
 from bt_jax.deploy.execution.observation import Observation
-from bt_jax.deploy.execution.settings import Exit
+from bt_jax.deploy.execution.preflight import ARMS_HELD, CAMERA, FINDINGS, passed
+from bt_jax.deploy.execution.settings import Exit, Limits
 from bt_jax.deploy.execution.skills import RobotSkills
 from bt_jax.deploy.link.irc5_link import Irc5Link
 from bt_jax.encoding.status import Status
@@ -40,15 +44,18 @@ def recover_command(arguments: RecoverArguments, console: Console | None = None)
     with open_real_cell(arguments, motion=True, override=arguments.speed) as cell:
         link, skills = opened(cell.link), opened(cell.skills)
         _show(link, console)
+        if arguments.camera is not None:
+            _require(cell, console, CAMERA)
         watched = (
             "What the camera sees is kept clear of."
-            if cell.perception
+            if cell.perception is not None
             else "Boxes are not seen, and not kept clear of."
         )
         console.print(f"[bold red]{escape(WARNING.format(speed=arguments.speed, seen=watched))}[/]")
         keep = _asked(console) == KEEP
         link.start(here=True)
         try:
+            _require(cell, console, ARMS_HELD if cell.perception is not None else set(ARMS_HELD) - {FINDINGS})
             problem = _carry_out(cell, link, skills, keep=keep)
         except KeyboardInterrupt:
             link.interrupt()
@@ -77,6 +84,12 @@ def _show(link: Irc5Link, console: Console) -> None:
         raise UserError("the controller is not ready; clear the error on the pendant, automatic mode, motors on")
 
 
+def _require(cell: OpenedCell, console: Console, items: Container[str]) -> None:
+    """Print items of the preflight. Raise UserError if one has not passed."""
+    if not passed(print_preflight(cell.equipment, console, items)):
+        raise UserError("nothing has moved; fix what the items name, or leave out --camera where it is the camera")
+
+
 def _asked(console: Console) -> str:
     """Ask a person at a terminal what is to become of what the grippers hold. Raise UserError for any other word."""
     if not sys.stdin.isatty():
@@ -93,16 +106,29 @@ def _carry_out(cell: OpenedCell, link: Irc5Link, skills: RobotSkills, *, keep: b
     def see() -> Observation:
         now = link.now()
         openings = {arm: link.arm(arm).opening for arm in link.arms}
-        poses = {} if cell.perception is None else opened(cell.perception).poses(now)
+        poses: Mapping[str, RigidTransform] = {}
+        if cell.perception is not None:
+            perception = opened(cell.perception)
+            perception.update()
+            if not now - perception.image <= Limits().image:
+                raise UserError(
+                    f"no new image{f' ({perception.lost})' if perception.lost else ''}; check the camera's cable"
+                )
+            poses = perception.poses(now)
         return Observation(now, poses, openings, None)
 
     end = link.now() + FIRST
-    while cell.perception is not None and not see().poses and link.now() < end:
+    while cell.perception is not None and not opened(cell.perception).poses(link.now()) and link.now() < end:
         link.wait(link.now() + TICK)
     skills.recover(keep=keep)
     end = link.now() + SECONDS
     while (stopped := link.stopped()) is None:
-        status = skills.poll(see())
+        try:
+            seen = see()
+        except Exception as problem:  # of whatever looks: the arms no longer know what is in their way
+            link.stop(f"the camera has failed: {problem}")
+            continue
+        status = skills.poll(seen)
         if status != Status.RUNNING:
             return "" if status == Status.SUCCESS else f"the arms are not home: {skills.reason}"
         if not link.now() < end:

@@ -7,7 +7,7 @@ negative and cannot be: `not 0 <= value <= limit`.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
 
 import numpy as np
 from rich.console import Console
@@ -29,10 +29,15 @@ from bt_jax.deploy.execution.settings import CalibrationLimits
 from bt_jax.deploy.link.reception import complaint, title
 from bt_jax.deploy.robot.arrays import Joints
 
-__all__ = ["CONTROLLER", "CheckResult", "passed", "preflight", "show"]
+__all__ = ["ARMS_HELD", "CAMERA", "CONTROLLER", "CheckResult", "passed", "preflight", "show"]
 
 TREE, IMAGES, MARKERS = "tree: every leaf is known", "camera: images", "markers: everything is seen"  # needed by others
 CONTROLLER, FEEDBACK = "controller: state", "link: feedback of all arms"
+LIMITS, KINEMATICS = "arms: joints within limits", "arms: feedback equals kinematics"
+INTRINSICS, PLACE = "camera: intrinsics", "camera: pose in the base frame"
+PLAUSIBLE, FINDINGS = "arms: joints are possible", "camera: nothing is wrong in sight"
+CAMERA = (INTRINSICS, PLACE, IMAGES)  # before a recovery with a camera
+ARMS_HELD = (FEEDBACK, PLAUSIBLE, KINEMATICS, FINDINGS)  # once a recovery holds the arms, before they move
 
 LISTEN = 2.0  # seconds for which feedback and camera are watched
 FLANGE = (
@@ -52,8 +57,8 @@ class CheckResult:
     detail: str
 
 
-def preflight(equipment: Equipment) -> Iterator[CheckResult]:
-    """Check everything, one after the other. Nothing moves."""
+def preflight(equipment: Equipment, only: Container[str] | None = None) -> Iterator[CheckResult]:
+    """Check everything, or `only` some items, one after the other. Nothing moves."""
     looks: list[tuple[str, tuple[str, ...], Callable[[Equipment], str]]] = [
         (TREE, (), leaves_known),
         ("twin: this tree ran there", (TREE,), ran_in_twin),
@@ -63,16 +68,19 @@ def preflight(equipment: Equipment) -> Iterator[CheckResult]:
         ("computer: UDP ports", (), ports_free),
         (CONTROLLER, (), _state),
         (FEEDBACK, (), _feedback),
-        ("arms: joints within limits", (FEEDBACK,), _limits),
-        ("arms: feedback equals kinematics", (FEEDBACK,), _kinematics),
+        (LIMITS, (FEEDBACK,), _limits),
+        (KINEMATICS, (FEEDBACK,), _kinematics),
         ("grippers: position", (CONTROLLER, FEEDBACK), _grippers),
-        ("camera: intrinsics", (), _intrinsics),
-        ("camera: pose in the base frame", (), _hand_eye),
+        (INTRINSICS, (), _intrinsics),
+        (PLACE, (), _hand_eye),
         (IMAGES, (TREE,), _images),
-        ("camera: nothing is wrong in sight", (TREE, IMAGES), _findings),
+        (FINDINGS, (TREE, IMAGES), _findings),
         (MARKERS, (TREE, IMAGES), _markers),
         ("arms: every box is within reach", (MARKERS,), _reach),
     ]
+    if only is not None:
+        looks.insert(0, (PLAUSIBLE, (), _plausible))
+        looks = [look for look in looks if look[0] in only]
     failed: set[str] = set()
     for name, needs, look in looks:
         missing = [need for need in needs if need in failed]
@@ -166,6 +174,20 @@ def _limits(equipment: Equipment) -> str:
             )
         closest = min(closest, room)
     return f"{np.degrees(closest):.0f} deg from the nearest limit"
+
+
+def _plausible(equipment: Equipment) -> str:
+    """Look whether the arms may be where they say: a stop may have left one nearer to its limits than a run may begin."""
+    link = opened(equipment.link)
+    room = link.rules.implausible
+    for arm in link.arms:
+        joints = link.arm(arm).joints
+        beyond = float(np.max(np.maximum(link.rules.lower - joints, joints - link.rules.upper)))
+        if not beyond <= room:
+            raise UserError(
+                f"a joint of the {arm} arm is {np.degrees(beyond):.1f} deg beyond its limit; check axis order"
+            )
+    return f"{np.degrees(room):.0f} deg beyond the limits at most"
 
 
 def _kinematics(equipment: Equipment) -> str:

@@ -113,7 +113,9 @@ class Planner:
         """Return a straight line up from where an arm is, as far as it is free; None if it cannot go up at all."""
         self._looks = 0
         here, free = among.joints[arm], self._free(arm, among)
-        line = self._kinematics[arm].line(raised(self.robot.forward(arm, here), ABOVE), here, STEPS)
+        tcp, kinematics = self.robot.forward(arm, here), self._kinematics[arm]
+        lines = (kinematics.line(raised(tcp, ABOVE / share), here, STEPS) for share in (1, 2, 4))
+        line = next((line for line in lines if line is not None), None)
         rows = [] if line is None else list(itertools.takewhile(free, line))
         return np.array(rows) if len(rows) > 1 else None
 

@@ -345,3 +345,13 @@ def test_a_real_link_passes(good, monkeypatch):
     with running(realtime=True, start=False) as (_, link):
         items = list(preflight(dataclasses.replace(good, link=link, perception=Seeing(link))))
         assert passed(items), [item for item in items if not item.passed]
+
+
+def test_before_a_recovery_a_joint_may_be_near_its_limit_but_must_be_possible(good, monkeypatch):
+    link = good.link
+    state = link.arm("left")
+    for off, fine in ((0.0, True), (np.radians(10.0), False), (np.nan, False)):
+        joints = np.array(link.rules.upper) + off
+        monkeypatch.setattr(link, "arm", lambda arm, joints=joints: dataclasses.replace(state, joints=joints))
+        found = {item.name: item.passed for item in preflight(good, {module.PLAUSIBLE})}
+        assert found == {module.PLAUSIBLE: fine}

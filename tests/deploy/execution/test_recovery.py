@@ -6,6 +6,8 @@ from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy.execution.recovery import between
 from bt_jax.deploy.execution.skills import RobotSkills
+from bt_jax.deploy.planning.grasps import grasp_poses
+from bt_jax.deploy.planning.kinematics import ArmKinematics
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.encoding.status import Status
 from bt_jax.tasks import load_task
@@ -83,3 +85,24 @@ def test_fingers_that_do_not_open_keep_the_arms_where_they_are():
     assert recovered(link, skills, keep=False) == Status.FAILURE
     assert "the left fingers do not move" in skills.reason
     assert link.motions == {"left": 0, "right": 0}
+
+
+def test_an_arm_rises_straight_up_before_it_goes_home():
+    link, skills = left_by_a_stop()
+    low = grasp_poses(RigidTransform.from_translation([0.3, 0.24, 0.06]))
+    found = (ArmKinematics(YUMI, "left").solve(pose, YUMI.home["left"]) for pose in low)
+    link.joints["left"] = [joints for joints in found if joints is not None][1]
+    places, wait = [], link.wait
+
+    def watched(until):
+        wait(until)
+        places.append(YUMI.forward("left", link.joints["left"]).translation)
+
+    link.wait = watched
+    start = YUMI.forward("left", link.joints["left"]).translation
+    assert recovered(link, skills, keep=False) == Status.SUCCESS, skills.reason
+    places = np.array(places)
+    up = np.linalg.norm(places[:, :2] - start[:2], axis=1) < 0.003
+    assert places[up, 2].max() > start[2] + 0.05
+    assert places[:, 2].min() > start[2] - 0.003
+    assert np.abs(link.joints["left"] - YUMI.home["left"]).max() < 0.05
