@@ -77,4 +77,4 @@ class MotionSettings:
     aside: float = 0.015  # m by which what is to be avoided must have moved for a new plan
     turned: float = 0.1  # rad by which either must have turned
     straight: float = 0.3  # share of the pace on the straight path down
-    sight: float = 4.0  # s for something to show once the arms are out of the way
+    sight: float = Limits.look  # s for something to show once the arms are out of the way

@@ -15,7 +15,8 @@ Vec3 = tuple[float, float, float]
 @dataclasses.dataclass(frozen=True)
 class Realism:
     """What keeps a real cell from being perfect. The defaults are realistic: beside each stands its source, or that it is an
-    estimate. What varies is drawn from the seed of the layout."""
+    estimate. What varies is drawn from the seed of the layout. One thing is left to the commands: how fast the arms are
+    asked to move, at reduced speed on a real robot and at the planner's own pace in the twin."""
 
     # The size and the rate of many USB cameras: at this size an uncompressed image over USB 2 leaves 10 to 15 a second.
     width: int = 1280
