@@ -49,10 +49,10 @@ class Diagnosis:
         return "; ".join(finding.text for finding in self._findings if finding.stops)
 
     def patience(self, undecided: frozenset[Behavior], now: float) -> float:
-        """Return how long the tree may fail [s]: less than usual where what it misses has not been seen for long."""
+        """Return how long the tree may fail [s]: half as long where what it misses has not been seen for long."""
         times = [self._seen_at[name] for name in self._missing(undecided)]
-        left = self.limits.unseen - (now - max(times, default=now))
-        return min(self.limits.patience, max(left, self.limits.patience / 2))
+        lost = now - max(times, default=now) >= self.limits.unseen
+        return self.limits.patience / 2 if lost else self.limits.patience
 
     def hopeless(self, action: Behavior, undecided: frozenset[Behavior], now: float, *, looked: bool) -> str:
         """Return why an action need not be begun, "" if it may work: what it acts on has not been seen for long, though it

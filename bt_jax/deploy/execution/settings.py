@@ -26,7 +26,7 @@ class Limits:
     settle: float = 0.5  # for the camera to see what an attempt has changed
     rest: float = 0.35  # for arms that were told to stop to come to rest
     patience: float = 10.0  # for which the tree may fail before the run has failed
-    unseen: float = 10.0  # for which what is missing may not be seen before it has; never less than half the patience
+    unseen: float = 10.0  # for which what is missing may not be seen; the tree may then fail for half its patience
     finding: float = 2.0  # for which a finding may last that makes what is known wrong
     covered: float = 10.0  # the same for something that hides a marker: it may be a person's hand
     success: float = 1.0  # for which it must succeed
