@@ -137,7 +137,7 @@ def test_no_place_is_planned_to():
     among = Surroundings({}, {"left": REST, "right": REST})
     for position, yaw in (([0.3, np.nan, 0.1], 0.0), ([0.3, 0.0, 0.1], np.inf)):
         with pytest.raises(Unplannable, match="not a number"):
-            planner.put(hand, np.array(position), yaw, (), among)
+            planner.put(hand, np.array(position), yaw, among)
     assert not planner.can_reach("left", RigidTransform.from_translation([0.3, np.nan, 0.1]))
 
 

@@ -11,7 +11,7 @@ from bt_jax.tasks import Task
 __all__ = ["check_scale", "load_share"]
 
 SLACK = 0.001  # m
-REMEDY = "choose a task at the robot's scale, as yumi_stack is for YuMi"
+REMEDY = "choose a task at the robot's scale"
 
 
 def check_scale(robot: RobotModel, task: Task) -> None:
