@@ -11,18 +11,18 @@ from bt_jax.tasks import Task
 __all__ = ["check_scale", "load_share"]
 
 SLACK = 0.001  # m
-REMEDY = "choose a task at the robot's scale"
 
 
 def check_scale(robot: RobotModel, task: Task) -> None:
     """Raise UserError where a box is wider than the grippers open, or the middle of a table's top is outside the workspace
     or farther from every arm's base than the arm is long."""
+    remedy = "choose a task at the robot's scale" + (f", such as {robot.example}" if robot.example else "")
     opening = max(arm.gripper.opening for arm in robot.arms)
     for box in task.boxes:
         if not box.size <= opening + SLACK:
             raise UserError(
                 f"{box.name} of task {task.name} is {1000 * box.size:.0f} mm wide, and the grippers of {robot.name} open "
-                f"{1000 * opening:.0f} mm; {REMEDY}"
+                f"{1000 * opening:.0f} mm; {remedy}"
             )
     lowest, highest = np.array(robot.workspace)
     for table in task.tables:
@@ -31,7 +31,7 @@ def check_scale(robot: RobotModel, task: Task) -> None:
         if not (near and np.all(top >= lowest - SLACK) and np.all(top <= highest + SLACK)):
             raise UserError(
                 f"{table.name} of task {task.name} is out of the reach of {robot.name}: its top is at "
-                f"({', '.join(f'{value:g}' for value in top)}) m in the robot's base frame; {REMEDY}"
+                f"({', '.join(f'{value:g}' for value in top)}) m in the robot's base frame; {remedy}"
             )
 
 

@@ -202,6 +202,7 @@ class RobotModel:
     arms: tuple[ArmModel, ...]
     workspace: tuple[Vec3, Vec3]  # least and largest coordinates of TCPs and landmarks in the base frame
     shapes: tuple[LinkShape, ...] = ()  # of the body
+    example: str = ""  # a packaged task at its scale
 
     @property
     def body(self) -> str:

@@ -101,4 +101,6 @@ def _arm(name: str) -> ArmModel:
 
 
 BODY_SHAPES = tuple(shape for shape in SHAPES if shape.link == 0)
-YUMI = RobotModel("yumi", (_arm("left"), _arm("right")), ((-0.2, -0.8, 0.0), (0.8, 0.8, 1.2)), BODY_SHAPES)
+YUMI = RobotModel(
+    "yumi", (_arm("left"), _arm("right")), ((-0.2, -0.8, 0.0), (0.8, 0.8, 1.2)), BODY_SHAPES, "yumi_stack"
+)
