@@ -34,7 +34,7 @@ def beyond(hulls: Sequence[Points], surface: Points, count: int = 20_000) -> Flo
         edges = triangles[:, 1:] - triangles[:, :1]
         areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
         chosen = triangles[rng.choice(len(triangles), count, p=areas / areas.sum())]
-        points = np.concatenate([hull, np.einsum("nk,nkd->nd", rng.dirichlet(np.ones(3), count), chosen)])
+        points = np.concatenate([hull, (rng.dirichlet(np.ones(3), count)[:, None] @ chosen)[:, 0]])
         others = [other for k, other in enumerate(hulls) if k != i]
         found.append(points if not others else points[outside(points, others) >= 0])
     return tree.query(np.concatenate(found))[0]
