@@ -44,7 +44,7 @@ from bt_jax.deploy.twin.settings import Realism
 
 __all__ = ["TwinRun", "TwinTick", "run_twin"]
 
-DISTURBED = (2.0, 40.0)  # seconds within which the person comes
+DISTURBED = (2.0, 25.0)  # seconds within which the person comes, before a run of three boxes ends
 WAITING = 60.0  # seconds by the clock that simulated time may stand still for a plan
 
 
