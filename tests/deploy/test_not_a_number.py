@@ -12,7 +12,7 @@ from bt_jax._util.errors import UserError
 from bt_jax.deploy.execution.settings import Exit
 from bt_jax.deploy.execution.skills import RobotSkills
 from bt_jax.deploy.link.rws import Rws
-from bt_jax.deploy.link.safety import SIGNED, Rejected, Rules, check_setpoint, check_trajectory
+from bt_jax.deploy.link.safety import SIGNED, Rejected, check_setpoint, check_trajectory
 from bt_jax.deploy.link.setpoints import SetpointStream
 from bt_jax.deploy.link.supervision import Supervisor
 from bt_jax.deploy.perception.tracker import Tracker
@@ -23,18 +23,12 @@ from bt_jax.deploy.planning.unplannable import Unplannable
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.encoding.status import Status
 from bt_jax.tasks import load_task
+from tests.helpers import guided
 from tests.helpers.following import FollowingLink
 from tests.helpers.ideal import IdealCell
 
 NOT_FINITE = st.sampled_from([np.nan, np.inf, -np.inf])
-RULES = Rules(
-    lower=(-1.0,) * 7,
-    upper=(1.0,) * 7,
-    speed=(2.0,) * 7,
-    acceleration=(20.0,),
-    lowest=(-0.2, -0.8, 0.0),
-    highest=(0.8, 0.8, 1.2),
-)
+RULES = dataclasses.replace(guided.RULES, acceleration=(20.0,))
 REST = np.zeros(7)
 PATH = Trajectory(np.array([0.0, 1.0]), np.array([REST, REST + 0.05]))
 

@@ -267,12 +267,11 @@ class Irc5Link:
 
     def _aftermath(self) -> str:
         """Return what must be added to the reason of a stop."""
-        complaint = None
+        said = None
         if self._answering:
             with contextlib.suppress(UserError):
-                complaint = self._program.complaint()
-        said = complaint and f"the controller says '{complaint}'"
-        return "; ".join(filter(None, [self.unconfirmed(), said]))
+                said = self._program.complaint()
+        return "; ".join(filter(None, [self.unconfirmed(), said and f"the controller says '{said}'"]))
 
     def _ramp_out(self) -> None:
         """End guided motion as the robot's program does it: smoothly, while the arms are still held."""

@@ -9,76 +9,19 @@ import numpy as np
 import pytest
 
 from bt_jax.deploy.link.egm import CYCLE, Feedback, Mci
-from bt_jax.deploy.link.guidance import Guidance
-from bt_jax.deploy.link.safety import Rejected, Rules, check_trajectory
+from bt_jax.deploy.link.safety import Rejected, check_trajectory
 from bt_jax.deploy.planning.timing import Pace, timed
 from bt_jax.deploy.planning.trajectory import HALT, Trajectory
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.servo import SetpointFilter
 from bt_jax.deploy.twin.settings import Realism
 from tests.helpers.cells import smooth
+from tests.helpers.guided import FAR, HERE, RULES, GuidedCell
 from tests.helpers.hostile import EPISODE, play
-
-RULES = Rules(
-    lower=(-1.0,) * 7,
-    upper=(1.0,) * 7,
-    speed=(2.0,) * 7,
-    acceleration=(10.0,) * 7,
-    lowest=(-0.2, -0.8, 0.0),
-    highest=(0.8, 0.8, 1.2),
-)
-HERE = np.full(7, 0.1)
-FAR = np.full(7, 0.8)
-
-
-class Cell:
-    """One arm that is where it was sent some cycles ago, and a program above that is alive unless it `hangs`."""
-
-    def __init__(self, rules=RULES, *, start=True, lag=1, period=CYCLE, arms=("left",), here=HERE) -> None:
-        self.guidance, self.period, self.lag = Guidance(rules, arms, realtime=True), period, lag
-        self.arm, self.supervisor = self.guidance.arms[arms[0]], self.guidance.supervisor
-        self.time, self.sequence, self.alive, self.hangs = 10.0, 0, 10.0, False
-        self.measured = None  # where the arm is held, if it is
-        self.sent = [here.copy()]
-        if start:
-            self.guidance.begin_answering()
-            self.run(5 * self.period)
-            assert self.guidance.enable(self.time) is None
-            self.alive = self.time
-
-    def cycle(self, joints=None, *, passed=None):
-        """Send one message to every arm; gives the setpoint that answers the first one."""
-        self.time += self.period if passed is None else passed
-        self.alive = self.alive if self.hangs else self.time
-        self.guidance.watch(self.time, self.alive)
-        self.sequence += 1
-        where = self.measured if self.measured is not None else self.sent[-min(self.lag, len(self.sent))]
-        where = where if joints is None else joints
-        answers = []
-        for arm in self.guidance.arms:
-            message = Feedback(self.sequence, self.time, where.copy(), None, True, Mci.RUNNING, True)
-            answers.append(
-                self.guidance.answer(arm, self.time) if self.guidance.hear(arm, message, self.time) else None
-            )
-        if answers[0] is not None:
-            self.sent.append(answers[0])
-        return answers[0]
-
-    def run(self, seconds):
-        """The setpoints of some time."""
-        return np.array([self.cycle() for _ in range(round(seconds / self.period))], object)
-
-    def follow(self, goal=FAR, seconds=2.0):
-        path = smooth(self.sent[-1], goal, seconds)
-        assert self.guidance.follow("left", path.times, path.joints, 1) is None
-
-    def speeds(self, since):
-        """The speeds of the first joint from a setpoint on."""
-        return np.diff(np.array(self.sent[since:])[:, 0]) / self.period
 
 
 def test_the_first_setpoint_is_measured_three_times():
-    cell = Cell(start=False)
+    cell = GuidedCell(start=False)
     assert cell.cycle() is None, "nobody has agreed to motion"
     cell.guidance.begin_answering()
     assert cell.cycle() is None
@@ -88,7 +31,7 @@ def test_the_first_setpoint_is_measured_three_times():
 
 @pytest.mark.parametrize("bad", [np.radians(170.0), np.nan, np.inf, -np.inf, 0.2])
 def test_what_is_measured_once_is_never_a_setpoint(bad):
-    cell = Cell(start=False)
+    cell = GuidedCell(start=False)
     cell.guidance.begin_answering()
     wrong = HERE.copy()
     wrong[1] = bad
@@ -101,7 +44,7 @@ def test_what_is_measured_once_is_never_a_setpoint(bad):
 
 
 def test_where_no_arm_can_be_nothing_begins():
-    cell = Cell(start=False)
+    cell = GuidedCell(start=False)
     cell.guidance.begin_answering()
     wrong = HERE.copy()
     wrong[1] = np.radians(170.0)
@@ -110,7 +53,7 @@ def test_where_no_arm_can_be_nothing_begins():
 
 @pytest.mark.parametrize("lag", [1, 50])
 def test_a_stop_comes_to_rest_on_the_path_however_late_the_arm_follows(lag):
-    cell = Cell(lag=lag)
+    cell = GuidedCell(lag=lag)
     cell.follow()
     cell.run(1.0)
     before = len(cell.sent)
@@ -127,7 +70,7 @@ def test_a_stop_comes_to_rest_on_the_path_however_late_the_arm_follows(lag):
 
 
 def test_a_blocked_arm_is_not_pulled_to_where_it_is_held():
-    cell = Cell()
+    cell = GuidedCell()
     cell.follow()
     cell.run(0.7)
     cell.measured = cell.sent[-1]
@@ -140,7 +83,7 @@ def test_a_blocked_arm_is_not_pulled_to_where_it_is_held():
 
 
 def test_an_arm_that_is_held_is_not_pushed_for_long():
-    cell = Cell()
+    cell = GuidedCell()
     cell.measured = HERE
     cell.follow(HERE + 0.5, seconds=5.0)  # at up to 0.19 rad/s
     while cell.supervisor.reason is None:
@@ -150,7 +93,7 @@ def test_an_arm_that_is_held_is_not_pushed_for_long():
 
 
 def test_an_arm_that_is_pushed_away_at_rest_stops_also_where_it_came_from():
-    cell = Cell()
+    cell = GuidedCell()
     cell.follow(seconds=1.0)
     cell.run(1.0 + 1.5 * RULES.response)
     assert not cell.arm.moving
@@ -166,7 +109,7 @@ def test_an_arm_that_is_held_by_nothing_is_not_stopped_however_late_and_fast(fac
     here, there = YUMI.home["left"], YUMI.home["left"] + np.array([0.6, 0.5, -0.6, -0.5, 0.6, 0.5, 0.6])
     wide = dataclasses.replace(RULES, lower=(-4.0,) * 7, upper=(4.0,) * 7, speed=tuple(arm.speed))
     rules = dataclasses.replace(wide, acceleration=tuple(arm.acceleration))
-    servo, cell = SetpointFilter(Realism().scaled(factor), here), Cell(rules, here=here)
+    servo, cell = SetpointFilter(Realism().scaled(factor), here), GuidedCell(rules, here=here)
     for goal in (there, here):
         path = timed(np.stack([cell.sent[-1], goal]), Pace(share=1.0, acceleration=1.0, tool=5.0), arm)
         assert cell.guidance.follow("left", path.times, path.joints, 1) is None
@@ -179,7 +122,7 @@ def test_an_arm_that_is_held_by_nothing_is_not_stopped_however_late_and_fast(fac
 
 @pytest.mark.parametrize("corrupt", [np.radians(170.0), np.nan])
 def test_a_corrupt_measurement_stops_without_a_step(corrupt):
-    cell = Cell()
+    cell = GuidedCell()
     cell.follow()
     cell.run(1.0)
     before, wrong = len(cell.sent), cell.sent[-1].copy()
@@ -193,7 +136,7 @@ def test_a_corrupt_measurement_stops_without_a_step(corrupt):
 
 @pytest.mark.parametrize("period", [0.001, 0.002, 0.004, 0.008])
 def test_speed_does_not_depend_on_how_often_messages_come(period):
-    cell = Cell(period=period)
+    cell = GuidedCell(period=period)
     cell.follow(seconds=1.0)
     began = cell.time
     while cell.arm.moving:
@@ -204,7 +147,7 @@ def test_speed_does_not_depend_on_how_often_messages_come(period):
 
 
 def test_messages_of_one_time_have_one_answer():
-    cell = Cell()
+    cell = GuidedCell()
     cell.follow()
     cell.run(1.0)
     first = cell.cycle()
@@ -216,7 +159,7 @@ def test_messages_of_one_time_have_one_answer():
 def test_times_in_whole_milliseconds_do_not_make_the_arm_shake():
     """The cycle of an IRC5 is 4.032 ms."""
     period = 0.004032
-    cell = Cell()
+    cell = GuidedCell()
     cell.follow()
     began, time = cell.time, 0.0
     while cell.arm.moving:
@@ -232,7 +175,7 @@ def test_times_in_whole_milliseconds_do_not_make_the_arm_shake():
 
 
 def test_a_clock_that_runs_ahead_moves_nothing_faster():
-    cell = Cell()
+    cell = GuidedCell()
     cell.follow()
     cell.run(0.8)
     start, ours = cell.sent[-1], cell.time
@@ -246,7 +189,7 @@ def test_a_clock_that_runs_ahead_moves_nothing_faster():
 
 
 def test_a_program_that_hangs_pauses_the_arm_which_goes_on_when_it_is_back():
-    cell = Cell()
+    cell = GuidedCell()
     cell.follow()
     cell.run(0.8)
     cell.hangs = True
@@ -265,7 +208,7 @@ def test_a_program_that_hangs_pauses_the_arm_which_goes_on_when_it_is_back():
 
 def test_a_slow_tick_pauses_and_a_normal_one_does_not():
     for tick, slower in ((0.1, False), (0.29, False), (0.5, True)):
-        cell = Cell()
+        cell = GuidedCell()
         cell.follow()
         began, cycles = cell.time, 0
         while cell.arm.moving:
@@ -278,7 +221,7 @@ def test_a_slow_tick_pauses_and_a_normal_one_does_not():
 
 
 def test_a_program_that_does_not_come_back_is_stopped():
-    cell = Cell()
+    cell = GuidedCell()
     cell.follow()
     cell.run(0.8)
     cell.hangs = True
@@ -292,7 +235,7 @@ def test_a_program_that_does_not_come_back_is_stopped():
 def test_arms_are_kept_apart_where_they_are_measured_too():
     rules = dataclasses.replace(RULES, clearance_of=lambda: lambda joints: 0.6 - float(joints["left"][0]))
     for measured, what in ((HERE + 0.51, "measured joints"), (None, "setpoints")):
-        cell = Cell(dataclasses.replace(rules, lag=1.0), arms=("left", "right"))
+        cell = GuidedCell(dataclasses.replace(rules, lag=1.0), arms=("left", "right"))
         cell.follow()
         cell.run(0.4)
         cell.measured = measured
@@ -307,7 +250,7 @@ def test_arms_that_a_stop_has_left_too_near_may_go_away_from_there_but_no_nearer
         return 0.6 - float(joints["left"][0])
 
     rules = dataclasses.replace(RULES, clearance_of=lambda: clearance)
-    stopped = Cell(rules)
+    stopped = GuidedCell(rules)
     stopped.follow()
     stopped.run(2.0)
     here = stopped.sent[-1]
@@ -321,7 +264,7 @@ def test_arms_that_a_stop_has_left_too_near_may_go_away_from_there_but_no_nearer
     accepted(HERE)
     with pytest.raises(Rejected, match="near"):
         accepted(here + 0.002)
-    out = Cell(rules, here=here)
+    out = GuidedCell(rules, here=here)
     out.follow(HERE)
     out.run(2.5)
     assert out.supervisor.reason is None
@@ -330,7 +273,7 @@ def test_arms_that_a_stop_has_left_too_near_may_go_away_from_there_but_no_nearer
     out.run(2.5)
     assert "near" in out.supervisor.reason, "once it was away, the whole clearance counts again"
     assert out.sent[-1][0] < 0.6
-    nearer = Cell(rules, here=here)
+    nearer = GuidedCell(rules, here=here)
     for _ in range(10):  # steps too small for a single path to be nearer
         small = smooth(nearer.sent[-1], nearer.sent[-1] + 0.0003, 1.0)
         nearer.guidance.follow("left", small.times, small.joints, 1)
@@ -340,7 +283,7 @@ def test_arms_that_a_stop_has_left_too_near_may_go_away_from_there_but_no_nearer
 
 
 def test_a_path_that_nobody_checked_cannot_exceed_the_limits():
-    cell = Cell()
+    cell = GuidedCell()
     at_once = Trajectory(np.array([0.0, 0.1]), np.stack([HERE, FAR]))
     cell.guidance.follow("left", at_once.times, at_once.joints, 1)
     cell.run(1.0)
@@ -349,7 +292,7 @@ def test_a_path_that_nobody_checked_cannot_exceed_the_limits():
 
 
 def test_no_path_begins_while_the_arm_moves():
-    cell = Cell()
+    cell = GuidedCell()
     cell.follow()
     cell.run(0.5)
     path = smooth(cell.sent[-1], HERE)
@@ -359,7 +302,7 @@ def test_no_path_begins_while_the_arm_moves():
 
 
 def test_an_error_in_a_cycle_brakes():
-    cell = Cell()
+    cell = GuidedCell()
     cell.follow()
     cell.run(0.8)
     before = len(cell.sent)
@@ -382,7 +325,7 @@ def test_an_error_in_a_cycle_brakes():
 
 
 def test_disabling_brings_the_arm_to_rest_and_holds_it():
-    cell = Cell()
+    cell = GuidedCell()
     cell.follow()
     cell.run(0.8)
     cell.guidance.disable()
@@ -396,7 +339,7 @@ def test_disabling_brings_the_arm_to_rest_and_holds_it():
 
 def test_an_arm_that_begins_outside_its_bounds_is_held_there():
     here = np.full(7, 0.98)
-    cell = Cell(here=here)
+    cell = GuidedCell(here=here)
     cell.run(0.5)
     np.testing.assert_array_equal(cell.sent[-1], here)
     assert cell.supervisor.reason is None

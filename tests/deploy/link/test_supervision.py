@@ -6,18 +6,10 @@ import numpy as np
 import pytest
 
 from bt_jax.deploy.link.egm import CYCLE, Feedback, Mci
-from bt_jax.deploy.link.safety import Rules
 from bt_jax.deploy.link.supervision import Supervisor
+from tests.helpers import guided
 
-RULES = Rules(
-    lower=(-1.0,) * 7,
-    upper=(1.0,) * 7,
-    speed=(2.0,) * 7,
-    acceleration=(20.0,),
-    lowest=(-0.2, -0.8, 0.0),
-    highest=(0.8, 0.8, 1.2),
-    margin=0.1,
-)
+RULES = dataclasses.replace(guided.RULES, acceleration=(20.0,), margin=0.1)
 ARMS = ("left", "right")
 
 
