@@ -13,7 +13,7 @@ import pytest
 from bt_jax._util.errors import UserError
 from bt_jax.deploy.commands.arguments import REDUCED_SPEED, CheckArguments, RunArguments
 from bt_jax.deploy.commands.check import check_command
-from bt_jax.deploy.commands.run import SENTENCE, run_command
+from bt_jax.deploy.commands.run import SENTENCE, confirm, run_command
 from bt_jax.deploy.execution.log import Log
 from bt_jax.deploy.execution.log_reader import read_log
 from bt_jax.deploy.execution.settings import Exit, Limits
@@ -110,12 +110,18 @@ def test_a_dry_run_that_ends_early_has_stopped_no_robot(tmp_path, monkeypatch):
         assert "protective stop" not in person.said
 
 
+@pytest.mark.parametrize("typed", ["", "yes", SENTENCE.upper(), SENTENCE[:-1], f"{SENTENCE}!"])
+def test_another_sentence_confirms_nothing(at_a_terminal, typed):
+    with pytest.raises(UserError, match="not confirmed"):
+        confirm(Terminal(typed))
+    confirm(Terminal(SENTENCE))
+
+
 @pytest.mark.realtime
-@pytest.mark.parametrize("typed", ["", "yes", SENTENCE.upper()])
-def test_motion_needs_the_sentence(at_a_terminal, typed, tmp_path, monkeypatch):
+def test_motion_needs_the_sentence(at_a_terminal, tmp_path, monkeypatch):
     with connected(tmp_path, monkeypatch) as (controller, _, arguments):
         before = arm_joints(controller)
-        person = Terminal(typed)
+        person = Terminal("yes")
         with pytest.raises(UserError) as refused:
             run_command(RunArguments(**arguments, motion=True), person)
         assert "not confirmed" in str(refused.value), person.said
