@@ -20,6 +20,7 @@ from bt_jax.deploy.execution.settings import GraspSettings, MotionSettings
 from bt_jax.deploy.link.protocol import RobotLink
 from bt_jax.deploy.planning.clearance import Carried
 from bt_jax.deploy.planning.planner import JointPath, Planner, Surroundings
+from bt_jax.deploy.planning.pose_geometry import distance_between, turn_between
 from bt_jax.deploy.planning.process import PlanningProcess
 from bt_jax.deploy.planning.timing import Pace, timed
 from bt_jax.deploy.planning.trajectory import Trajectory
@@ -255,9 +256,8 @@ class Movements:
         """Is something seen that has left its pose, or has turned?"""
         seen = self.seen.poses
         return any(
-            not np.linalg.norm(seen[name].translation - pose.translation)
-            <= (self.motion.shifted if name == aim else self.motion.aside)
-            or not (seen[name].rotation * pose.rotation.inv()).magnitude() <= self.motion.turned
+            not distance_between(pose, seen[name]) <= (self.motion.shifted if name == aim else self.motion.aside)
+            or not turn_between(pose, seen[name]) <= self.motion.turned
             for name, pose in watch.items()
             if name in seen
         )

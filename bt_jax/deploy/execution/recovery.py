@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy.execution.movements import Failed, Movements, Routine
 from bt_jax.deploy.planning.clearance import Carried
 from bt_jax.deploy.planning.grasps import carried_pose
+from bt_jax.deploy.planning.pose_geometry import distance_between
 
 __all__ = ["between", "recovery"]
 
@@ -21,7 +21,7 @@ def between(moves: Movements, arm: str) -> Carried | None:
     tcp = moves.robot.forward(arm, moves.link.arm(arm).commanded)
     for name, size in moves.sizes.items():
         if name in moves.seen.poses and abs(opening - size) <= grasp.fit:
-            away = np.linalg.norm(moves.seen.poses[name].translation - tcp.translation)
+            away = distance_between(tcp, moves.seen.poses[name])
             if away <= size / 2 + grasp.near:
                 return Carried(arm, name, carried_pose(tcp, moves.seen.poses[name]))
     sizes = sorted(moves.sizes, key=lambda name: moves.sizes[name])

@@ -12,12 +12,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from bt_jax.deploy.robot.arrays import Point
 from bt_jax.deploy.twin.cell import TwinScene, box_poses
 from bt_jax.tasks import Target
 
 __all__ = ["Demonstrator", "Manner"]
 
-Point = Float[np.ndarray, "3"]
 TICK = 0.01  # s between two positions of the hand
 TREMOR = ((2.1, 0.6), (8.7, 0.25), (10.3, 0.25))  # Hz, and share of the amplitude (physiological tremor: 8 to 12 Hz)
 RESTED = 0.2  # share of it that is left once what the hand holds touches something

@@ -10,10 +10,10 @@ from collections.abc import Iterator
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy.planning.pose_geometry import distance_between, is_over_kit, stands_on
+from bt_jax.deploy.robot.arrays import Point
 from bt_jax.tasks import Task
 from bt_jax.teaching.watch.doubts import doubt_about_end, doubts_about
 from bt_jax.teaching.watch.moves import Doubt, Kind, Move, Watched
@@ -21,8 +21,6 @@ from bt_jax.teaching.watch.rest import BodyTrack, Rest, WatchSettings
 from bt_jax.teaching.watch.sighting import Sighting
 
 __all__ = ["Event", "EventKind", "Watcher"]
-
-Point = Float[np.ndarray, "3"]
 
 EventKind = Literal["start", "moving", "stands", "back", "doubt", "done"]
 HEIGHT = 0.3  # of its size: how exactly the foot of a box must be at the height of what it stands on
