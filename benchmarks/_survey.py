@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import bt_jax
+from bt_jax._util.child_process import end_with_parent
 from bt_jax._util.files import write_atomic
 from bt_jax.tasks import Task
 
@@ -47,7 +48,8 @@ def accumulated(path: Path, jobs: Sequence[Job], work: Callable[[Job], Record], 
     known = [_record_of(job, records) for job in jobs]
     yield from (record for record in known if record is not None)
     missing = [job for job, record in zip(jobs, known, strict=True) if record is None]
-    with concurrent.futures.ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
+    spawn = multiprocessing.get_context("spawn")
+    with concurrent.futures.ProcessPoolExecutor(processes, spawn, initializer=end_with_parent) as pool:
         futures = {pool.submit(work, job): job for job in missing}
         for future in concurrent.futures.as_completed(futures):
             records.append({**dataclasses.asdict(futures[future]), **future.result()})

@@ -8,6 +8,7 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
+from bt_jax._util.child_process import end_with_parent
 from bt_jax._util.errors import UserError
 from bt_jax.deploy.planning.planner import Planner
 from bt_jax.deploy.robot.model import RobotModel
@@ -43,6 +44,7 @@ class PlanningProcess:
 
 
 def _begin(robot: RobotModel, task: Task) -> None:
+    end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the executor, which ends this process
     _planners.append(Planner(robot, task))
 
