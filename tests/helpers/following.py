@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from bt_jax.deploy.execution.observation import Observation
+from bt_jax.deploy.execution.observation import Finding, Observation
 from bt_jax.deploy.execution.skills import RobotSkills
 from bt_jax.deploy.link.protocol import ArmState
 from bt_jax.deploy.planning.trajectory import Trajectory
@@ -19,7 +19,8 @@ NEAR = 0.012  # m from between the fingers at which they close on a box
 
 
 class FollowingLink(SimulatedTime):
-    """`boxes` are where boxes and kit are, base frame; one in the fingers moves with them. `hidden` are not seen."""
+    """`boxes` are where boxes and kit are, base frame; one in the fingers moves with them. `hidden` are not seen, and
+    nothing hides those that are `missing`."""
 
     def __init__(self, task: Task, boxes: dict[str, RigidTransform], robot: RobotModel = YUMI) -> None:
         super().__init__()
@@ -31,7 +32,7 @@ class FollowingLink(SimulatedTime):
         self.openings = {arm: robot.arm(arm).gripper.opening for arm in self.arms}
         self.targets = dict(self.openings)
         self.held: dict[str, tuple[str, RigidTransform]] = {}
-        self.hidden: set[str] = set()
+        self.hidden, self.missing = set[str](), set[str]()
         self.grips: list[tuple[str, float]] = []
 
     def follow(self, arm: str, trajectory: Trajectory) -> int:
@@ -85,7 +86,8 @@ class FollowingLink(SimulatedTime):
         """As one sees it who sees everything that is not hidden."""
         holding = next((box for box, _ in self.held.values()), None)
         poses = {name: pose for name, pose in self.boxes.items() if name not in self.hidden}
-        return Observation(self.time, poses, dict(self.openings), holding)
+        missing = tuple(Finding(name, f"{name} is not seen", missing=True) for name in sorted(self.missing))
+        return Observation(self.time, poses, dict(self.openings), holding, findings=missing)
 
 
 def carried_out(skills: RobotSkills, link: FollowingLink, action, *, seconds=60.0, each=lambda: None) -> Status:

@@ -132,11 +132,7 @@ def _executor(
     tell: Callable[[TickReport], None],
 ) -> Executor:
     observe = Observer(
-        cell.program.task,
-        link=cell.link,
-        perception=perception,
-        grasped=lambda: cell.skills.grasped,
-        links=YUMI.links,
+        YUMI, cell.program.task, link=cell.link, perception=perception, grasped=lambda: cell.skills.grasped
     )
     settings = {"arguments": _logged(arguments), "preflight": [dataclasses.asdict(item) for item in items]}
     return Executor(

@@ -34,7 +34,9 @@ class Diagnosis:
         objects = (*self.task.box_names, self.task.kit.name)
         self._seen_at = dict.fromkeys(objects, seen.time) | self._seen_at
         self._hidden = [name for name in objects if name not in (*seen.poses, seen.holding)]
-        self._findings = tuple(f for f in seen.findings if f.about in self._objects or not f.about)
+        self._findings = tuple(
+            f for f in seen.findings if (f.about in self._objects or not f.about) and not f.missing
+        )  # what is missing is among what is hidden
         stopping = {(finding.about, bool(finding.sight)): finding for finding in self._findings if finding.stops}
         self._found_at = {key: self._found_at.get(key, seen.time) for key in stopping}
         return "; ".join(

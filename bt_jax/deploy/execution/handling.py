@@ -38,8 +38,8 @@ class Handling:
         if box not in self.moves.known:
             raise Failed(f"{box} was never seen")
         self.moves.forget_lost()
-        yield from self.moves.found(box)
         for _ in range(self.moves.motion.replans):
+            yield from self.moves.found(box)
             reach = yield from self._plan_pick(box)
             self._open(reach.arm)
             moved = yield from self.moves.follow(reach.approach, aim=box)
@@ -100,18 +100,22 @@ class Handling:
     def place(self, box: str, position: tuple[float, float, float], frame: str) -> Routine:
         """Put a box that is held at a position in a frame, or where another arm can take it that reaches there."""
         arm = self._arm_with(box)
-        if frame != self.task.robot_frame:
-            yield from self.moves.found(frame)
+        yield from self._found(frame)
         goal, yaw = self._goal(position, frame)
         carried = self.moves.carried[arm].pose
         if not self._reaches(arm, goal, yaw, carried):
             yield from self._hand_over(box, arm, goal, yaw)
             return
         for _ in range(self.moves.motion.replans):
+            yield from self._found(frame)
             moved = yield from self._put(arm, lambda: self._goal(position, frame), frame=frame)
             if not moved:
                 return
         raise Failed(f"things do not stay where they are on the way to {frame}")
+
+    def _found(self, frame: str) -> Routine:
+        if frame != self.task.robot_frame:
+            yield from self.moves.found(frame)
 
     def _put(self, arm: str, goal: Callable[[], Goal], *, frame: str = "") -> Moved:
         """Carry a box to its place in a frame and let it go; return True, with the box still in the hand, where something

@@ -190,11 +190,11 @@ class Movements:
 
         Raise Failed if it is not seen in time.
         """
-        if name in self.seen.poses:
+        if self._is_seen(name):
             return
         yield from self.go_home(self.link.arms)
         end = self.link.now() + self.motion.sight
-        while name not in self.seen.poses:
+        while not self._is_seen(name):
             if not self.link.now() <= end:
                 raise Failed(f"{name} is not seen")
             yield
@@ -253,14 +253,17 @@ class Movements:
         return f"{box} was lost on the way"
 
     def _shifted(self, watch: Poses, aim: str) -> bool:
-        """Is something seen that has left its pose, or has turned?"""
+        """Is something seen that has left its pose, or has turned, or is what is aimed at missing?"""
         seen = self.seen.poses
-        return any(
+        return aim in self.seen.missing or any(
             not distance_between(pose, seen[name]) <= (self.motion.shifted if name == aim else self.motion.aside)
             or not turn_between(pose, seen[name]) <= self.motion.turned
             for name, pose in watch.items()
             if name in seen
         )
+
+    def _is_seen(self, name: str) -> bool:
+        return name in self.seen.poses and name not in self.seen.missing
 
     def _height(self, arm: str, joints: Joints) -> float:
         """Return the height of the tool over the base, m."""

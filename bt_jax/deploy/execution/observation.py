@@ -17,12 +17,13 @@ class Finding:
     """Something in the picture that is not as it should be. `about` is a box or the kit, "" for the picture as a
     whole; `text` a clause that says it, such as "GreenBox's marker is seen twice". `stops`: what is
     known is wrong while it lasts, and a run must not go on. `sight`: the camera's place and the places that it does not
-    see and should [m, base frame]; an arm between them explains it."""
+    see and should [m, base frame]; an arm between them explains it. `missing`: `about` is not where it was seen last."""
 
     about: str
     text: str
     stops: bool = False
     sight: tuple[tuple[float, float, float], ...] = ()
+    missing: bool = False
 
     def __str__(self) -> str:
         return self.text
@@ -41,6 +42,11 @@ class Observation:
     findings: tuple[Finding, ...] = ()  # what is wrong with what the picture shows
     measured: Mapping[str, float] = dataclasses.field(default_factory=dict)  # object -> when last, s
 
+    @property
+    def missing(self) -> frozenset[str]:
+        """What is no longer where it was seen last, though nothing known hides that place."""
+        return frozenset(finding.about for finding in self.findings if finding.missing)
+
     def to_dict(self) -> dict[str, Any]:
         """Return it as the log has it, see `pose_to_list`."""
         image = None if math.isinf(self.image) else self.image
@@ -50,7 +56,7 @@ class Observation:
             "opening": dict(self.opening),
             "holding": self.holding,
             "image": image,
-            "findings": [[finding.about, finding.text, finding.stops] for finding in self.findings],
+            "findings": [[f.about, f.text, f.stops, f.missing] for f in self.findings],
             "measured": dict(self.measured),
         }
 
@@ -59,7 +65,10 @@ class Observation:
         """Read what `to_dict` returns, or did before there were findings."""
         poses = {name: pose_from_list(values) for name, values in data["poses"].items()}
         image = math.inf if data["image"] is None else data["image"]
-        findings = tuple(Finding(*fields) for fields in data.get("findings", ()))
+        findings = tuple(
+            Finding(about, text, stops, missing=missing == [True])
+            for about, text, stops, *missing in data.get("findings", ())
+        )
         return Observation(
             data["time"],
             poses,

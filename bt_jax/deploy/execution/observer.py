@@ -7,14 +7,15 @@ from collections.abc import Callable, Mapping
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform
 
-from bt_jax.deploy.execution.line_of_sight import in_the_way
+from bt_jax.deploy.execution.line_of_sight import LineOfSight
 from bt_jax.deploy.execution.observation import Finding, Observation
 from bt_jax.deploy.execution.settings import GraspSettings
 from bt_jax.deploy.link.protocol import RobotLink
+from bt_jax.deploy.planning.pose_geometry import distance_between
 from bt_jax.deploy.robot.arrays import Joints
+from bt_jax.deploy.robot.model import RobotModel
 from bt_jax.tasks import Task
 
 __all__ = ["Observer", "Perceiving"]
@@ -46,25 +47,25 @@ class Perceiving(Protocol):
 
 
 class Observer:
-    """Make an `Observation` at every call. `grasped()` names the box that each arm was told to grasp and not to release;
-    `links(arm, joints)` are the origins of an arm's links in chain order, then the point between the fingers, in the base
-    frame [m]."""
+    """Make an `Observation` at every call. `grasped()` names the box that each arm was told to grasp and not to release."""
 
     def __init__(
         self,
+        robot: RobotModel,
         task: Task,
         *,
         link: RobotLink,
         perception: Perceiving,
         grasped: Callable[[], Mapping[str, str]],
-        links: Callable[[str, Joints], Float[np.ndarray, "links 3"]],
         grasp: GraspSettings | None = None,
     ) -> None:
         self.grasp = grasp or GraspSettings()
-        self.link, self.perception, self.grasped, self.links = link, perception, grasped, links
+        self.robot, self.link, self.perception, self.grasped = robot, link, perception, grasped
+        self._line_of_sight = LineOfSight(robot, task)
         self._sizes = {box.name: box.size for box in task.boxes}
         self._before: dict[str, float] = {}
-        self._trails: dict[str, deque[tuple[float, Float[np.ndarray, "links 3"]]]] = {arm: deque() for arm in link.arms}
+        self._taken: dict[str, float] = {}  # box -> when it was grasped last [s]
+        self._trail: deque[tuple[float, dict[str, Joints]]] = deque()  # of the joints of all arms
 
     def __call__(self) -> Observation:
         self.perception.update()
@@ -72,18 +73,19 @@ class Observer:
         poses = dict(self.perception.poses(now))
         arms = {arm: self.link.arm(arm) for arm in self.link.arms}
         opening = {arm: state.opening for arm, state in arms.items()}
-        for arm, state in arms.items():
-            self._trails[arm].append((now, self.links(arm, state.joints)))
-            while self._trails[arm][0][0] < now - self.grasp.trail:
-                self._trails[arm].popleft()
+        self._trail.append((now, {arm: state.joints for arm, state in arms.items()}))
+        while self._trail[0][0] < now - self.grasp.trail:
+            self._trail.popleft()
         holding = None
         for arm, box in self.grasped().items():
+            self._taken[box] = now
             state, size = arms[arm], self._sizes[box]
             blocked = state.grip_target <= size - self.grasp.squeeze and abs(state.opening - size) <= self.grasp.fit
             steady = abs(state.opening - self._before.get(arm, np.inf)) <= self.grasp.steady
             if blocked and steady and self._in_hand(poses.get(box), arm, size):
                 holding = box
         self._before = opening
+        measured = self.perception.measured()
         return Observation(
             now,
             poses,
@@ -91,20 +93,30 @@ class Observer:
             holding,
             self.perception.image,
             self.perception.lost,
-            tuple(finding for finding in self.perception.findings(now) if not self._hides(finding)),
-            self.perception.measured(),
+            tuple(
+                f for f in self.perception.findings(now) if not (self._took(f, measured) or self._hides(f, measured))
+            ),
+            measured,
         )
 
-    def _hides(self, finding: Finding) -> bool:
-        """Is an arm, or was it just now, between the camera and what a finding says is not seen?"""
-        trails = (points for trail in self._trails.values() for _, points in trail)
-        return bool(finding.sight) and any(in_the_way(points, finding.sight) for points in trails)
+    def _took(self, finding: Finding, measured: Mapping[str, float]) -> bool:
+        """Is a box missing because it was grasped since it was measured last?"""
+        return finding.missing and self._taken.get(finding.about, -np.inf) >= measured.get(finding.about, -np.inf)
+
+    def _hides(self, finding: Finding, measured: Mapping[str, float]) -> bool:
+        """Is an arm, or was it since what a finding is about was seen, between the camera and what it does not see?"""
+        if not finding.sight:
+            return False
+        since = measured.get(finding.about, -np.inf) if finding.missing else -np.inf
+        margin = self.grasp.beside if finding.missing else self.grasp.before
+        trail = (joints for time, joints in self._trail if time > since)
+        return any(self._line_of_sight.blocked(joints, finding.sight, margin) for joints in trail)
 
     def _in_hand(self, pose: RigidTransform | None, arm: str, size: float) -> bool:
         """Is the box where the fingers are, or were just now? Assumed if it is not seen."""
         if pose is None:
             return True
         return any(
-            np.linalg.norm(points[-1] - pose.translation) <= size / 2 + self.grasp.near
-            for _, points in self._trails[arm]
+            distance_between(self.robot.forward(arm, joints[arm]), pose) <= size / 2 + self.grasp.near
+            for _, joints in self._trail
         )

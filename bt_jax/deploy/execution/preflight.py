@@ -15,7 +15,7 @@ from rich.markup import escape
 
 from bt_jax._util.errors import UserError
 from bt_jax.deploy.execution.equipment import CheckedLink, Equipment, opened
-from bt_jax.deploy.execution.line_of_sight import in_the_way
+from bt_jax.deploy.execution.line_of_sight import LineOfSight
 from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.offline_checks import (
     home_clear,
@@ -25,7 +25,7 @@ from bt_jax.deploy.execution.offline_checks import (
     priority_allowed,
     ran_in_twin,
 )
-from bt_jax.deploy.execution.settings import CalibrationLimits
+from bt_jax.deploy.execution.settings import CalibrationLimits, GraspSettings
 from bt_jax.deploy.link.reception import complaint, title
 from bt_jax.deploy.robot.arrays import Joints
 
@@ -253,9 +253,10 @@ def _images(equipment: Equipment) -> str:
 def _findings(equipment: Equipment) -> str:
     found = opened(equipment.perception).findings(equipment.now())
     if not isinstance(equipment.link, UserError):
-        told = {arm: equipment.link.arm(arm).joints for arm in equipment.link.arms}
-        arms = [equipment.robot.links(arm, joints) for arm, joints in told.items() if np.all(np.isfinite(joints))]
-        found = tuple(f for f in found if not f.sight or not any(in_the_way(arm, f.sight) for arm in arms))
+        joints = {arm: equipment.link.arm(arm).joints for arm in equipment.link.arms}
+        if all(np.isfinite(each).all() for each in joints.values()):
+            arms = LineOfSight(equipment.robot, opened(equipment.program).task)
+            found = tuple(f for f in found if not (f.sight and arms.blocked(joints, f.sight, GraspSettings.before)))
     if found:
         raise UserError("; ".join(map(str, found)))
     return "sharp, markers once, heights as they must be"

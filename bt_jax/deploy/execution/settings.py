@@ -55,6 +55,12 @@ class GraspSettings:
     fit: float = 0.006  # m by which the fingers' distance may differ from the box's size
     steady: float = 0.001  # m that the fingers may still move between two observations
     near: float = 0.02  # m that a held box's centre may be off the hand's, besides half its size
+    before: float = (
+        0.05  # m beside an arm within which it may hide a marker that something unknown would be said to hide
+    )
+    beside: float = (
+        0.01  # m beside an arm within which it may hide what would be said to be missing: to look costs little
+    )
     trail: float = 1.2  # s by which a pose may lag behind the hand
     still: float = 0.0005  # m that resting fingers move within `rest`
     rest: float = 0.3  # s without motion after which fingers rest; readings come more often

@@ -7,6 +7,7 @@ import dataclasses
 import math
 import threading
 from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -17,6 +18,7 @@ from bt_jax.deploy.perception.detection import Picture
 from bt_jax.deploy.perception.markers import MODULES, Marker, task_markers
 from bt_jax.deploy.perception.pose_fit import Gates
 from bt_jax.deploy.perception.sight import Sight
+from bt_jax.deploy.perception.visibility import visible_markers
 from bt_jax.deploy.planning.pose_geometry import lean
 from bt_jax.tasks import Task
 
@@ -64,9 +66,17 @@ class Inspection:
         self._lasting: dict[tuple[str, str], _Lasting] = {}
         self._lock = threading.Lock()  # images come in one thread and are asked about in another
 
-    def take(self, time: float, picture: Picture, poses: Mapping[str, RigidTransform]) -> None:
-        """Take in an image of `time` [s], and where boxes and kit are known to be, as measured, in the base frame."""
-        now = {(kind, finding.about): finding for kind, finding in self._judge(picture, poses)}
+    def take(
+        self,
+        time: float,
+        picture: Picture,
+        poses: Mapping[str, RigidTransform],
+        last: Mapping[str, RigidTransform] = MappingProxyType({}),
+    ) -> None:
+        """Take in an image of `time` [s], and where boxes and kit are known to be, and were when they were `last`, as
+        measured, in the base frame."""
+        judged = (*self._judge(picture, poses), *self._missing(picture, last))
+        now = {(kind, finding.about): finding for kind, finding in judged}
         with self._lock:
             for key, finding in now.items():
                 lasting = self._lasting.get(key)
@@ -132,6 +142,16 @@ class Inspection:
                 where = "on" if up else "in front of"
                 text = f"something unknown is {where} {detection.body}"
                 yield f"covered {where}", Finding(detection.body, text, stops=True, sight=self._line(marker, body))
+
+    def _missing(self, picture: Picture, last: Mapping[str, RigidTransform]) -> Iterator[tuple[str, Finding]]:
+        """What is not detected, though the camera would see a marker of it if it were still where it was last."""
+        detected = {detection.body for detection in picture.detections}
+        twice = {*picture.apart, *(self._markers[number].body for number in picture.repeated)}
+        absent = set(last) - detected - twice
+        for body, places in visible_markers(self._task, last, self._camera, of=absent).items() if absent else ():
+            if places:
+                line = tuple((float(x), float(y), float(z)) for x, y, z in (self._camera.translation, *places.values()))
+                yield "missing", Finding(body, f"{body} is not seen where it was last", sight=line, missing=True)
 
     def _line(self, marker: Marker, body: RigidTransform) -> tuple[tuple[float, float, float], ...]:
         """Return the camera's place and those of the centre and the corners of a marker's sticker, base frame [m]."""

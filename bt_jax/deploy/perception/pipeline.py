@@ -64,7 +64,7 @@ class Perception:
         sigmas = {detection.body: detection.sigma for detection in self.detections}
         self.certain = dict(self._certain())
         self.tracker.update(frame.time, self.certain, sigmas)
-        self.inspection.take(frame.time, picture, self.tracker.poses(frame.time))
+        self.inspection.take(frame.time, picture, self.tracker.poses(frame.time), self.tracker.last())
 
     def poses(self, time: float) -> dict[str, RigidTransform]:
         """Return the boxes and the kit whose place is known and fresh at `time` [s], in the base frame. The frame of a box

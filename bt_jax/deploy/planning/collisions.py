@@ -14,12 +14,14 @@ import pinocchio as pin
 from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from bt_jax.deploy.robot.arrays import Joints
+from bt_jax.deploy.robot.arrays import Joints, Point
 from bt_jax.deploy.robot.model import RobotModel
 from bt_jax.deploy.robot.shapes import Box, Capsule, Hull
 from bt_jax.deploy.robot.urdf import urdf
 
 __all__ = ["CollisionModel"]
+
+THIN = 1e-4  # m, the radius of a line's capsule
 
 PairValues = Float[np.ndarray, " pairs"]
 
@@ -82,6 +84,26 @@ class CollisionModel:
     def distance(self, pair: int) -> float:
         """Return how far a pair is apart, where the arms were moved to, m; negative if they overlap."""
         return pin.computeDistance(self._geometry, self._state, pair).min_distance
+
+    def is_near_line(self, start: Point, end: Point, margin: float) -> bool:
+        """Is a solid nearer than `margin` [m] to the straight line between two points, where the arms were moved to?"""
+        along = end - start
+        length = float(np.linalg.norm(along))
+        centres = np.array([placement.translation for placement in self._state.oMg])
+        share = np.clip((centres - start) @ along / length**2, 0, 1)
+        bounds = np.linalg.norm(centres - start - share[:, None] * along, axis=1) - self._radii
+        solid, middle = Capsule(tuple(start), tuple(end), THIN), (start + end) / 2
+        line, pose = _about_centre(solid)
+        at = coal.Transform3s(pose.rotation.as_matrix(), middle)
+        return any(self._apart(line, at, int(number)) + THIN < margin for number in np.flatnonzero(bounds < margin))
+
+    def _apart(self, shape: coal.ShapeBase, at: coal.Transform3s, number: int) -> float:
+        """Return how far a shape is from a solid, m."""
+        place = self._state.oMg[number]
+        solid = self._geometry.geometryObjects[number].geometry
+        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        own = coal.Transform3s(place.rotation, place.translation)
+        return float(coal.distance(shape, at, solid, own, request, result))
 
     def _column(self, joint: str) -> int:
         return self._model.joints[self._model.getJointId(joint)].idx_q

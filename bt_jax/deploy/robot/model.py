@@ -230,10 +230,6 @@ class RobotModel:
         """Return the TCP of an arm in the base frame."""
         return self.arm(arm).forward(joints)
 
-    def links(self, arm: str, joints: Joints) -> Float[np.ndarray, "links 3"]:
-        """Return the origins of an arm's links in chain order, then of its TCP, in the base frame."""
-        return self.arm(arm).link_poses(np.asarray(joints, float))[:, :3, 3]
-
     def flange(self, arm: str, joints: Joints) -> RigidTransform:
         """Return tool0 of an arm in the base frame."""
         return self.arm(arm).flange(joints)

@@ -140,9 +140,7 @@ def run_twin(
             program,
             skills=skills,
             link=link,
-            observe=Observer(
-                program.task, link=link, perception=perception, grasped=lambda: skills.grasped, links=robot.links
-            ),
+            observe=Observer(robot, program.task, link=link, perception=perception, grasped=lambda: skills.grasped),
             log=log_file,
             limits=limits or Limits(run=TWIN_SECONDS),
             settings=_settings(seed, realtime, disturbances, scene.realism) | {"disturbance": disturbance},

@@ -30,7 +30,7 @@ class Looking:
         around = {**perception.tracker.last(), **perception.certain}
         visible = visible_markers(self.task, around, perception.camera_pose)
         bodies = {
-            name: Seen(pose, used[name].sigma, bool(visible[name] - set(used[name].markers)))
+            name: Seen(pose, used[name].sigma, bool(visible[name].keys() - set(used[name].markers)))
             for name, pose in perception.certain.items()
         }
         screened = frozenset(name for name, markers in visible.items() if not markers and name not in bodies)

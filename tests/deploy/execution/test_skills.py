@@ -105,6 +105,47 @@ def test_what_was_out_of_sight_is_waited_for_and_looked_at_again(link, skills):
     assert np.linalg.norm(link.boxes["YellowBox"].translation - moved.apply([0, 0, 0.022])) < 0.0015
 
 
+@pytest.mark.parametrize("back", [False, True])
+def test_nothing_is_put_where_a_frame_is_missing_on_the_way(link, skills, back):
+    assert carried_out(skills, link, PICK) == Status.SUCCESS
+    began, kit = link.time, TASK.kit.name
+
+    def take():
+        link.hidden.add(kit)
+        link.missing.add(kit)
+
+    def put_back():
+        link.boxes[kit] = RigidTransform.from_translation([0.31, 0.05, 0.001])
+        link.hidden.clear()
+        link.missing.clear()
+
+    def is_looked_for():
+        return back and kit in link.hidden and np.abs(link.joints["left"] - YUMI.home["left"]).max() < 0.05
+
+    taken = once(lambda: link.arm("left").moving and link.time > began + 0.3, take)
+    returned = once(is_looked_for, put_back)
+    status = carried_out(skills, link, PLACE, seconds=began + 60, each=lambda: (taken(), returned()))
+    if back:
+        assert status == Status.SUCCESS, skills.reason
+        goal = link.boxes[kit].apply([0, 0, 0.022])
+        assert np.linalg.norm(link.boxes["YellowBox"].translation - goal) < 0.0015
+    else:
+        assert (status, skills.reason) == (Status.FAILURE, "KittingBox is not seen")
+        assert link.seen().holding == "YellowBox"
+
+
+def test_a_hand_does_not_close_where_a_box_is_missing(link, skills):
+    def take():
+        link.boxes["YellowBox"] = at(2.0, 0.0)
+        link.hidden.add("YellowBox")
+        link.missing.add("YellowBox")
+
+    each = once(lambda: link.arm("left").moving and link.time > 0.5, take)
+    assert carried_out(skills, link, PICK, each=each) == Status.FAILURE
+    assert skills.reason == "YellowBox is not seen"
+    assert all(opening > 0.04 for _, opening in link.grips)
+
+
 def descends(link, place):
     """Is the left hand straight above a place, and low?"""
     tip = YUMI.forward("left", link.joints["left"]).translation

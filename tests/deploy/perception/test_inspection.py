@@ -196,7 +196,27 @@ def test_a_box_on_a_box_is_nothing_unknown_nor_is_a_box_that_is_not_seen():
     assert looking.findings() == {}
     looking.scene.put("GreenBox", upright(0.3, 0.0, z=-0.5))
     looking.scene.put("cover", upright(*place.translation[:2], z=place.translation[2] + 0.023))
-    assert looking.findings(12) == {}  # it may be the green box that lies there
+    assert set(looking.findings(12)) == {"GreenBox"}  # it may be the green box that lies there
+
+
+def test_a_box_that_is_taken_away_is_missing_where_it_was():
+    looking = Looking()
+    looking.findings()
+    place = looking.scene.truth("GreenBox")
+    looking.scene.put("GreenBox", upright(0.3, 0.0, z=-0.5))
+    assert looking.findings() == {"GreenBox": "GreenBox is not seen where it was last"}
+    (finding,) = looking.perception.findings(looking.scene.time)
+    assert finding.missing
+    assert not finding.stops
+    assert all(np.linalg.norm(place.translation - point) < 0.03 for point in finding.sight[1:])
+
+
+def test_a_box_that_is_moved_in_sight_is_not_missing():
+    looking = Looking()
+    looking.findings()
+    looking.scene.put("GreenBox", upright(0.33, 0.1))
+    for _ in range(8):
+        assert looking.findings(1) == {}
 
 
 def test_a_leaning_box_is_told_and_unknown():
