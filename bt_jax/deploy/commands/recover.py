@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Container, Mapping
+from collections.abc import Container
 from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
-from scipy.spatial.transform import RigidTransform
 
 from bt_jax._util.errors import UserError
 from bt_jax.deploy.commands.arguments import RecoverArguments
@@ -17,18 +16,13 @@ from bt_jax.deploy.commands.check import print_preflight
 from bt_jax.deploy.commands.real_cell import OpenedCell, open_real_cell
 from bt_jax.deploy.commands.run import AGAIN, last_stop
 from bt_jax.deploy.execution.equipment import opened
-from bt_jax.deploy.execution.observation import Observation
+from bt_jax.deploy.execution.homing import take_home
 from bt_jax.deploy.execution.preflight import ARMS_HELD, CAMERA, FINDINGS, passed
-from bt_jax.deploy.execution.settings import Exit, Limits
-from bt_jax.deploy.execution.skills import RobotSkills
+from bt_jax.deploy.execution.settings import Exit
 from bt_jax.deploy.link.irc5_link import Irc5Link
-from bt_jax.encoding.status import Status
 
 __all__ = ["recover_command"]
 
-TICK = 0.1  # s
-SECONDS = 120.0  # within which the arms must be home
-FIRST = 2.0  # s for the camera to see what is there
 RELEASE, KEEP = "release", "keep"
 WARNING = """\
 The robot will move: both arms, each straight up and then home, at {speed:g} rad/s at most. {seen}
@@ -56,7 +50,8 @@ def recover_command(arguments: RecoverArguments, console: Console | None = None)
         link.start(here=True)
         try:
             _require(cell, console, ARMS_HELD if cell.perception is not None else set(ARMS_HELD) - {FINDINGS})
-            problem = _carry_out(cell, link, skills, keep=keep)
+            perception = None if cell.perception is None else opened(cell.perception)
+            problem = take_home(link, skills, perception, keep=keep)
         except KeyboardInterrupt:
             link.interrupt()
             more = link.stop("interrupted")
@@ -98,42 +93,3 @@ def _asked(console: Console) -> str:
     if word not in (RELEASE, KEEP):
         raise UserError(f'nothing has moved; type "{RELEASE}" or "{KEEP}"')
     return word
-
-
-def _carry_out(cell: OpenedCell, link: Irc5Link, skills: RobotSkills, *, keep: bool) -> str:
-    """Take the arms home; return why they did not get there, "" if they did."""
-
-    def see() -> Observation:
-        now = link.now()
-        openings = {arm: link.arm(arm).opening for arm in link.arms}
-        poses: Mapping[str, RigidTransform] = {}
-        if cell.perception is not None:
-            perception = opened(cell.perception)
-            perception.update()
-            if not now - perception.image <= Limits().image:
-                raise UserError(
-                    f"no new image{f' ({perception.lost})' if perception.lost else ''}; check the camera's cable"
-                )
-            poses = perception.poses(now)
-        return Observation(now, poses, openings, None)
-
-    end = link.now() + FIRST
-    while cell.perception is not None and not opened(cell.perception).poses(link.now()) and link.now() < end:
-        link.wait(link.now() + TICK)
-    skills.recover(keep=keep)
-    end = link.now() + SECONDS
-    while (stopped := link.stopped()) is None:
-        try:
-            seen = see()
-        except Exception as problem:  # of whatever looks: the arms no longer know what is in their way
-            link.stop(f"the camera has failed: {problem}")
-            continue
-        status = skills.poll(seen)
-        if status != Status.RUNNING:
-            return "" if status == Status.SUCCESS else f"the arms are not home: {skills.reason}"
-        if not link.now() < end:
-            skills.cancel()
-            return f"the arms are not home after {SECONDS:g} s"
-        link.wait(link.now() + TICK)
-    more = link.stop(stopped)
-    return f"{stopped}; {more}" if more else stopped
