@@ -5,7 +5,7 @@ The films of `held out` come from another camera, in other light, of another han
 detection or the watching was tuned on them.
 
 python -m benchmarks.watching films [--series 20] [--held-out 10] [--jobs 2]
-python -m benchmarks.watching twin [--layouts 20]
+python -m benchmarks.watching twin [--layouts 20] [--jobs 2]
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ from bt_jax.deploy.twin.person_hand import HandModel
 from bt_jax.deploy.twin.rendered_camera import CameraPlacement
 from bt_jax.deploy.twin.run import run_twin
 from bt_jax.deploy.twin.settings import Realism
+from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.lfd import DemonstrationFolder, Frames, Lesson, learn, plan_task
 from bt_jax.tasks import Task, load_task
 from bt_jax.teaching.watch.looking import Looking
@@ -104,9 +105,21 @@ class Arguments:
     first: int = 0
     """number of the first series"""
     jobs: int = 1
-    """series at a time"""
+    """series or runs at a time"""
     out: Path | None = None
-    """where the JSON file is, to which series of films are added"""
+    """where the JSON file is, to which series of films, or runs, are added"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """One run on the twin of a tree that a series of films taught."""
+
+    task: str
+    series: int
+    tree: str
+    layout: int
+    definition: str
+    code: str
 
 
 @dataclasses.dataclass(frozen=True)
@@ -122,14 +135,11 @@ class Job:
 
 def main(arguments: Arguments) -> None:
     console = Console(highlight=False, soft_wrap=True)
-    if arguments.part == "twin":
-        rows = []
-        for task in map(load_task, arguments.tasks):
-            lesson = series(task, arguments.first, TUNED).lesson
-            if lesson is not None:
-                rows.append(on_twin(task, lesson, arguments.layouts, console))
-        report("watching_twin", "trees from watched demonstrations, on the twin", rows, out=arguments.out)
-        return
+    (watched if arguments.part == "films" else run_trees)(arguments, console)
+
+
+def watched(arguments: Arguments, console: Console) -> None:
+    """Watch series of films and say what they taught."""
     path, code = arguments.out or RESULTS / "watching.json", code_digest(Path(__file__))
     definitions = {task: digest_of(load_task(task)) for task in arguments.tasks}
     jobs = [
@@ -147,6 +157,46 @@ def main(arguments: Arguments) -> None:
         console.print(*words, record["doubts"] or "", f"{record['seconds']:.0f} s", sep="  ", markup=False)
     rows = [summary(*names, part) for names, part in sorted(found.items(), reverse=True)]
     report("watching", "trees from watched demonstrations", rows, out=path, fps=FPS, runs=stored(path))
+
+
+def run_trees(arguments: Arguments, console: Console) -> None:
+    """Run the tree of one series of each task in many layouts of the twin."""
+    path, code = arguments.out or RESULTS / "watching_twin.json", code_digest()
+    jobs = []
+    for task in arguments.tasks:
+        lesson = series(load_task(task), arguments.first, TUNED).lesson
+        if lesson is not None:
+            named = {"task": task, "series": arguments.first, "tree": str(lesson.tree)}
+            more = {"definition": digest_of(load_task(task)), "code": code}
+            jobs += [Run(**named, layout=layout, **more) for layout in range(arguments.layouts)]
+    found: dict[str, list[dict[str, Any]]] = {}
+    for record in accumulated(path, jobs, run_on_twin, arguments.jobs):
+        found.setdefault(load_task(record["task"]).name, []).append(record)
+        verdict = "solved" if record["solved"] else record["reason"]
+        console.print(Path(record["task"]).stem, record["layout"], verdict, sep="  ", markup=False)
+    rows = [
+        {
+            "task": task,
+            "layouts": len(runs),
+            "solved": sum(run["solved"] for run in runs),
+            "mm median": float(np.median([mm for run in runs if run["solved"] for mm in run["mm"]] or [np.nan])),
+            "mm worst": max((mm for run in runs if run["solved"] for mm in run["mm"]), default=float("nan")),
+            "robot s": float(np.mean([run["robot s"] for run in runs])),
+        }
+        for task, runs in sorted(found.items())
+    ]
+    report("watching_twin", "trees from watched demonstrations, on the twin", rows, out=path, runs=stored(path))
+
+
+def run_on_twin(job: Run) -> dict[str, Any]:
+    """Return what a run came to, as JSON has it."""
+    run = run_twin(YUMI, Program(load_task(job.task), parse_tree(job.tree)), job.layout, limits=Limits(run=200.0))
+    return {
+        "solved": run.exit_code == Exit.DONE,
+        "reason": run.outcome.reason,
+        "robot s": round(run.outcome.seconds, 1),
+        "mm": [round(1000 * float(distance), 2) for distance in run.distances],
+    }
 
 
 def film_series(job: Job) -> dict[str, Any]:
@@ -283,26 +333,6 @@ def summary(films: str, task: str, found: list[dict[str, Any]]) -> dict[str, Any
         "problems": "; ".join(one["problem"] for one in found if one["problem"]),
         "images": sum(one["images"] for one in found),
         "ms an image": 1000 * sum(one["seconds"] for one in found) / max(1, sum(one["images"] for one in found)),
-    }
-
-
-def on_twin(task: Task, lesson: Lesson, layouts: int, console: Console) -> dict:
-    """Run a tree in many layouts of the twin."""
-    solved, distances, seconds = 0, [], []
-    for number in range(layouts):
-        run = run_twin(YUMI, Program(task, lesson.tree), number, limits=Limits(run=200.0))
-        good = run.exit_code == Exit.DONE
-        solved += good
-        distances += [1000 * distance for distance in run.distances] if good else []
-        seconds.append(run.outcome.seconds)
-        console.print(f"{task.name} {number} {'solved' if good else run.outcome.reason} {run.seconds:.0f} s")
-    return {
-        "task": task.name,
-        "layouts": layouts,
-        "solved": solved,
-        "mm median": float(np.median(distances)) if distances else float("nan"),
-        "mm worst": max(distances, default=float("nan")),
-        "robot s": float(np.mean(seconds)),
     }
 
 
