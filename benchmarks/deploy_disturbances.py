@@ -1,6 +1,6 @@
 """What a tree on the twin of the robot makes of whatever may go wrong: solved, or stopped, for which reason, and how soon.
 
-python -m benchmarks.deploy_disturbances RUN_FOLDER|TREE [--kinds steal dark] [--seeds 5] [--jobs 2]
+python -m benchmarks.deploy_disturbances RUN_FOLDER|TREE [--kinds steal dark] [--seeds 5] [--factor 1.5] [--jobs 2]
 """
 
 from __future__ import annotations
@@ -60,6 +60,8 @@ class Arguments:
     """of disturbances"""
     seeds: int = 5
     """layouts of each"""
+    factor: float = 1.0
+    """how many times as far from perfect as a real cell the twin is besides, see `Realism.scaled`"""
     width: int = 1280
     """of the images, px"""
     jobs: int = 1
@@ -82,19 +84,20 @@ def verdict(record: dict[str, Any]) -> str:
 
 def rows(records: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return the table: a line for each kind."""
-    by_kind: dict[tuple[str, int], list[dict[str, Any]]] = {}
+    by_kind: dict[tuple[str, float, int], list[dict[str, Any]]] = {}
     for record in records:
-        by_kind.setdefault((record["disturbance"], record["width"]), []).append(record)
+        by_kind.setdefault((record["disturbance"], record["factor"], record["width"]), []).append(record)
     order, table = list(DISTURBANCES), []
-    for kind, width in sorted(by_kind, key=lambda key: (order.index(key[0]), key[1])):
-        runs = by_kind[kind, width]
+    for key in sorted(by_kind, key=lambda key: (order.index(key[0]), *key[1:])):
+        (kind, factor, width), runs = key, by_kind[key]
         verdicts = [verdict(record) for record in runs]
         stops = [r["after"] for r, v in zip(runs, verdicts, strict=True) if v not in ("solved", "wrong success")]
         counts = {
             name: verdicts.count(name) for name in ("solved", "true reason", "late", "other reason", "wrong success")
         }
         median = statistics.median(stops) if stops else float("nan")
-        table.append({"disturbance": kind, "width px": width, "runs": len(verdicts), **counts, "s to the stop": median})
+        named = {"disturbance": kind, "factor": factor, "width px": width, "runs": len(verdicts)}
+        table.append({**named, **counts, "s to the stop": median})
     return table
 
 
@@ -104,7 +107,7 @@ def main(arguments: Arguments) -> None:
         disturbance(kind)
     own = origin(arguments.source)
     jobs = [
-        Job(kind, seed, width=arguments.width, limit=120.0, **own)
+        Job(kind, seed, width=arguments.width, factor=arguments.factor, limit=120.0, **own)
         for seed in range(arguments.seeds)
         for kind in arguments.kinds
     ]

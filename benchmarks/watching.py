@@ -4,7 +4,7 @@ series, from which a tree is learnt on the ordinary path. Then the trees run on 
 The films of `held out` come from another camera, in other light, of another hand, with more noise and blur; nothing of the
 detection or the watching was tuned on them.
 
-python -m benchmarks.watching films [--series 20] [--held-out 10] [--jobs 2]
+python -m benchmarks.watching films [--series 20] [--held-out 10] [--factor 1.5] [--jobs 2]
 python -m benchmarks.watching twin [--layouts 20] [--jobs 2]
 """
 
@@ -104,6 +104,8 @@ class Arguments:
     """in which a tree runs on the twin, of every task"""
     first: int = 0
     """number of the first series"""
+    factor: float = 1.0
+    """how many times as far from perfect as a real cell the twin is, see `Realism.scaled`"""
     jobs: int = 1
     """series or runs at a time"""
     out: Path | None = None
@@ -118,6 +120,7 @@ class Run:
     series: int
     tree: str
     layout: int
+    factor: float
     definition: str
     code: str
 
@@ -129,6 +132,7 @@ class Job:
     films: str
     task: str
     number: int
+    factor: float
     definition: str
     code: str
 
@@ -143,7 +147,7 @@ def watched(arguments: Arguments, console: Console) -> None:
     path, code = arguments.out or RESULTS / "watching.json", code_digest(Path(__file__))
     definitions = {task: digest_of(load_task(task)) for task in arguments.tasks}
     jobs = [
-        Job(shooting.name, task, number, definition, code)
+        Job(shooting.name, task, number, arguments.factor, definition, code)
         for number in range(arguments.first, arguments.first + max(arguments.series, arguments.held_out))
         for shooting, count in ((TUNED, arguments.series), (HELD_OUT, arguments.held_out))
         for task, definition in (definitions.items() if number < arguments.first + count else ())
@@ -155,7 +159,7 @@ def watched(arguments: Arguments, console: Console) -> None:
         worst = "" if record["off"] is None else f"worst place {record['off']:.1f} mm"
         words = record["films"], Path(record["task"]).stem, record["number"], verdict, worst, record["problem"]
         console.print(*words, record["doubts"] or "", f"{record['seconds']:.0f} s", sep="  ", markup=False)
-    rows = [summary(*names, part) for names, part in sorted(found.items(), reverse=True)]
+    rows = [summary(*names, arguments.factor, part) for names, part in sorted(found.items(), reverse=True)]
     report("watching", "trees from watched demonstrations", rows, out=path, fps=FPS, runs=stored(path))
 
 
@@ -167,7 +171,7 @@ def run_trees(arguments: Arguments, console: Console) -> None:
         lesson = series(load_task(task), arguments.first, TUNED).lesson
         if lesson is not None:
             named = {"task": task, "series": arguments.first, "tree": str(lesson.tree)}
-            more = {"definition": digest_of(load_task(task)), "code": code}
+            more = {"factor": arguments.factor, "definition": digest_of(load_task(task)), "code": code}
             jobs += [Run(**named, layout=layout, **more) for layout in range(arguments.layouts)]
     found: dict[str, list[dict[str, Any]]] = {}
     for record in accumulated(path, jobs, run_on_twin, arguments.jobs):
@@ -177,6 +181,7 @@ def run_trees(arguments: Arguments, console: Console) -> None:
     rows = [
         {
             "task": task,
+            "factor": arguments.factor,
             "layouts": len(runs),
             "solved": sum(run["solved"] for run in runs),
             "mm median": float(np.median([mm for run in runs if run["solved"] for mm in run["mm"]] or [np.nan])),
@@ -190,7 +195,8 @@ def run_trees(arguments: Arguments, console: Console) -> None:
 
 def run_on_twin(job: Run) -> dict[str, Any]:
     """Return what a run came to, as JSON has it."""
-    run = run_twin(YUMI, Program(load_task(job.task), parse_tree(job.tree)), job.layout, limits=Limits(run=200.0))
+    program = Program(load_task(job.task), parse_tree(job.tree))
+    run = run_twin(YUMI, program, job.layout, realism=Realism().scaled(job.factor), limits=Limits(run=200.0))
     return {
         "solved": run.exit_code == Exit.DONE,
         "reason": run.outcome.reason,
@@ -201,7 +207,9 @@ def run_on_twin(job: Run) -> dict[str, Any]:
 
 def film_series(job: Job) -> dict[str, Any]:
     """Return what a series taught and how it went, as JSON has it; errors in mm."""
-    result = series(load_task(job.task), job.number, {each.name: each for each in (TUNED, HELD_OUT)}[job.films])
+    shooting = {each.name: each for each in (TUNED, HELD_OUT)}[job.films]
+    shooting = dataclasses.replace(shooting, realism=shooting.realism.scaled(job.factor))
+    result = series(load_task(job.task), job.number, shooting)
     return {
         "right": result.right,
         "problem": result.problem,
@@ -314,7 +322,7 @@ def shape(tree: object) -> str:
     return re.sub(r"\([-\d., e]+\)", "(..)", str(tree))
 
 
-def summary(films: str, task: str, found: list[dict[str, Any]]) -> dict[str, Any]:
+def summary(films: str, task: str, factor: float, found: list[dict[str, Any]]) -> dict[str, Any]:
     """One line of the table."""
     good = [one for one in found if one["right"]]
     off = [one["off"] for one in good]
@@ -322,6 +330,7 @@ def summary(films: str, task: str, found: list[dict[str, Any]]) -> dict[str, Any
     return {
         "films": films,
         "task": task,
+        "factor": factor,
         "series": len(found),
         "right": len(good),
         "worst place, mm median": float(np.median(off)) if off else float("nan"),
