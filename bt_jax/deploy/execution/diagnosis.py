@@ -51,10 +51,12 @@ class Diagnosis:
         return "; ".join(finding.text for finding in self._findings if finding.stops)
 
     def patience(self, undecided: frozenset[Behavior], now: float) -> float:
-        """Return how long the tree may fail [s]: half as long where what it misses has not been seen for long."""
+        """Return how long the tree may fail [s]: half as long where what it misses has not been seen for long, or an action
+        has been tried as often as it may be."""
         times = [self._seen_at[name] for name in self._missing(undecided)]
         lost = now - max(times, default=now) >= self.limits.unseen
-        return self.limits.patience / 2 if lost else self.limits.patience
+        hopeless = lost or bool(self.runner.exhausted(self.task.episode.action_ticks))
+        return self.limits.patience / 2 if hopeless else self.limits.patience
 
     def hopeless(self, action: Behavior, undecided: frozenset[Behavior], now: float, *, looked: bool) -> str:
         """Return why an action need not be begun, "" if it may work: what it acts on has not been seen for long, though it

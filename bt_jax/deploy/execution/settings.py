@@ -25,7 +25,9 @@ class Limits:
     look: float = 3.0  # for what is not seen to be seen once the arms are out of the way; then it counts as absent
     settle: float = 0.5  # for the camera to see what an attempt has changed
     rest: float = 0.35  # for arms that were told to stop to come to rest
-    patience: float = 10.0  # for which the tree may fail before the run has failed
+    patience: float = (
+        10.0  # for which the tree may fail before the run has failed; half where an action was tried too often
+    )
     unseen: float = 10.0  # for which what is missing may not be seen; the tree may then fail for half its patience
     finding: float = 2.0  # for which a finding may last that makes what is known wrong
     covered: float = 10.0  # the same for something that hides a marker: it may be a person's hand

@@ -7,6 +7,7 @@ from bt_jax.behaviors import Behavior
 from bt_jax.deploy.execution.observation import Finding
 from bt_jax.deploy.execution.settings import Exit, Limits
 from bt_jax.encoding.formats.text import parse_tree
+from bt_jax.encoding.status import Status
 from tests.helpers.ideal import TASK, IdealCell
 
 PICK = {name: Behavior("pick", (name,)) for name in TASK.box_names}
@@ -134,6 +135,23 @@ def test_what_was_hidden_for_long_is_waited_for_less():
     outcome = cell.executor.run()
     assert outcome.reason == "the tree has failed: YellowBox is not seen"
     assert 10.0 < outcome.seconds < 20.0, "the arms take 10 s out of the way"
+
+
+def test_what_was_tried_too_often_is_waited_for_less(monkeypatch):
+    cell = IdealCell(PICK["YellowBox"])
+    monkeypatch.setattr(cell.skills, "poll", lambda seen: Status.FAILURE)
+    begun = []
+    start = cell.skills.start
+    monkeypatch.setattr(cell.skills, "start", lambda *arguments: (begun.append(cell.link.time), start(*arguments)))
+    outcome = cell.executor.run()
+    assert len(begun) == TASK.episode.action_ticks
+    assert 5.0 <= outcome.seconds - begun[-1] < 7.0
+
+
+def test_a_box_out_of_reach_may_be_brought_nearer_for_longer():
+    cell = IdealCell(PICK["YellowBox"])
+    cell.skills.out_of_reach.add("YellowBox")
+    assert 10.0 <= cell.executor.run().seconds < 12.0
 
 
 def test_nothing_is_begun_with_what_has_been_out_of_sight_for_long():
