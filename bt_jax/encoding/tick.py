@@ -20,7 +20,9 @@ from bt_jax.behaviors.vocabulary import FIRST_LEAF
 from bt_jax.encoding.arrays import Array, Trees
 from bt_jax.encoding.status import Status
 
-__all__ = ["JumpTable", "Status", "Ticked", "jump_table", "tick_trees"]
+__all__ = ["NOTED", "JumpTable", "Status", "Ticked", "jump_table", "tick_trees"]
+
+NOTED = 1 << 3  # in a trace: the leaf had something noted, beside its status
 
 
 @jax.tree_util.register_dataclass
@@ -41,10 +43,15 @@ class Ticked:
     status: Int8[Array, " E"]  # of the root
     leaf: Int32[Array, " E"]  # node that is RUNNING; N or N + 1 where the tree has succeeded or failed
     noted: Int32[Array, " E"]  # what the leaves that were ticked say above their status, joined bit by bit
-    visited: Bool[Array, "E N"] | None  # leaves that were ticked, where asked for
+    trace: UInt8[Array, "E N"] | None  # where asked for: 1 << status of each leaf that was ticked, and `NOTED`
+
+    @property
+    def visited(self) -> Bool[Array, "E N"] | None:
+        """The leaves that were ticked, where a trace was asked for."""
+        return None if self.trace is None else self.trace > 0
 
 
-# Of the walk: the node of each E, whether it is RUNNING, what was noted, and which nodes were visited.
+# Of the walk: the node of each E, whether it is RUNNING, what was noted, and the trace.
 Carry = tuple[jax.Array, jax.Array, jax.Array, jax.Array | None]
 STATUS = 3  # the bits of what a leaf says that are its status
 
@@ -108,14 +115,14 @@ def tick_trees(
 ) -> Ticked:
     """Tick E trees once. `outcome_of` gives what the leaf with a token says, for each of the E: its status, and in the bits
     above what is to be `noted`; `tree[e]` is the row of the table that e ticks (default: E = P, each its own). `trace` also
-    returns which leaves were ticked."""
+    returns what each leaf that was ticked has returned."""
     num_nodes = table.words.shape[1]
     rows = jnp.arange(table.words.shape[0]) if tree is None else tree
     flat = table.words.reshape(-1)
     offset = rows * num_nodes
 
     def visit(carry: Carry) -> Carry:
-        at, running, noted, visited = carry
+        at, running, noted, traced = carry
         active = (at < num_nodes) & ~running
         word = flat[offset + jnp.minimum(at, num_nodes - 1)]
         outcome = outcome_of(word >> 16).astype(jnp.int32)
@@ -123,13 +130,15 @@ def tick_trees(
         noted = noted | jnp.where(active, outcome & ~STATUS, 0)
         target = jnp.where(status == Status.SUCCESS, word >> 8 & 255, word & 255)
         running = running | (active & (status == Status.RUNNING))
-        if visited is not None:
-            visited = visited | (active[:, None] & (jnp.arange(num_nodes)[None] == at[:, None]))
-        return jnp.where(active & ~running, target, at), running, noted, visited
+        if traced is not None:
+            returned = (1 << status) | jnp.where(outcome & ~STATUS != 0, NOTED, 0)
+            here = active[:, None] & (jnp.arange(num_nodes)[None] == at[:, None])
+            traced = traced | jnp.where(here, returned[:, None], 0).astype(jnp.uint8)
+        return jnp.where(active & ~running, target, at), running, noted, traced
 
-    visited = jnp.zeros((rows.shape[0], num_nodes), bool) if trace else None
+    nowhere = jnp.zeros((rows.shape[0], num_nodes), jnp.uint8) if trace else None
     first, none = jnp.asarray(table.first)[rows].astype(jnp.int32), jnp.zeros(rows.shape, jnp.int32)
-    start: Carry = first, jnp.zeros(rows.shape, bool), none, visited
-    at, running, noted, visited = lax.while_loop(lambda c: jnp.any((c[0] < num_nodes) & ~c[1]), visit, start)
+    start: Carry = first, jnp.zeros(rows.shape, bool), none, nowhere
+    at, running, noted, traced = lax.while_loop(lambda c: jnp.any((c[0] < num_nodes) & ~c[1]), visit, start)
     status = jnp.where(running, Status.RUNNING, jnp.where(at == num_nodes, Status.SUCCESS, Status.FAILURE))
-    return Ticked(status.astype(jnp.int8), at, noted, visited)
+    return Ticked(status.astype(jnp.int8), at, noted, traced)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bt_jax.behaviors.nodes import Control, ExtendedNode, L, Node
 
-__all__ = ["children", "depth", "extended_nodes", "leaves", "prefix"]
+__all__ = ["children", "depth", "extended_nodes", "leaves", "prefix", "tidy"]
 
 
 def children(tree: Node[L]) -> tuple[Node[L], ...]:
@@ -33,3 +33,19 @@ def leaves(tree: Node[L]) -> list[L]:
 def extended_nodes(tree: Node[L]) -> list[ExtendedNode[L]]:
     """Return all nodes that arrays do not hold, in prefix order."""
     return [node for node in prefix(tree) if isinstance(node, ExtendedNode)]
+
+
+def tidy(tree: Node[L]) -> Node[L] | None:
+    """Return a tree of Sequences and Fallbacks without control nodes of one child, or under their own kind; None if it has
+    no leaves."""
+    if not isinstance(tree, Control):
+        return tree
+    flat: list[Node[L]] = []
+    for child in map(tidy, tree.children):
+        if isinstance(child, Control) and child.kind == tree.kind:
+            flat += child.children
+        elif child is not None:
+            flat.append(child)
+    if not flat:
+        return None
+    return flat[0] if len(flat) == 1 else Control(tree.kind, tuple(flat))

@@ -9,7 +9,7 @@ from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Control, Tree, Vocabulary
 from bt_jax.encoding.arrays import encode_all, violations
 from bt_jax.encoding.limits import MAX_NODES
-from bt_jax.encoding.walk import extended_nodes, leaves, prefix
+from bt_jax.encoding.walk import extended_nodes, leaves, prefix, tidy
 from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
 from bt_jax.mjx_env.episodes.survey import fits_arrays
 from bt_jax.mjx_env.physics.protocol import Physics
@@ -37,7 +37,7 @@ def smaller_trees(tree: Tree) -> list[Tree]:
     A node with its subtree is removed, or a control node is replaced by one of its children. A control node left with one
     child dissolves, as does one under its own kind.
     """
-    found = dict.fromkeys(_tidy(other) for other in _removals(tree))
+    found = dict.fromkeys(tidy(other) for other in _removals(tree))
     loose = bool(violations(tree, gene_under_fallback=False))
     valid = [other for other in found if other is not None and not violations(other, gene_under_fallback=loose)]
     return sorted(valid, key=lambda other: len(prefix(other)))
@@ -92,18 +92,3 @@ def _removals(tree: Tree) -> Iterator[Tree]:
         yield Control(tree.kind, (*rest[0], *rest[1]))
         for other in _removals(child):
             yield Control(tree.kind, (*rest[0], other, *rest[1]))
-
-
-def _tidy(tree: Tree) -> Tree | None:
-    """Return the tree without control nodes of one child, or under their own kind; None if it has no leaves."""
-    if not isinstance(tree, Control):
-        return tree
-    flat: list[Tree] = []
-    for child in map(_tidy, tree.children):
-        if isinstance(child, Control) and child.kind == tree.kind:
-            flat += child.children
-        elif child is not None:
-            flat.append(child)
-    if not flat:
-        return None
-    return flat[0] if len(flat) == 1 else Control(tree.kind, tuple(flat))

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Bool, Float32, Int8, Int32
+from jaxtyping import Bool, Float32, Int8, Int32, UInt8
 
 from bt_jax._util.compile_cache import kept_jit
 from bt_jax.encoding.arrays import Trees
@@ -51,6 +51,10 @@ class Evaluation:
     distance: Float32[np.ndarray, "P K targets"]  # metres, at the end
     subgoals_missed: Int32[np.ndarray, "P K"]  # subgoals never reached
     solved: Bool[np.ndarray, "P K"]  # ended in SUCCESS with every target within the tolerance
+    reached: Bool[np.ndarray, "P K subgoals"]
+    trace: UInt8[np.ndarray, "P K N"] | None = (
+        None  # what each leaf returned, where asked for (see `encoding.tick.Ticked`)
+    )
 
     @property
     def fitness(self) -> Float32[np.ndarray, " P"]:
@@ -88,7 +92,7 @@ def _advance(
             second = lax.cond(some_exhausted, lambda: flat[at + capacity * tokens], lambda: first)
             return resolve(first, second, exhausted)
 
-        ticked = tick_trees(table, look_up, tree=tree)
+        ticked = tick_trees(table, look_up, tree=tree, trace=tally.trace is not None)
         command, subgoals = command_of(ticked.noted), subgoals_of(ticked.noted)
         going, waiting, now = tally.ending == Ending.OPEN, jnp.full(state.shape, -1, jnp.int32), state
         for i in range(num_ticked):
@@ -100,7 +104,7 @@ def _advance(
         running, after = going & (ticked.status == Status.RUNNING), following[at]
         waiting = jnp.where(running & (after == UNKNOWN) & (waiting < 0), at, waiting)
         now = jnp.where(running & (after >= 0), after, now)
-        counted = count_tick(tally, ticked.status, command, after == BROKEN, rules)
+        counted = count_tick(tally, ticked.status, command, after == BROKEN, rules, ticked.trace)
         return jnp.where(waiting < 0, now, state), select(waiting < 0, counted, tally), waiting
 
     def some_go_on(carry):
@@ -117,11 +121,12 @@ _jump_table = kept_jit(jump_table, small=lambda trees: trees.tokens.shape[0] <= 
 class TableEvaluator:
     """Evaluate populations with a transition table that grows as it is used.
 
-    Trees are evaluated in batches of `batch`, the last one padded, so that one shape is compiled.
+    Trees are evaluated in batches of `batch`, the last one padded, so that one shape is compiled. With `trace`, evaluations
+    say what each leaf has returned.
     """
 
-    def __init__(self, semantics: LeafSemantics, physics: Physics, *, batch: int) -> None:
-        self.table, self.batch = TransitionTable(semantics, physics), batch
+    def __init__(self, semantics: LeafSemantics, physics: Physics, *, batch: int, trace: bool = False) -> None:
+        self.table, self.batch, self.trace = TransitionTable(semantics, physics), batch, trace
 
     @property
     def num_broken(self) -> int:
@@ -135,14 +140,15 @@ class TableEvaluator:
 
     def _run(self, trees: Trees, starts: Int32[np.ndarray, "P K"]) -> Evaluation:
         tree = np.repeat(np.arange(starts.shape[0], dtype=np.int32), starts.shape[1])
-        state, tally = self._finish(_jump_table(trees), tree, starts.reshape(-1), fresh_tally(starts.size))
+        fresh = fresh_tally(starts.size, trace_nodes=trees.num_nodes if self.trace else None)
+        state, tally = self._finish(_jump_table(trees), tree, starts.reshape(-1), fresh)
         state = np.asarray(state)
         return evaluation(
             self.table.semantics.task,
             trees,
             tally,
             distance=self.table.distance(state),
-            subgoals_missed=self.table.subgoals_missed(state),
+            reached=self.table.reached(state),
             shape=starts.shape,
         )
 
@@ -209,12 +215,15 @@ def evaluation(
     tally: Tally,
     *,
     distance: Float32[np.ndarray, "E targets"],
-    subgoals_missed: Int32[np.ndarray, " E"],
+    reached: Bool[np.ndarray, "E subgoals"],
     shape: tuple[int, int],
 ) -> Evaluation:
-    """Return the evaluation of E = P * K episodes from their final distances [m] and missed subgoals; `shape` is (P, K)."""
+    """Return the evaluation of E = P * K episodes from their final distances [m] and the subgoals that they reached; `shape`
+    is (P, K)."""
     ending, ticks = np.asarray(tally.ending).reshape(shape), np.asarray(tally.ticks).reshape(shape)
-    distance, subgoals_missed = distance.reshape(*shape, -1), subgoals_missed.reshape(shape)
+    distance, reached = distance.reshape(*shape, -1), reached.reshape(*shape, reached.shape[-1])
+    subgoals_missed = np.sum(~reached, axis=-1, dtype=np.int32)
+    trace = None if tally.trace is None else np.asarray(tally.trace).reshape(*shape, -1)
     nodes = np.asarray(trees.sizes)[:, :1].astype(np.int32)
     values = fitness(
         task,
@@ -223,4 +232,5 @@ def evaluation(
         nodes=np.broadcast_to(nodes, shape),
         ending=ending,
     )
-    return Evaluation(values, ending, ticks, distance, subgoals_missed, is_solved(ending, distance, task.episode))
+    solved = is_solved(ending, distance, task.episode)
+    return Evaluation(values, ending, ticks, distance, subgoals_missed, solved, reached, trace)

@@ -23,7 +23,7 @@ from bt_jax.mjx_env.episodes.evaluator import (
     evaluation,
     in_batches,
 )
-from bt_jax.mjx_env.episodes.fitness import subgoals_missed, target_distances
+from bt_jax.mjx_env.episodes.fitness import target_distances
 from bt_jax.mjx_env.episodes.rules import Ending, Tally, count_tick, fresh_tally, resolve, used_up
 from bt_jax.mjx_env.physics.protocol import SettleFn
 from bt_jax.mjx_env.semantics import LeafSemantics, command_of, subgoals_of
@@ -36,13 +36,14 @@ __all__ = ["RolloutEvaluator"]
 class RolloutEvaluator:
     """Evaluate populations by simulating every transition of every episode.
 
-    `settle` is a level as a pure JAX function: `Kinematic(task).settle` or `mjx.settle_fn(task)`.
+    `settle` is a level as a pure JAX function: `Kinematic(task).settle` or `mjx.settle_fn(task)`. With `trace`, evaluations
+    say what each leaf has returned.
     """
 
-    def __init__(self, semantics: LeafSemantics, settle: SettleFn, *, batch: int) -> None:
+    def __init__(self, semantics: LeafSemantics, settle: SettleFn, *, batch: int, trace: bool = False) -> None:
         self.semantics, self.batch = semantics, batch
         self.num_broken = 0  # episodes whose simulation diverged
-        self._rollout = functools.partial(_rollout, semantics, settle)
+        self._rollout = functools.partial(_rollout, semantics, settle, trace)
 
     def __call__(self, trees: Trees, layouts: World, which: Int32[np.ndarray, "P K"] | None = None) -> Evaluation:
         """Run P trees [P, N] in K layouts each: rows `which` of the layouts (NumPy), or all of them."""
@@ -60,14 +61,14 @@ class RolloutEvaluator:
             trees,
             tally,
             distance=target_distances(self.semantics.task, world),
-            subgoals_missed=subgoals_missed(world),
+            reached=world.reached,
             shape=starts.shape,
         )
 
 
-@kept_jit(static_argnames=("semantics", "settle"))
+@kept_jit(static_argnames=("semantics", "settle", "trace"))
 def _rollout(
-    semantics: LeafSemantics, settle: SettleFn, trees: Trees, tree: Int32[Array, " E"], world: World
+    semantics: LeafSemantics, settle: SettleFn, trace: bool, trees: Trees, tree: Int32[Array, " E"], world: World
 ) -> tuple[World, Tally]:
     task = semantics.task
     jumps: JumpTable = jump_table(trees)
@@ -80,7 +81,7 @@ def _rollout(
         def look_up(token):
             return resolve(outcomes[0][rows, token], outcomes[1][rows, token], exhausted)
 
-        ticked = tick_trees(jumps, look_up, tree=tree)
+        ticked = tick_trees(jumps, look_up, tree=tree, trace=trace)
         command, going = command_of(ticked.noted), tally.ending == Ending.OPEN
         running = going & (ticked.status == Status.RUNNING)
         world = reach(world, jnp.where(going, subgoals_of(ticked.noted), 0))
@@ -95,7 +96,7 @@ def _rollout(
         world = jax.tree.map(
             lambda new, old: jnp.where(acts.reshape((-1,) + (1,) * (new.ndim - 1)), new, old), after, world
         )
-        return world, count_tick(tally, ticked.status, command, broken, task.episode)
+        return world, count_tick(tally, ticked.status, command, broken, task.episode, ticked.trace)
 
-    start = (world, fresh_tally(tree.shape[0]))
+    start = (world, fresh_tally(tree.shape[0], trace_nodes=trees.num_nodes if trace else None))
     return lax.while_loop(lambda carry: jnp.any(carry[1].ending == Ending.OPEN), one_tick, start)

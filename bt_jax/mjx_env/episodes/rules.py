@@ -12,7 +12,7 @@ import enum
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float32, Int8, Int32
+from jaxtyping import Bool, Float32, Int8, Int32, UInt8
 
 from bt_jax.encoding.tick import Status
 from bt_jax.mjx_env.semantics import command_of
@@ -44,12 +44,14 @@ class Tally:
     command: Int32[Array, " E"]  # that ran in the last tick, or NO_COMMAND
     runs: Int32[Array, " E"]  # ticks in a row, up to the last one, in which it ran
     ending: Int8[Array, " E"]
+    trace: UInt8[Array, "E N"] | None = None  # where asked for, of all ticks so far (see `encoding.tick.Ticked`)
 
 
-def fresh_tally(count: int) -> Tally:
-    """Return the tally of episodes that have not begun (NumPy)."""
+def fresh_tally(count: int, *, trace_nodes: int | None = None) -> Tally:
+    """Return the tally of episodes that have not begun (NumPy), with a trace of that many nodes if asked for."""
     zeros = np.zeros(count, np.int32)
-    return Tally(zeros, zeros, zeros + np.int32(NO_COMMAND), zeros, np.zeros(count, np.int8))
+    trace = None if trace_nodes is None else np.zeros((count, trace_nodes), np.uint8)
+    return Tally(zeros, zeros, zeros + np.int32(NO_COMMAND), zeros, np.zeros(count, np.int8), trace)
 
 
 def used_up(tally: Tally, rules: Episode) -> Int32[Array, " E"]:
@@ -67,10 +69,15 @@ def resolve(
 
 
 def count_tick(
-    tally: Tally, status: Int8[Array, " E"], command: Int32[Array, " E"], broken: Bool[Array, " E"], rules: Episode
+    tally: Tally,
+    status: Int8[Array, " E"],
+    command: Int32[Array, " E"],
+    broken: Bool[Array, " E"],
+    rules: Episode,
+    trace: UInt8[Array, "E N"] | None = None,
 ) -> Tally:
     """Return the tally after one tick in which the root returned `status`; `command` counts where that is RUNNING, and the
-    simulation of it diverged where `broken`. Episodes that have ended stay as they are."""
+    simulation of it diverged where `broken`. `trace` is that of the tick. Episodes that have ended stay as they are."""
     xp = namespace(tally.ticks)
     zero, one = np.int32(0), np.int32(1)
     running = status == Status.RUNNING
@@ -82,14 +89,15 @@ def count_tick(
     ending = xp.where(successes >= rules.success_ticks, np.int8(Ending.SUCCESS), ending)
     ending = xp.where(status == Status.FAILURE, np.int8(Ending.FAILURE), ending)
     ending = xp.where(running & broken, np.int8(Ending.BROKEN), ending)
-    new = Tally(ticks, successes, xp.where(running, command, np.int32(NO_COMMAND)), runs, ending)
+    traced = None if tally.trace is None or trace is None else tally.trace | trace
+    new = Tally(ticks, successes, xp.where(running, command, np.int32(NO_COMMAND)), runs, ending, traced)
     return select(tally.ending == Ending.OPEN, new, tally)
 
 
 def select(condition: Bool[Array, " E"], yes: Tally, no: Tally) -> Tally:
     """Return one tally where a condition holds, and the other elsewhere."""
     where = namespace(condition).where
-    return jax.tree.map(lambda a, b: where(condition, a, b), yes, no)
+    return jax.tree.map(lambda a, b: where(condition.reshape(-1, *[1] * (a.ndim - 1)), a, b), yes, no)
 
 
 def is_solved(ending: Int8[Array, "*E"], distance: Float32[Array, "*E targets"], rules: Episode) -> Bool[Array, "*E"]:

@@ -38,4 +38,5 @@ def survey(semantics: LeafSemantics, physics: Physics, tree: Tree, layouts: Worl
         distance=np.array([[one.distance for one in played]], np.float32),
         subgoals_missed=np.array([[subgoals_missed(one.final)[0] for one in played]], np.int32),
         solved=np.array([[one.solved for one in played]], bool),
+        reached=np.array([[one.final.reached[0] for one in played]], bool),
     )

@@ -14,10 +14,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float32, Int32
+from jaxtyping import Array, Bool, Float32, Int32
 
 from bt_jax._util.compile_cache import kept_jit
-from bt_jax.mjx_env.episodes.fitness import subgoals_missed, target_distances
+from bt_jax.mjx_env.episodes.fitness import target_distances
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.physics.settler import Settler
 from bt_jax.mjx_env.semantics import LeafSemantics
@@ -70,9 +70,9 @@ class TransitionTable:
         """Return the distances of the targets' objects in these states, metres."""
         return self._known.distance[ids]
 
-    def subgoals_missed(self, ids: Int32[np.ndarray, " S"]) -> Int32[np.ndarray, " S"]:
-        """Return how many of the task's subgoals were not reached on the way to these states."""
-        return self._known.subgoals_missed[ids]
+    def reached(self, ids: Int32[np.ndarray, " S"]) -> Bool[np.ndarray, "S subgoals"]:
+        """Return which of the task's subgoals were reached on the way to these states."""
+        return self._known.world.reached[ids]
 
     def ids(self, world: World) -> Int32[np.ndarray, " S"]:
         """Return the ids of snapped states (NumPy); new ones are added in the order in which they appear."""
@@ -112,7 +112,7 @@ class TransitionTable:
         return following
 
     def _append(self, world: World) -> None:
-        rows = _Rows(world, target_distances(self.semantics.task, world), subgoals_missed(world))
+        rows = _Rows(world, target_distances(self.semantics.task, world))
         self._rows = rows if self._rows is None else self._rows.followed_by(rows, self.num_states)
         outcomes = self.semantics.outcomes(world)
         for part in _parts(world.held.shape[0]):
@@ -141,13 +141,12 @@ class _Rows:
 
     world: World
     distance: Float32[np.ndarray, "S targets"]
-    subgoals_missed: Int32[np.ndarray, " S"]
 
     def followed_by(self, other: _Rows, count: int) -> _Rows:
         """Return the first `count` rows with the other ones behind them, in place if there is room."""
         leaves, structure = jax.tree.flatten(self)
-        end = count + len(other.subgoals_missed)
-        if end > len(self.subgoals_missed):
+        end = count + len(other.distance)
+        if end > len(self.distance):
             leaves = [np.resize(leaf, (GROWTH * end, *leaf.shape[1:])) for leaf in leaves]
         for leaf, more in zip(leaves, jax.tree.leaves(other), strict=True):
             leaf[count:end] = more
