@@ -94,7 +94,10 @@ class TrainingDisplay:
         if self.training.settings.evaluator != "table":
             return ""
         table = self.training.table
-        return f"simulation   {table.num_transitions:,} distinct transitions, {table.settler.solved:,} simulated\n"
+        full = f" (the table was full {table.num_restarts} times; give it more --memory)" if table.num_restarts else ""
+        return (
+            f"simulation   {table.num_transitions:,} distinct transitions{full}, {table.settler.solved:,} simulated\n"
+        )
 
 
 def _failures(test: Test) -> str:

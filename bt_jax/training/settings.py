@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Literal
 
 from bt_jax._util.errors import UserError
@@ -32,9 +33,13 @@ class Settings:
     """layouts K in which every individual of a run is measured; its fitness is the mean"""
     test_layouts: int = 100
     """unseen layouts in which the learnt tree is tested at the end"""
+    memory: float = 4.0
+    """GB that the transition table may take; once it is full, it begins again, which takes time and changes no result"""
 
     def check(self) -> None:
         """Raise UserError for a setting that cannot work."""
         for name in ("layouts", "test_layouts"):
             if getattr(self, name) < 1:
                 raise UserError(f"{name} is {getattr(self, name)}; choose 1 or more")
+        if not 0 < self.memory < math.inf:
+            raise UserError(f"memory is {self.memory:g} GB; choose more than 0")

@@ -36,6 +36,8 @@ from bt_jax.training.settings import UNSEEN, Settings
 
 __all__ = ["Training", "evolve"]
 
+GB = 1 << 30  # bytes
+
 
 class Training:
     """An evolution bound to a task: individuals are trees over the task's gene pool, fitness comes from episodes.
@@ -63,7 +65,7 @@ class Training:
         self.run_config = _pinned(RunConfig(task, config, settings, baseline, extra_leaves), self.level.name)
         batch = config.runs * max(config.population, config.num_offspring)
         semantics = LeafSemantics(task, self.vocabulary)
-        table = TableEvaluator(semantics, self.level, batch=batch)
+        table = TableEvaluator(semantics, self.level, batch=batch, memory=int(settings.memory * GB))
         self.table = table.table
         use_table = settings.evaluator == "table"
         self.evaluator = (

@@ -10,6 +10,8 @@ import jax
 import numpy as np
 
 from bt_jax.behaviors import Behavior, Control, Kind, Tree, gene_pool
+from bt_jax.mjx_env.episodes.pages import Pages
+from bt_jax.mjx_env.episodes.table import TransitionTable
 from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.scene.layouts import sample_layouts
@@ -90,6 +92,14 @@ def _join(releases: list[Released]) -> Released:
         present=np.concatenate([release.present for release in releases]),
         box=np.concatenate([release.box for release in releases]),
     )
+
+
+_followed = jax.jit(Pages.at)
+
+
+def followed(table: TransitionTable, states: np.ndarray, commands: np.ndarray) -> np.ndarray:
+    """Where commands lead in states, as far as the table knows."""
+    return np.asarray(_followed(table.known.following, states, commands))
 
 
 def command(module: str, *arguments: object, **options) -> subprocess.CompletedProcess:

@@ -205,9 +205,9 @@ def test_one_broken_layout_is_enough():
     np.testing.assert_array_equal(np.delete(broken.fitness, 3), np.delete(found.fitness, 3))
 
 
-@pytest.mark.parametrize("settings", [Settings(layouts=0), Settings(test_layouts=0)])
+@pytest.mark.parametrize("settings", [Settings(layouts=0), Settings(test_layouts=0), Settings(memory=0.0)])
 def test_settings_that_cannot_work(settings):
-    with pytest.raises(UserError, match="choose 1 or more"):
+    with pytest.raises(UserError, match=r"choose (1 or more|more than 0)"):
         settings.check()
 
 

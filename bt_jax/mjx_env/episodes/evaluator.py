@@ -7,8 +7,10 @@ host simulates the missing ones, each once, in one batch, and the episodes go on
 from __future__ import annotations
 
 import dataclasses
+import functools
 import operator
 from collections.abc import Callable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,10 +23,10 @@ from bt_jax.encoding.arrays import Trees
 from bt_jax.encoding.tick import JumpTable, Status, jump_table, tick_trees
 from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS, fitness
 from bt_jax.mjx_env.episodes.rules import Ending, Tally, count_tick, fresh_tally, is_solved, resolve, select, used_up
-from bt_jax.mjx_env.episodes.table import BROKEN, UNKNOWN, TransitionTable
+from bt_jax.mjx_env.episodes.table import BROKEN, MEMORY, UNKNOWN, Known, TableFullError, TransitionTable
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.semantics import LeafSemantics, command_of, subgoals_of
-from bt_jax.mjx_env.world import Array, World
+from bt_jax.mjx_env.world import Array, World, take
 from bt_jax.tasks import Episode, Task
 
 __all__ = [
@@ -63,70 +65,81 @@ class Evaluation:
         return np.where(broken, np.float32(WORST_FITNESS), self.values.mean(axis=1))
 
 
-@kept_jit(static_argnames=("rules", "num_ticked"))
+class _Asked(NamedTuple):
+    """What E episodes wait for: where a command leads from a state. The command is -1 where an episode does not wait."""
+
+    state: Int32[Array, " E"]
+    command: Int32[Array, " E"]
+
+
+@kept_jit(static_argnames=("rules", "num_commands", "num_ticked"))
 def _advance(
     table: JumpTable,
     tree: Int32[Array, " E"],
     state: Int32[Array, " E"],
     tally: Tally,
-    outcomes: Int32[Array, "2 S V"],
-    following: Int32[Array, " SC"],
+    known: Known,
     rules: Episode,
+    num_commands: int,
     num_ticked: int,
-) -> tuple[Int32[Array, " E"], Tally, Int32[Array, " E"]]:
-    """Tick until every episode has ended or waits. Return states, tally, and for each episode the index into
-    `following` that it waits for, or -1. The last `num_ticked` commands are subgoals that the tree ticks."""
-    _, capacity, tokens = outcomes.shape
-    commands = following.shape[0] // capacity
-    flat = outcomes.reshape(-1)
+) -> tuple[Int32[Array, " E"], Tally, _Asked]:
+    """Tick until every episode has ended or waits. Return states, tally, and what the episodes wait for. The last
+    `num_ticked` of the commands are subgoals that the tree ticks."""
 
     def one_tick(carry):
         state, tally, _ = carry
-
         exhausted = used_up(tally, rules)
-        some_exhausted = jnp.any(tally.runs >= rules.action_ticks)
 
         def look_up(token):
-            at = state * tokens + token
-            first = flat[at]
-            second = lax.cond(some_exhausted, lambda: flat[at + capacity * tokens], lambda: first)
-            return resolve(first, second, exhausted)
+            return resolve(*known.outcomes(state, token), exhausted)
+
+        def follow(now, asked, goes, command):
+            goes, after = goes & (asked.command < 0), known.following.at(now, command)
+            missing = goes & (after == UNKNOWN)
+            asked = _Asked(jnp.where(missing, now, asked.state), jnp.where(missing, command, asked.command))
+            return jnp.where(goes & (after >= 0), after, now), asked, after
 
         ticked = tick_trees(table, look_up, tree=tree, trace=tally.trace is not None)
         command, subgoals = command_of(ticked.noted), subgoals_of(ticked.noted)
-        going, waiting, now = tally.ending == Ending.OPEN, jnp.full(state.shape, -1, jnp.int32), state
+        going, now, asked = tally.ending == Ending.OPEN, state, nothing
         for i in range(num_ticked):
-            at = now * commands + commands - num_ticked + i
-            reaches, after = going & (subgoals >> i & 1 == 1), following[at]
-            waiting = jnp.where(reaches & (after == UNKNOWN) & (waiting < 0), at, waiting)
-            now = jnp.where(reaches & (after >= 0), after, now)
-        at = now * commands + command
-        running, after = going & (ticked.status == Status.RUNNING), following[at]
-        waiting = jnp.where(running & (after == UNKNOWN) & (waiting < 0), at, waiting)
-        now = jnp.where(running & (after >= 0), after, now)
+            subgoal = jnp.full_like(command, num_commands - num_ticked + i)
+            now, asked, _ = follow(now, asked, going & (subgoals >> i & 1 == 1), subgoal)
+        now, asked, after = follow(now, asked, going & (ticked.status == Status.RUNNING), command)
         counted = count_tick(tally, ticked.status, command, after == BROKEN, rules, ticked.trace)
-        return jnp.where(waiting < 0, now, state), select(waiting < 0, counted, tally), waiting
+        goes_on = asked.command < 0
+        return jnp.where(goes_on, now, state), select(goes_on, counted, tally), asked
 
     def some_go_on(carry):
-        _, tally, waiting = carry
-        return jnp.any((tally.ending == Ending.OPEN) & (waiting < 0))
+        _, tally, asked = carry
+        return jnp.any((tally.ending == Ending.OPEN) & (asked.command < 0))
 
-    waiting = jnp.full(state.shape, -1, jnp.int32)
-    return lax.while_loop(some_go_on, one_tick, (state, tally, waiting))
+    nothing = _Asked(jnp.full_like(state, -1), jnp.full_like(state, -1))
+    return lax.while_loop(some_go_on, one_tick, (state, tally, nothing))
 
 
 _jump_table = kept_jit(jump_table, small=lambda trees: trees.tokens.shape[0] <= FEW_TREES)
 
 
+class _Ends(NamedTuple):
+    """How E episodes ended."""
+
+    tally: Tally
+    distance: Float32[np.ndarray, "E targets"]
+    reached: Bool[np.ndarray, "E subgoals"]
+
+
 class TableEvaluator:
-    """Evaluate populations with a transition table that grows as it is used.
+    """Evaluate populations with a transition table that grows as it is used, in at most `memory` bytes.
 
     Trees are evaluated in batches of `batch`, the last one padded, so that one shape is compiled. With `trace`, evaluations
     say what each leaf has returned.
     """
 
-    def __init__(self, semantics: LeafSemantics, physics: Physics, *, batch: int, trace: bool = False) -> None:
-        self.table, self.batch, self.trace = TransitionTable(semantics, physics), batch, trace
+    def __init__(
+        self, semantics: LeafSemantics, physics: Physics, *, batch: int, trace: bool = False, memory: int = MEMORY
+    ) -> None:
+        self.table, self.batch, self.trace = TransitionTable(semantics, physics, memory=memory), batch, trace
 
     @property
     def num_broken(self) -> int:
@@ -135,22 +148,63 @@ class TableEvaluator:
 
     def __call__(self, trees: Trees, layouts: World, which: Int32[np.ndarray, "P K"] | None = None) -> Evaluation:
         """Run P trees [P, N] in K layouts each: rows `which` of the layouts (NumPy), or all of them."""
-        starts = self.table.ids(layouts)[all_layouts(trees, layouts) if which is None else which]
-        return in_batches(self._run, self.batch, trees, starts)
+        starts = all_layouts(trees, layouts) if which is None else which
+        return in_batches(functools.partial(self._run, layouts), self.batch, trees, starts)
 
-    def _run(self, trees: Trees, starts: Int32[np.ndarray, "P K"]) -> Evaluation:
+    def _run(self, layouts: World, trees: Trees, starts: Int32[np.ndarray, "P K"]) -> Evaluation:
         tree = np.repeat(np.arange(starts.shape[0], dtype=np.int32), starts.shape[1])
         fresh = fresh_tally(starts.size, trace_nodes=trees.num_nodes if self.trace else None)
-        state, tally = self._finish(_jump_table(trees), tree, starts.reshape(-1), fresh)
-        state = np.asarray(state)
+        ends = self._ends(_jump_table(trees), tree, layouts, starts.reshape(-1), fresh)
         return evaluation(
             self.table.semantics.task,
             trees,
-            tally,
-            distance=self.table.distance(state),
-            reached=self.table.reached(state),
+            ends.tally,
+            distance=ends.distance,
+            reached=ends.reached,
             shape=starts.shape,
         )
+
+    def _ends(
+        self,
+        jumps: JumpTable,
+        tree: Int32[np.ndarray, " E"],
+        layouts: World,
+        start: Int32[np.ndarray, " E"],
+        fresh: Tally,
+    ) -> _Ends:
+        """Run E episodes from layouts `start`. If the table gets full, it forgets, and they run again; if an empty table is
+        not enough for all of them, first one half, then the other."""
+        parts, ends = [np.arange(tree.size)], []
+        while parts:
+            rows = parts.pop()
+            was_empty = self.table.num_states == 0
+            try:
+                padded = rows if rows.size == tree.size else np.resize(rows, tree.size)  # some of them several times
+                found = self._walked(jumps, tree[padded], layouts, start[padded], fresh)
+            except TableFullError:
+                if was_empty and rows.size == 1:
+                    raise
+                self.table.forget()
+                parts += np.array_split(rows, 2)[::-1] if was_empty else [rows]
+            else:
+                whole = rows.size == tree.size
+                ends.append(found if whole else jax.tree.map(operator.itemgetter(slice(rows.size)), found))
+        return ends[0] if len(ends) == 1 else jax.tree.map(lambda *leaves: np.concatenate(leaves), *ends)
+
+    def _walked(
+        self,
+        jumps: JumpTable,
+        tree: Int32[np.ndarray, " E"],
+        layouts: World,
+        start: Int32[np.ndarray, " E"],
+        fresh: Tally,
+    ) -> _Ends:
+        """Run E episodes from layouts `start`. Raise TableFullError."""
+        used, each = np.unique(start, return_inverse=True)
+        first = self.table.ids(take(layouts, used))[each]
+        state, tally = self._finish(jumps, tree, first, fresh)
+        state = np.asarray(state)
+        return _Ends(tally, self.table.distance(state), self.table.reached(state))
 
     def _finish(
         self, jumps: JumpTable, tree: Int32[np.ndarray, " E"], state: Int32[Array, " E"], tally: Tally
@@ -159,22 +213,22 @@ class TableEvaluator:
         few = tree.size // FEW if tree.size >= MANY else 0
         table = self.table
         while True:
-            state, tally, waiting = _advance(
+            state, tally, asked = _advance(
                 jumps,
                 tree,
                 state,
                 tally,
-                table.outcomes,
-                table.following,
+                table.known,
                 table.semantics.task.episode,
+                table.num_commands,
                 table.semantics.num_ticked,
             )
-            waiting = np.asarray(waiting)
-            missing = np.unique(waiting[waiting >= 0])
-            if not missing.size:
+            at, command = map(np.asarray, asked)
+            rows = np.flatnonzero(command >= 0)
+            if not rows.size:
                 return state, tally
-            table.learn(*np.divmod(missing, table.num_commands))
-            rows = np.flatnonzero(waiting >= 0)
+            missing = np.unique(at[rows].astype(np.int64) * table.num_commands + command[rows])
+            table.learn(*(part.astype(np.int32) for part in np.divmod(missing, table.num_commands)))
             if rows.size <= few:
                 rows = np.resize(rows, few)  # some of them several times
                 whole = jax.tree.map(np.array, (state, tally))

@@ -1,8 +1,11 @@
 """The transition table: every distinct (state, command) is simulated once.
 
 With deterministic skills an episode is a walk over (state, command) -> state. States get integer ids in the order in which
-they are met; what every leaf returns in a state is computed when it gets its id. Both tables live on the device, where
+they are met; what every leaf returns in a state is computed when it gets its id. Both live on the device, where
 `evaluator.TableEvaluator` walks over them; the states themselves stay on the host.
+
+The table takes a limited amount of memory. Once that is full it raises `TableFullError` and is to forget what it holds: what
+was forgotten is computed again when it is asked for again, with the same result.
 """
 
 from __future__ import annotations
@@ -14,47 +17,119 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float32, Int32
+from jaxtyping import Array, Bool, Float32, Int32, UInt
 
 from bt_jax._util.compile_cache import kept_jit
+from bt_jax.mjx_env.episodes.codes import OutcomeCodes, TooManyOutcomesError
 from bt_jax.mjx_env.episodes.fitness import target_distances
+from bt_jax.mjx_env.episodes.pages import UNKNOWN, Pages, SparseRows
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.physics.settler import Settler
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.skills import act, reach, settled_world
 from bt_jax.mjx_env.world import World, row_names, take, world_keys
 
-__all__ = ["BROKEN", "UNKNOWN", "TransitionTable"]
+__all__ = ["BROKEN", "MEMORY", "UNKNOWN", "Known", "TableFullError", "TransitionTable"]
 
-UNKNOWN, BROKEN = -1, -2
-FIRST_CAPACITY = 2048
+BROKEN = -2
+MEMORY = 4 << 30  # bytes
+PARTS = 4  # of the memory; one of them is for the settler's solutions
+FIRST_CAPACITY = 2048  # states
 GROWTH = 4
 BUCKETS = (64, 512, 4096, 32768)
-NOWHERE = np.iinfo(np.int32).max  # an index that is dropped
+MOST_OUTCOMES = 1 << 22  # that are computed at a time
+MOST_CELLS = NO_BOUND = np.iinfo(np.int32).max  # that an index can number
+NAME_BYTES = 150  # of a state's entry in a dict of bytes, besides the bytes
+
+
+class TableFullError(Exception):
+    """The table has no room for what is asked of it. It has to `forget` before it is asked again."""
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Known:
+    """What the table knows, on the device."""
+
+    codes: UInt[Array, "S V"]  # what each leaf returns in each state, as numbers of each leaf
+    meanings: Int32[Array, "2 V K"]  # the outcomes that these stand for, in both layers of `LeafSemantics.outcomes`
+    following: Pages  # for each state and command the next state, or UNKNOWN, or BROKEN where the simulation diverged
+
+    def outcomes(
+        self, state: Int32[Array, " E"], token: Int32[Array, " E"]
+    ) -> tuple[Int32[Array, " E"], Int32[Array, " E"]]:
+        """Return the outcomes of leaves in states, in both layers."""
+        _, tokens, meanings = self.meanings.shape
+        code = self.codes.reshape(-1)[state * tokens + token].astype(jnp.int32)
+        first, second = self.meanings.reshape(2, -1)
+        at = token * meanings + code
+        return first[at], second[at]
 
 
 class TransitionTable:
-    """States, outcomes and transitions met so far.
+    """States, outcomes and transitions met so far, in at most `memory` bytes, the settler's solutions included, but never
+    less than one episode takes.
 
-    `outcomes[layer, state, token]` is as in `LeafSemantics.outcomes`; `following[state * C + command]` is the next state, or
-    UNKNOWN, or BROKEN where the simulation diverged. The last commands, one for each subgoal that the tree has to tick, lead
-    to the same state with that subgoal reached.
+    The last commands, one for each subgoal that the tree has to tick, lead to the same state with that subgoal reached.
     """
 
-    outcomes: Int32[Array, "2 S V"]
-    following: Int32[Array, " SC"]
-
-    def __init__(self, semantics: LeafSemantics, physics: Physics) -> None:
+    def __init__(self, semantics: LeafSemantics, physics: Physics, *, memory: int = MEMORY) -> None:
         self.semantics = semantics
-        self.settler = Settler(semantics.task, physics)
+        self.settler = Settler(semantics.task, physics, memory=memory // PARTS)
         self.num_states = 0
-        self.num_transitions = 0
+        self.num_transitions = 0  # one that was forgotten and is simulated again counts again
         self.num_broken = 0
+        self.num_restarts = 0
         self.num_commands = len(semantics.commands) + semantics.num_ticked
+        self._capacities = self._growing(memory - memory // PARTS)
         self._ids: dict[bytes, int] = {}
         self._rows: _Rows | None = None
-        self.outcomes = jax.device_put(np.zeros((2, FIRST_CAPACITY, len(semantics.vocabulary)), np.int32))
-        self.following = jax.device_put(np.full(FIRST_CAPACITY * self.num_commands, UNKNOWN, np.int32))
+        capacity = next(self._capacities)
+        self._numbers = OutcomeCodes(len(semantics.vocabulary), _code_type(semantics))
+        self._meanings = jax.device_put(self._numbers.meanings)
+        self._codes = jax.device_put(np.zeros((capacity, len(semantics.vocabulary)), self._numbers.dtype))
+        self._following = SparseRows(self.num_commands, capacity)
+
+    def _growing(self, memory: int) -> Iterator[int]:
+        """Yield the capacities, in states, through which the table grows. While it is copied from one to the next, both take
+        memory."""
+        tokens = len(self.semantics.vocabulary)
+        whole = memory // self._bytes_per_state
+        capacity = max(min(FIRST_CAPACITY, whole), _states_of_an_episode(self.semantics) + BUCKETS[0])
+        yield capacity
+        while (larger := min(GROWTH * capacity, whole - capacity, MOST_CELLS // tokens)) > capacity:
+            yield larger
+            capacity = larger
+
+    @property
+    def _bytes_per_state(self) -> int:
+        """How much memory the room for one state takes, host and device together."""
+        task, tokens = self.semantics.task, len(self.semantics.vocabulary)
+        boxes, subgoals = len(task.boxes), len(task.subgoals)
+        name = NAME_BYTES + 4 * (5 + 7 * boxes + subgoals)
+        row = 4 * (4 + 7 * boxes + len(task.targets)) + 2 + subgoals
+        code = np.dtype(_code_type(self.semantics)).itemsize
+        return name + row + code * tokens + SparseRows.bytes_per_state(self.num_commands)
+
+    @property
+    def nbytes(self) -> int:
+        """The memory that the table takes, host and device together, without the settler's solutions."""
+        rows = [] if self._rows is None else jax.tree.leaves(self._rows)
+        names = sum(NAME_BYTES + len(name) for name in self._ids)
+        return names + sum(leaf.nbytes for leaf in rows) + self._codes.nbytes + self._following.nbytes
+
+    @property
+    def known(self) -> Known:
+        """What the table knows now. The next call of `ids` or `learn` takes these arrays over."""
+        return Known(self._codes, self._meanings, self._following.pages)
+
+    def forget(self) -> None:
+        """Forget all states; their ids mean nothing from now on. The memory is kept for new ones."""
+        self.num_states = 0
+        self.num_restarts += 1
+        self._ids = {}
+        self._numbers = OutcomeCodes(len(self.semantics.vocabulary), self._numbers.dtype)
+        self._following.forget()
 
     @property
     def _known(self) -> _Rows:
@@ -91,12 +166,10 @@ class TransitionTable:
             following[acts] = self._simulated(states[acts], commands[acts])
         if not acts.all():
             following[~acts] = self.ids(reach(self.worlds(states[~acts]), np.int32(1) << subgoal[~acts]))
-        index = states * self.num_commands + commands
-        for part in _parts(len(index)):
-            at, values = np.full(part.size, NOWHERE, np.int32), np.zeros(part.size, np.int32)
-            count = len(index[part.rows])
-            at[:count], values[:count] = index[part.rows], following[part.rows]
-            self.following = _enter(self.following, at, values)
+        self._reserve_pages(states, commands)
+        for part in _parts(len(states)):
+            entered = states[part.rows], commands[part.rows], following[part.rows]
+            self._following.enter(*entered, size=part.size)
 
     def _simulated(self, states: Int32[np.ndarray, " n"], commands: Int32[np.ndarray, " n"]) -> Int32[np.ndarray, " n"]:
         """Return the ids of the states to which commands lead, or BROKEN."""
@@ -112,26 +185,45 @@ class TransitionTable:
         return following
 
     def _append(self, world: World) -> None:
-        rows = _Rows(world, target_distances(self.semantics.task, world))
-        self._rows = rows if self._rows is None else self._rows.followed_by(rows, self.num_states)
-        outcomes = self.semantics.outcomes(world)
-        for part in _parts(world.held.shape[0]):
-            self._reserve(self.num_states + part.size)
-            count = outcomes[:, part.rows].shape[1]
-            piece = np.zeros((2, part.size, outcomes.shape[2]), np.int32)
-            piece[:, :count] = outcomes[:, part.rows]
-            self.outcomes = _write(self.outcomes, piece, np.int32(self.num_states))
-            self.num_states += count
+        count = world.held.shape[0]
+        self._reserve_states(self.num_states + count)
+        tokens = len(self.semantics.vocabulary)
+        for part in _parts(count, room=self._codes.shape[0] - self.num_states, tokens=tokens):
+            new, start = take(world, part.rows), self.num_states
+            self._remember(_Rows(new, target_distances(self.semantics.task, new)), start)
+            piece = np.zeros((part.size, tokens), self._codes.dtype)
+            size = new.held.shape[0]
+            try:
+                piece[:size], are_new = self._numbers.encode(self.semantics.outcomes(new))
+            except TooManyOutcomesError as error:
+                raise TableFullError from error
+            if are_new:
+                self._meanings = jax.device_put(self._numbers.meanings)
+            self._codes = _write(self._codes, piece, np.int32(start))
+            self.num_states += size
 
-    def _reserve(self, states: int) -> None:
-        capacity = self.outcomes.shape[1]
-        if states <= capacity:
-            return
-        while capacity < states:
-            capacity *= GROWTH
-        extra = capacity - self.outcomes.shape[1]
-        self.outcomes = jnp.pad(self.outcomes, ((0, 0), (0, extra), (0, 0)))
-        self.following = jnp.pad(self.following, (0, extra * self.num_commands), constant_values=UNKNOWN)
+    def _remember(self, rows: _Rows, start: int) -> None:
+        if self._rows is None:
+            self._rows = jax.tree.map(lambda leaf: _lengthened(leaf[:0], self._codes.shape[0]), rows)
+        for leaf, more in zip(jax.tree.leaves(self._rows), jax.tree.leaves(rows), strict=True):
+            leaf[start : start + len(more)] = more
+
+    def _reserve_states(self, states: int) -> None:
+        while states + BUCKETS[0] > self._codes.shape[0]:  # the last part is padded to a bucket
+            self._grow()
+
+    def _reserve_pages(self, states: Int32[np.ndarray, " n"], commands: Int32[np.ndarray, " n"]) -> None:
+        while not self._following.has_room(states, commands):
+            self._grow()
+
+    def _grow(self) -> None:
+        capacity = next(self._capacities, None)
+        if capacity is None:
+            raise TableFullError
+        self._codes = jnp.pad(self._codes, ((0, capacity - self._codes.shape[0]), (0, 0)))
+        self._following.grow(capacity)
+        if self._rows is not None:
+            self._rows = jax.tree.map(lambda leaf: _lengthened(leaf, capacity), self._rows)
 
 
 @jax.tree_util.register_dataclass
@@ -142,15 +234,21 @@ class _Rows:
     world: World
     distance: Float32[np.ndarray, "S targets"]
 
-    def followed_by(self, other: _Rows, count: int) -> _Rows:
-        """Return the first `count` rows with the other ones behind them, in place if there is room."""
-        leaves, structure = jax.tree.flatten(self)
-        end = count + len(other.distance)
-        if end > len(self.distance):
-            leaves = [np.resize(leaf, (GROWTH * end, *leaf.shape[1:])) for leaf in leaves]
-        for leaf, more in zip(leaves, jax.tree.leaves(other), strict=True):
-            leaf[count:end] = more
-        return jax.tree.unflatten(structure, leaves)
+
+def _lengthened(array: np.ndarray, length: int) -> np.ndarray:
+    longer = np.empty((length, *array.shape[1:]), array.dtype)
+    longer[: len(array)] = array
+    return longer
+
+
+def _states_of_an_episode(semantics: LeafSemantics) -> int:
+    """Return the most states that one episode can visit."""
+    return 1 + semantics.task.episode.max_ticks * (1 + semantics.num_ticked)
+
+
+def _code_type(semantics: LeafSemantics) -> type[np.unsignedinteger]:
+    """Return what numbers the outcomes of a leaf in all states of one episode."""
+    return np.uint8 if _states_of_an_episode(semantics) <= 1 << 8 else np.uint16
 
 
 class _Part(NamedTuple):
@@ -158,20 +256,19 @@ class _Part(NamedTuple):
     size: int
 
 
-def _parts(count: int) -> Iterator[_Part]:
-    """Cut `count` rows into parts whose padded sizes are among a few, so that few shapes are compiled."""
+def _parts(count: int, *, room: int = NO_BOUND, tokens: int = 1) -> Iterator[_Part]:
+    """Cut `count` rows into parts whose padded sizes are among a few, so that few shapes are compiled. Padded, all of them
+    end within `room` rows; none has more than MOST_OUTCOMES cells of rows with `tokens`."""
+    buckets = [bucket for bucket in BUCKETS if bucket * tokens <= MOST_OUTCOMES] or BUCKETS[:1]
     done = 0
     while done < count:
-        size = next((bucket for bucket in BUCKETS if bucket >= count - done), BUCKETS[-1])
+        left = count - done
+        padded = [bucket for bucket in buckets if left <= bucket <= room - done]
+        size = padded[0] if padded else max(bucket for bucket in buckets if bucket <= left)
         yield _Part(slice(done, min(done + size, count)), size)
         done += size
 
 
 @kept_jit(donate_argnums=(0,))
-def _write(outcomes: Array, piece: Array, start: Array) -> Array:
-    return jax.lax.dynamic_update_slice_in_dim(outcomes, piece, start, axis=1)
-
-
-@kept_jit(donate_argnums=(0,))
-def _enter(following: Array, index: Array, values: Array) -> Array:
-    return following.at[index].set(values, mode="drop")
+def _write(codes: Array, piece: Array, start: Array) -> Array:
+    return jax.lax.dynamic_update_slice_in_dim(codes, piece, start, axis=0)

@@ -23,23 +23,28 @@ __all__ = ["Settler"]
 NEAR = 3.5  # radius of a neighbourhood, in sizes of the released box
 STILL = 0.005  # a box that moved sideways by less than this part of its size has stayed in place
 AWAY = 1000.0  # x of a kit that is on another table, metres
+MEMORY = 1 << 30  # bytes
+ENTRY_BYTES = 450  # of a solution, besides its numbers
 
 
 @dataclasses.dataclass
 class Settler:
-    """Solves settling problems with a physics backend and remembers the solutions.
+    """Solves settling problems with a physics backend and remembers the solutions, in at most about `memory` bytes: once
+    these are full, it forgets all and begins again.
 
     `asked` counts problems posed, `solved` those that were simulated, `steps` the physics steps that took.
     """
 
     task: Task
     physics: Physics
+    memory: int = MEMORY
     asked: int = 0
     solved: int = 0
     steps: int = 0
 
     def __post_init__(self) -> None:
         self._solutions: dict[bytes, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}  # poses, ok and reach
+        self._most = self.memory // (ENTRY_BYTES + 4 * (4 + 15 * len(self.task.boxes)))  # solutions
         self._sizes = np.array([box.size for box in self.task.boxes], np.float32)
         self._twins = _groups([(box.size, box.density) for box in self.task.boxes])
         tables = self.task.tables
@@ -124,6 +129,9 @@ class Settler:
         keys = np.concatenate([np.rint(kit / POSITION_GRID).astype(np.int32), records.reshape(len(kit), -1)], axis=1)
         names = row_names(keys)
         new = {name: i for i, name in enumerate(names) if name not in self._solutions}
+        if len(self._solutions) + len(new) > self._most:
+            self._solutions.clear()
+            new = {name: i for i, name in enumerate(names)}
         if new:
             rows = np.array(list(new.values()))
             each = order[rows]

@@ -12,15 +12,16 @@ from bt_jax.encoding.arrays import encode_all
 from bt_jax.encoding.walk import prefix
 from bt_jax.mjx_env.episodes.evaluator import MANY, TableEvaluator
 from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS
+from bt_jax.mjx_env.episodes.pages import UNKNOWN
 from bt_jax.mjx_env.episodes.rollout import RolloutEvaluator
 from bt_jax.mjx_env.episodes.rules import Ending
-from bt_jax.mjx_env.episodes.table import TransitionTable
+from bt_jax.mjx_env.episodes.table import Known, TableFullError, TransitionTable
 from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.mjx_env.physics.mujoco import MujocoPhysics
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.world import take
-from bt_jax.tasks import task_names
-from tests.helpers.samples import assert_same, random_trees, semantics_of
+from bt_jax.tasks import load_task, task_names
+from tests.helpers.samples import assert_same, followed, random_trees, semantics_of
 
 NODES, BATCH, LAYOUTS = 32, 100, 3
 
@@ -136,24 +137,69 @@ def test_states_get_one_id_each():
     np.testing.assert_array_equal(table.ids(twice), np.r_[np.arange(100), np.arange(100)])
     assert table.num_states == 100
     assert_same(table.worlds(np.arange(100, dtype=np.int32)), starts)
-    np.testing.assert_array_equal(np.asarray(table.outcomes)[:, :100], semantics.outcomes(starts))
+    np.testing.assert_array_equal(all_outcomes(table, 100), semantics.outcomes(starts))
+
+
+def all_outcomes(table, states):
+    """What every leaf returns in the first states [2, S, V]."""
+    state, token = np.indices((states, len(table.semantics.vocabulary)), np.int32).reshape(2, -1)
+    found = jax.jit(Known.outcomes)(table.known, state, token)
+    return np.stack(found).reshape(2, states, -1)
 
 
 def test_the_table_grows():
     semantics = semantics_of("stack3", atoms=False)
     table = TransitionTable(semantics, Kinematic(semantics.task))
     starts = sample_layouts(semantics.task, 10, 3000)
+    small = table.nbytes
+    place = np.full(100, 2, np.int32)
     for part in (slice(0, 1500), slice(1500, 3000)):
         table.ids(take(starts, part))
-        states = np.arange(part.start, part.start + 100, dtype=np.int32)
-        table.learn(states, np.full(100, 2, np.int32))
-    assert table.outcomes.shape[1] >= table.num_states == 3200
-    np.testing.assert_array_equal(
-        np.asarray(table.outcomes)[:, :1500], semantics.outcomes(take(starts, slice(0, 1500)))
-    )
-    following = np.asarray(table.following).reshape(-1, table.num_commands)
-    assert (following[:100, 2] >= 0).all()
-    assert (following >= 0).sum() == table.num_transitions == 200
+        table.learn(np.arange(part.start, part.start + 100, dtype=np.int32), place)
+    assert table.num_states == 3200
+    assert table.nbytes > small
+    first = take(starts, slice(0, 1500))
+    np.testing.assert_array_equal(all_outcomes(table, 1500), semantics.outcomes(first))
+    assert_same(table.worlds(np.arange(1500, dtype=np.int32)), first)
+    every = np.arange(3000, dtype=np.int32)
+    known = np.flatnonzero(followed(table, every, np.full(3000, 2, np.int32)) != UNKNOWN)
+    np.testing.assert_array_equal(known, np.r_[0:100, 1500:1600])
+    assert table.num_transitions == 200
+
+
+@pytest.mark.parametrize(
+    ("task_name", "count", "memory"), [("stack3", 10, 1), ("restack", BATCH, 1), ("stack3", BATCH, 400_000)]
+)
+def test_a_full_table_begins_again_with_the_same_results(task_name, count, memory):
+    """With 1 byte there is room for one episode only."""
+    semantics, layouts = semantics_of(task_name), sample_layouts(load_task(task_name), 12, LAYOUTS)
+    trees = trees_for(semantics, 50, count)
+    make = functools.partial(TableEvaluator, semantics, Kinematic(semantics.task), batch=BATCH, trace=True)
+    expected, small = make()(trees, layouts), make(memory=memory)
+    for _ in range(2):
+        assert_same(small(trees, layouts), expected)
+    assert small.table.num_restarts > 0
+    assert make().table.num_restarts == 0
+
+
+def test_the_table_stays_within_its_memory():
+    semantics, memory = semantics_of("stack3", atoms=False), 4 << 20
+    table = TransitionTable(semantics, Kinematic(semantics.task), memory=memory)
+    starts = sample_layouts(semantics.task, 13, 500)
+    rng, most = np.random.default_rng(0), 0
+    while not table.num_restarts:
+        try:
+            states = table.ids(starts)
+            for _ in range(4):
+                table.learn(states, rng.integers(0, 5, len(states)).astype(np.int32))
+                states = np.arange(table.num_states - len(states), table.num_states, dtype=np.int32)
+            starts = dataclasses.replace(starts, kit=starts.kit + np.float32([0.001, 0, 0]))
+        except TableFullError:
+            table.forget()
+        most = max(most, table.nbytes)
+    assert memory / 4 < most < 3 / 4 * memory
+    np.testing.assert_array_equal(table.ids(starts), np.arange(500))
+    np.testing.assert_array_equal(followed(table, np.arange(500, dtype=np.int32), np.full(500, 2, np.int32)), UNKNOWN)
 
 
 @dataclasses.dataclass(frozen=True)

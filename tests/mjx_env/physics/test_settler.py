@@ -1,5 +1,6 @@
 import dataclasses
 
+import jax
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -67,6 +68,17 @@ def test_equal_problems_are_solved_once():
     np.testing.assert_array_equal(again[0], rest)
     np.testing.assert_array_equal(again[1][0, [0, 2, 1]], rest[0])
     np.testing.assert_allclose(again[2][0, :2, :3] - [2, 0, 0], rest[0, :2, :3], atol=1e-6)
+
+
+def test_solutions_that_do_not_fit_are_simulated_again():
+    released = let_go([[[-1.0, 0.1, 0.83 + i / 100], [1.2, 0.1, 0.8], [1.2, 0.3, 0.8]] for i in range(6)])
+    physics = MujocoPhysics(TASK, threads=1)
+    expected, small = Settler(TASK, physics).settle(released), Settler(TASK, physics, memory=4000)
+    for i in (0, 1, 2, 3, 4, 5, 0, 5):
+        one = jax.tree.map(lambda leaf, i=i: leaf[i : i + 1], released)
+        assert_same(small.settle(one), jax.tree.map(lambda leaf, i=i: leaf[i : i + 1], expected))
+    assert 6 < small.solved < small.asked
+    assert_same(small.settle(released), expected)
 
 
 def test_different_problems_are_not_confused():
