@@ -89,7 +89,7 @@ class TrainArguments:
     baseline: Annotated[Path | None, unset("PATH")] = None
     """tree (.txt or .xml) to start from, or a folder of train or learn with one; it stays available for crossover"""
     plan: bool = False
-    """start from the tree that a planner makes for the task's targets"""
+    """start from the tree that a planner makes for the task's targets and subgoals; what is in the way is put aside"""
     add_target_from: Annotated[Path | None, unset("PATH")] = None
     """folder of demonstrations: their places become targets and genes, their tree the baseline if no other is given"""
     add_subgoal_from: Annotated[Path | None, unset("PATH")] = None

@@ -14,6 +14,7 @@ from bt_jax.lfd.constraints import Order, check_acyclic, orders, preconditions
 from bt_jax.lfd.demonstration import Demonstration, Demonstrations, Instance
 from bt_jax.lfd.goals import Step, Subtask, sequences, subtasks
 from bt_jax.lfd.inference import Inference, infer
+from bt_jax.lfd.placements import target_of
 from bt_jax.lfd.planner import plan
 from bt_jax.lfd.questions import Question, question_of
 from bt_jax.lfd.subgoals import derive_subgoal
@@ -84,7 +85,7 @@ class Lesson:
                     f"the demonstrations leave {name} at {objects.count(name)} different places, so it has no one target; "
                     "learn from those that agree"
                 )
-        return tuple(map(_target, self.placements))
+        return tuple(map(target_of, self.placements))
 
     def subgoal(self, name: str) -> Subgoal:
         """Return the configuration that the demonstrations reach: a subgoal of the task, or a new one of that name."""
@@ -95,14 +96,6 @@ class Lesson:
         """Return the whole tree as one gene of that name, done with for good once its subgoal has been reached."""
         reached = Behavior("reached", (self.subgoal(name).name,))
         return Behavior("subtask", (name, Control.fallback(reached, self.tree)))
-
-
-def _target(place: Behavior) -> Target:
-    """Return a placement as a target."""
-    match place.args:
-        case (str(thing), (float(x), float(y), float(z)), str(frame)):
-            return Target(thing, (x, y, z), frame)
-    raise ValueError(f"{place} is not a placement")
 
 
 def learn(demonstrations: Demonstrations, task: Task, *, frames: Mapping[int, str] | None = None) -> Lesson:

@@ -1,6 +1,6 @@
 """A Behavior Tree from a goal, by backchaining (Colledanchise, Almeida and Ögren, Towards Blended Reactive Planning and
 Acting using Behavior Trees, 2019), without a state: every condition that is not sure to hold is followed by what achieves
-it.
+it. What stands in the way is known from the task's layouts (`obstacles`).
 """
 
 from __future__ import annotations
@@ -9,14 +9,17 @@ import dataclasses
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from bt_jax._util.errors import UserError
-from bt_jax.behaviors import Behavior, Control, Kind, Tree
+from bt_jax.behaviors import Behavior, Control, Kind, Tree, expand
+from bt_jax.encoding.walk import leaves
 from bt_jax.lfd.conflicts import undoes
+from bt_jax.lfd.obstacles import Obstacles
+from bt_jax.lfd.placements import condition_of
 from bt_jax.tasks import Task
 
 __all__ = ["fold_moves", "plan", "plan_task"]
 
 MAX_DEPTH = 40  # conditions that wait for each other, one inside the other
-GIVEN = ("reachable", "clear")  # conditions that an action checks itself, and that no action is there to achieve
+GIVEN = ("reachable", "clear")  # what an action checks itself; the obstacles say how a box becomes clear
 
 
 def plan(
@@ -24,37 +27,61 @@ def plan(
     *,
     actions: Iterable[Behavior] = (),
     extra: Mapping[Behavior, tuple[Behavior, ...]] | None = None,
+    obstacles: Obstacles | None = None,
 ) -> Tree:
     """Return a tree that achieves all conditions of a goal, from wherever it is ticked.
 
     `actions` may be used besides those that the goal itself suggests (open and close the gripper, pick and place); `extra`
-    are preconditions beyond the actions' own, for instance from `constraints.preconditions`. Deterministic: the cheapest
+    are preconditions beyond the actions' own, for instance from `constraints.preconditions`. `obstacles` are those in a
+    task's layouts: they are put out of the way, and the goal may ask for its subgoals. Deterministic: the cheapest
     action that achieves a condition is taken, the first of equals. Where a later part would undo an earlier condition, it is
-    moved before it. Raise UserError if no action achieves a condition, or if the parts undo each other in a circle.
+    moved before it. Raise UserError if no action achieves a condition, if the parts undo each other in a circle, or if an
+    obstacle can be put nowhere.
     """
-    planner = _Planner(tuple(actions), extra or {})
-    wanted = [condition for condition in goal if not _follows(condition, goal)]
-    parts = planner.ordered([planner.achieved(condition, ()) for condition in wanted])
-    tree = _needed(_control(Kind.SEQUENCE, [part.tree for part in parts]), frozenset())
+    planner = _Planner(tuple(actions), extra or {}, obstacles)
+    tree = planner.sequence([condition for condition in goal if not _follows(condition, goal)], ())
     if tree is None:
         raise UserError("there is nothing to achieve; give a goal")
     return fold_moves(tree)
 
 
 def plan_task(task: Task) -> Tree:
-    """Return a tree that brings every object of a task to its target."""
-    return plan([Behavior("at", (target.object, target.position, target.frame)) for target in task.targets])
+    """Return a tree that brings every object of a task to its target, and reaches its subgoals before.
+
+    What may be in the way, but is not in every layout, is left where it is if there are not enough ticks in an episode to
+    put it aside, and so are subgoals. Raise UserError if an obstacle can be put nowhere.
+    """
+    every, certain = Obstacles(task), Obstacles(task, certain=True)
+    targets = [condition_of(target) for target in task.targets]
+    subgoals = [Behavior("reached", (subgoal.name,)) for subgoal in task.subgoals]
+    if task.subgoal_reward == "seen":
+        subgoals = [subgoal for subgoal in subgoals if every.needed(subgoal)]
+    for wanted, obstacles in (([*subgoals, *targets], every), ([*subgoals, *targets], certain), (targets, certain)):
+        tree = plan([*wanted, *obstacles.anchored], obstacles=obstacles)
+        if _longest(tree) + task.episode.success_ticks <= task.episode.max_ticks:
+            break
+    return tree
+
+
+def _longest(tree: Tree) -> int:
+    """Return how many ticks a plan acts in at most: a pick and a placement for each place in it."""
+    return 2 * len({leaf for leaf in leaves(expand(tree)) if leaf.name == "place"})
 
 
 def fold_moves(tree: Tree) -> Tree:
-    """Replace every subtree that is what a `move` gene stands for by that gene."""
+    """Replace every subtree that is what a `move` gene stands for by that gene, also where more has to hold before the
+    object is picked: then the gene follows that."""
     if not isinstance(tree, Control):
         return tree
-    first = tree.children[0]
+    first, last = tree.children[0], tree.children[-1]
     if isinstance(first, Behavior) and first.name == "at":
         gene = Behavior("move", first.args)
         if gene.subtree == tree:
             return gene
+        if isinstance(last, Control) and gene.subtree == Control.fallback(
+            first, _control(last.kind, last.children[-2:])
+        ):
+            tree = Control.fallback(*tree.children[:-1], Control(last.kind, (*last.children[:-2], gene)))
     return _control(tree.kind, [fold_moves(child) for child in tree.children])
 
 
@@ -71,17 +98,12 @@ class _Part:
     condition: Behavior
     tree: Tree
 
-    def disturbs(self, known: frozenset[Behavior], condition: Behavior, levels: int) -> bool:
-        """Return whether achieving it where all of `known` hold may undo that condition; of conditions that wait for
-        each other, so many `levels` are looked at."""
-        left = _needed(self.tree, known)
-        return left is not None and any(undoes(action, condition) for action in _actions(left, levels))
-
 
 @dataclasses.dataclass(frozen=True)
 class _Planner:
     actions: tuple[Behavior, ...]
     extra: Mapping[Behavior, tuple[Behavior, ...]]
+    obstacles: Obstacles | None
     parts: dict[Behavior, _Part] = dataclasses.field(default_factory=dict)  # planned so far, by their condition
 
     def achieved(self, condition: Behavior, waiting: tuple[Behavior, ...]) -> _Part:
@@ -91,19 +113,27 @@ class _Planner:
             raise UserError(f"the goal cannot be planned: {circle}; change the demonstrations or the targets")
         if len(waiting) >= MAX_DEPTH:
             raise UserError(f"planning {condition} goes {MAX_DEPTH} conditions deep; demonstrate smaller subtasks")
-        if condition in self.parts:
-            return self.parts[condition]
-        action = self.cheapest(condition)
-        waiting = (*waiting, condition)
-        needed = [*action.preconditions, *self.extra.get(action, ())]
-        needed = [other for other in needed if other.name not in GIVEN]
-        parts = [self.achieved(other, waiting) for other in dict.fromkeys(needed)]
-        own = len([other for other in action.preconditions if other.name not in GIVEN])
-        # What the action itself needs of the gripper comes last: whatever else must hold first may use the gripper.
-        parts = self.ordered([*parts[own:], *parts[:own]])
-        attempt = _control(Kind.SEQUENCE, [*(part.tree for part in parts), action])
-        self.parts[condition] = _Part(condition, _control(Kind.FALLBACK, [condition, attempt]))
+        if condition not in self.parts:
+            attempt = self.attempt(condition, (*waiting, condition))
+            fallback = [condition] if attempt is None else [condition, attempt]
+            self.parts[condition] = _Part(condition, _control(Kind.FALLBACK, fallback))
         return self.parts[condition]
+
+    def attempt(self, condition: Behavior, waiting: tuple[Behavior, ...]) -> Tree | None:
+        """Return what makes a condition hold; None for a subgoal that holds as long as nothing has been moved."""
+        if condition.name == "reached" and self.obstacles is not None:
+            wanted = self.obstacles.needed(condition)
+            return self.sequence([other for other in wanted if not _follows(other, wanted)], waiting)
+        action = self.cheapest(condition)
+        before = [*self.extra.get(action, ()), *(self.obstacles.needed(action) if self.obstacles else ())]
+        # What the action itself needs of the gripper comes last: whatever else must hold first may use the gripper.
+        needed = [other for other in (*before, *action.preconditions) if other.name not in GIVEN]
+        return self.sequence(needed, waiting, action)
+
+    def sequence(self, conditions: Iterable[Behavior], waiting: tuple[Behavior, ...], *then: Behavior) -> Tree | None:
+        """Return what achieves conditions, and an action after them; None if there is nothing to do."""
+        parts = self.ordered([self.achieved(other, waiting) for other in dict.fromkeys(conditions)])
+        return self.remaining(_control(Kind.SEQUENCE, [*(part.tree for part in parts), *then]), frozenset())
 
     def cheapest(self, condition: Behavior) -> Behavior:
         found = [action for action in (*self.actions, *_suggested(condition)) if condition in action.postconditions]
@@ -112,62 +142,86 @@ class _Planner:
         return min(found, key=lambda action: action.cost)
 
     def ordered(self, parts: Sequence[_Part]) -> list[_Part]:
-        """Return the parts in the given order, except that one which disturbs an earlier condition comes before that."""
+        """Return the parts in the given order, except that one which disturbs an earlier condition comes before that, that
+        subgoals, which are on the way, come first, and then those for which the fewest obstacles must be put aside."""
         done: list[_Part] = []
         left = list({part.condition: part for part in parts}.values())
         while left:
-            known = frozenset(part.condition for part in done)
+            known = frozenset().union(*(self.established(part.condition) for part in done))
+            ranked = sorted(left, key=lambda part: self.effort(part, known))
             # Deep inside, a part may have means for a situation that does not arise after the parts before it. So where all
             # of what it may do leaves no order, what it does first decides.
-            ranked = (self.undisturbed(left, known, levels) for levels in (MAX_DEPTH, 2, 1))
-            free = next((part for part in ranked if part is not None), None)
-            if free is None and all(part.condition.name == "at" for part in left):
+            depths = (MAX_DEPTH, 2, 1)
+            free = (part for levels in depths for part in ranked if self.is_undisturbed(part, left, known, levels))
+            chosen = next(free, None)
+            if chosen is None and all(part.condition.name == "at" for part in left):
                 names = ", ".join(str(part.condition) for part in left)
                 raise UserError(f"each of {names} undoes another; give one of them another frame")
-            free = free or left[0]
-            left.remove(free)
-            done.append(free)
+            chosen = chosen or left[0]
+            left.remove(chosen)
+            done.append(chosen)
         return done
 
-    def undisturbed(self, parts: Sequence[_Part], known: frozenset[Behavior], levels: int) -> _Part | None:
-        """Return the first part whose condition none of the others, coming after it, undoes."""
-        for part in parts:
-            holds = known | {part.condition}
-            if not any(other.disturbs(holds, part.condition, levels) for other in parts if other is not part):
-                return part
-        return None
+    def effort(self, part: _Part, known: frozenset[Behavior]) -> tuple[bool, int]:
+        """Return whether a part is no subgoal, and how many obstacles it puts aside where all of `known` hold."""
+        tree, obstacles = self.remaining(part.tree, known), self.obstacles
+        if tree is None or obstacles is None:
+            return part.condition.name != "reached", 0
+        return part.condition.name != "reached", len({leaf for leaf in leaves(tree) if obstacles.is_aside(leaf)})
 
+    def is_undisturbed(self, part: _Part, parts: Sequence[_Part], known: frozenset[Behavior], levels: int) -> bool:
+        """Return whether none of the other parts, coming after one, undoes its condition."""
+        holds = known | {part.condition}
+        return not any(self.disturbs(other, holds, part.condition, levels) for other in parts if other is not part)
 
-def _needed(tree: Tree, known: frozenset[Behavior]) -> Tree | None:
-    """Return the tree without what is known to hold where it is ticked, None if nothing is left of it.
+    def disturbs(self, part: _Part, known: frozenset[Behavior], condition: Behavior, levels: int) -> bool:
+        """Return whether achieving a part where all of `known` hold may undo a condition; of conditions that wait for
+        each other, so many `levels` are looked at."""
+        left = self.remaining(part.tree, known)
+        return left is not None and any(self.undoes(action, condition) for action in _actions(left, levels))
 
-    A memoryless Sequence ticks a child only once those before it have succeeded in the same tick, so that what they check
-    or achieve holds there.
-    """
-    if isinstance(tree, Behavior):
-        return None if tree in known else tree
-    assert isinstance(tree, Control)  # plans have no other nodes
-    if tree.kind == Kind.FALLBACK:
-        if tree.children[0] in known:
-            return None
-        kept = [_needed(child, known) for child in tree.children]
-        return _control(tree.kind, [child for child in kept if child is not None])
-    needed: list[Tree] = []
-    for child in tree.children:
-        if (part := _needed(child, known)) is not None:
-            needed.append(part)
-        known |= _established(child)
-    return _control(tree.kind, needed) if needed else None
+    def undoes(self, action: Behavior, condition: Behavior) -> bool:
+        return undoes(action, condition) or (self.obstacles is not None and self.obstacles.undoes(action, condition))
 
+    def remaining(self, tree: Tree, known: frozenset[Behavior]) -> Tree | None:
+        """Return the tree without what is known to hold where it is ticked, None if nothing is left of it.
 
-def _established(tree: Tree) -> frozenset[Behavior]:
-    """Return the conditions that hold once a part of a plan has succeeded."""
-    if isinstance(tree, Behavior):
-        return frozenset([tree] if tree.kind == Kind.CONDITION else tree.postconditions)
-    assert isinstance(tree, Control)
-    if tree.kind == Kind.FALLBACK:
-        return _established(tree.children[0])
-    return frozenset().union(*map(_established, tree.children))
+        A memoryless Sequence ticks a child only once those before it have succeeded in the same tick, so that what they
+        check or achieve holds there.
+        """
+        if isinstance(tree, Behavior):
+            return None if self.holds(tree, known) else tree
+        assert isinstance(tree, Control)  # plans have no other nodes
+        if tree.kind == Kind.FALLBACK:
+            first = tree.children[0]
+            if isinstance(first, Behavior) and self.holds(first, known):
+                return None
+            parts = [self.remaining(child, known) for child in tree.children]
+            return _control(tree.kind, [part for part in parts if part is not None])
+        kept: list[Tree] = []
+        for child in tree.children:
+            if (part := self.remaining(child, known)) is not None:
+                kept.append(part)
+            known |= self.established(child)
+        return _control(tree.kind, kept) if kept else None
+
+    def holds(self, condition: Behavior, known: frozenset[Behavior]) -> bool:
+        """Return whether a condition is known to hold, an obstacle being out of the way at any of the plan's places."""
+        if condition in known:
+            return True
+        aside = self.obstacles is not None and self.obstacles.is_aside(condition)
+        return aside and any(other.name == "at" and other.object == condition.object for other in known)
+
+    def established(self, tree: Tree) -> frozenset[Behavior]:
+        """Return the conditions that hold once a part of a plan has succeeded."""
+        if isinstance(tree, Behavior):
+            if tree.kind != Kind.CONDITION:
+                return frozenset(tree.postconditions)
+            return frozenset([tree]) | (self.obstacles.implied(tree) if self.obstacles else frozenset())
+        assert isinstance(tree, Control)
+        if tree.kind == Kind.FALLBACK:
+            return self.established(tree.children[0])
+        return frozenset().union(*map(self.established, tree.children))
 
 
 def _actions(tree: Tree, levels: int) -> Iterator[Behavior]:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 from bt_jax.tasks.task import Table, Target, Task, Vec3
 
-__all__ = ["unsupported"]
+__all__ = ["kit_origin", "resolve", "unsupported"]
 
 COMBINED = 8  # loose boxes whose stacks are considered; with more, nearly every height is possible
 
@@ -34,7 +34,7 @@ def unsupported(task: Task) -> Iterator[tuple[int, float]]:
     What is not known before an episode counts as possible: the table of a kit that is placed at random, and boxes without a
     target in the same scene of reference, alone or stacked, in any place.
     """
-    places = [_resolved(task, target) for target in task.targets]
+    places = [resolve(task, target) for target in task.targets]
     for i, target in enumerate(task.targets):
         root, (x, y, z) = places[i]
         half = task.size(target.object) / 2
@@ -54,7 +54,7 @@ def unsupported(task: Task) -> Iterator[tuple[int, float]]:
             yield i, target.position[2] + nearest - z
 
 
-def _resolved(task: Task, target: Target) -> tuple[str, Vec3]:
+def resolve(task: Task, target: Target) -> tuple[str, Vec3]:
     """Return where a target is in the frame that its chain of boxes begins with, and that frame: one without a target."""
     targets = {other.object: other for other in task.targets}
     x, y, z = target.position
@@ -72,7 +72,7 @@ def _tops(task: Task, frame: str) -> Iterator[_Top]:
         return
     for table in task.tables:
         if task.layout.kit in ("random", table.name):
-            x, y, z = task.robot_position if frame == task.robot_frame else _kit_origin(task, table)
+            x, y, z = task.robot_position if frame == task.robot_frame else kit_origin(task, table)
             for top in _world_tops(task, table):
                 yield dataclasses.replace(top, x=top.x - x, y=top.y - y, z=top.z - z)
 
@@ -81,11 +81,11 @@ def _world_tops(task: Task, kit_table: Table) -> Iterator[_Top]:
     yield _Top(0.0, 0.0, math.inf, math.inf, task.floor)
     for table in task.tables:
         yield _Top(table.position[0], table.position[1], table.size[0] / 2, table.size[1] / 2, table.top)
-    x, y, z = _kit_origin(task, kit_table)
+    x, y, z = kit_origin(task, kit_table)
     half = task.kit.size / 2
     yield _Top(x, y, half, half, z + task.kit.thickness / 2)
     yield _Top(x, y, half, half, z + task.kit.thickness / 2 + task.kit.wall_height)
 
 
-def _kit_origin(task: Task, table: Table) -> Vec3:
+def kit_origin(task: Task, table: Table) -> Vec3:
     return table.position[0], table.position[1], table.top + task.kit.thickness / 2

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from bt_jax._util.errors import UserError
+from bt_jax.behaviors import Control
 from bt_jax.commands.arguments import parse_train
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.walk import leaves
@@ -107,11 +108,10 @@ def test_a_subgoal_brings_a_guarded_gene_and_a_reward(unstack):
     assert gene.name == "subtask"
     assert str(gene.subtree.children[0]) == "reached(unstack)"
     assert config.gp.baseline_index == 0
-    planned = leaves(plan_task(RESTACK))
-    training = Training(config.task, config.gp, KINEMATIC, baseline=gene, extra_leaves=tuple(planned))
-    tree = parse_tree(f"Sequence({gene}, {', '.join(map(str, planned))})")
-    assert training.test(tree).success_rate == 1
-    assert training.test(plan_task(RESTACK)).success_rate == 0
+    moves = leaves(plan_task(STACK3))
+    training = Training(config.task, config.gp, KINEMATIC, baseline=gene, extra_leaves=tuple(moves))
+    assert training.test(Control.sequence(gene, *moves)).success_rate == 1
+    assert training.test(Control.sequence(*moves)).success_rate == 0
 
 
 def test_a_subgoal_that_the_task_has_is_not_added_again(unstack):
