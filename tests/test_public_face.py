@@ -31,7 +31,8 @@ FACES = {
         "violations",
     ],
     "bt_jax.gp": [
-        "Alphabet", "Evolution", "GPConfig", "Generation", "Population", "Selection", "State", "best_of", "is_valid",
+        "AchievementSearch", "Alphabet", "Evolution", "GPConfig", "Generation", "Goals", "Measured", "Population",
+        "Selection", "State", "best_of", "is_valid",
     ],
     "bt_jax.mjx_env": [
         "Ending", "EpisodeState", "Evaluation", "Kinematic", "LeafSemantics", "Physics", "Playback", "Renderer",

@@ -41,7 +41,7 @@ def tidy(tree: Node[L]) -> Node[L] | None:
     if not isinstance(tree, Control):
         return tree
     flat: list[Node[L]] = []
-    for child in map(tidy, tree.children):
+    for child in [tidy(child) for child in tree.children]:
         if isinstance(child, Control) and child.kind == tree.kind:
             flat += child.children
         elif child is not None:

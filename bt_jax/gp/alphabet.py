@@ -11,7 +11,7 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int32, UInt32
+from jaxtyping import Array, Bool, Int8, Int32, UInt32
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors.nodes import Kind
@@ -38,7 +38,12 @@ class Alphabet:
 
     @staticmethod
     def of(vocabulary: Vocabulary) -> Alphabet:
-        kinds = vocabulary.kinds.tolist()
+        return Alphabet.of_kinds(vocabulary.kinds)
+
+    @staticmethod
+    def of_kinds(token_kinds: Int8[np.ndarray, " V"]) -> Alphabet:
+        """Return the numbers for the kinds of all tokens."""
+        kinds = token_kinds.tolist()
         return Alphabet(kinds.count(Kind.CONDITION), kinds.count(Kind.ACTION), kinds.count(Kind.GENE))
 
     @property

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+from typing import Literal
 
 from bt_jax._util.errors import UserError
 from bt_jax.encoding.limits import MAX_NODES
 
-__all__ = ["GPConfig", "MutationConfig", "Selection"]
+__all__ = ["GPConfig", "Method", "MutationConfig", "Selection"]
+
+
+Method = Literal["population", "achievements"]  # see `bt_jax.gp.evolution` and `bt_jax.gp.search`
 
 
 class Selection(enum.StrEnum):
@@ -41,6 +45,10 @@ class GPConfig:
 
     # Hashable, since it is a static argument of jit.
 
+    method: Method = "population"
+    """population: the best of a generation breed the next, as published; achievements: learn which behavior achieves which
+    target and in which order behaviors work (of the other settings it takes population, the trees measured in a generation,
+    generations, runs, seed, those of nodes and mutations, and patience)"""
     population: int = 16
     """individuals, 8 to 100000"""
     generations: int = 50
@@ -49,6 +57,8 @@ class GPConfig:
     """independent runs side by side; run r is the single run of seed + r"""
     seed: int = 0
     """seed of everything random"""
+    patience: int = 10
+    """with --method achievements: stop once every run has solved the task and improved nothing for so many generations"""
     mutation_parents: int | None = None
     """parents selected for mutation; auto: 3/4 of the population, 12 of 16"""
     mutation_offspring: int = 2
@@ -141,7 +151,14 @@ class GPConfig:
             raise UserError(
                 f"crossover_parents is {self.num_crossover_parents} and parents pair up; choose an even number"
             )
-        for name in ("max_mutations", "mutation_offspring", "crossover_offspring", "generations", "runs"):
+        for name in (
+            "max_mutations",
+            "mutation_offspring",
+            "crossover_offspring",
+            "generations",
+            "runs",
+            "patience",
+        ):
             if getattr(self, name) < 1:
                 raise UserError(f"{name} is {getattr(self, name)}; choose 1 or more")
         if not 0 <= self.seed <= (1 << 32) - max(self.runs, 1):
@@ -163,5 +180,9 @@ class GPConfig:
             )
         if self.baseline_index is not None and not 0 <= self.baseline_index < self.max_nodes:
             raise UserError(f"baseline_index is {self.baseline_index}; choose a child of the root, counted from 0")
+        if self.method == "achievements" and self.niches:
+            raise UserError("niches are for --method population; leave out --niches")
+        if self.method == "achievements" and self.baseline_index is not None:
+            raise UserError("baseline_index is for --method population; leave out --baseline-index")
         if self.baseline_index is not None and self.crossover_swap:
             raise UserError("baseline_index inserts and crossover_swap exchanges; choose one of them")

@@ -21,6 +21,7 @@ from bt_jax.behaviors import FIRST_LEAF, Behavior
 from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.evolution import Generation, Population, State
 from bt_jax.training.history import history_csv, read_history
+from bt_jax.training.knowledge_arrays import KNOWLEDGE, arrays_of, knowledge_of
 from bt_jax.training.run_config import RunConfig, parse_leaf
 
 __all__ = ["Checkpoint"]
@@ -41,6 +42,7 @@ ARRAYS: Mapping[str, Any] = types.MappingProxyType(
         "leaves": UInt8[np.ndarray, " leaf_bytes"],
         "history": UInt8[np.ndarray, " history_bytes"],
         "config": UInt8[np.ndarray, " config_bytes"],  # not in older files
+        **KNOWLEDGE,  # only of the method achievements
     }
 )
 
@@ -60,6 +62,7 @@ class Checkpoint:
         buffer, state = io.BytesIO(), self.state
         niche = state.population.niche
         arrays: dict[str, Any] = {} if niche is None else {"niche": np.asarray(niche)}
+        arrays |= arrays_of(state.knowledge)
         if self.config is not None:
             arrays["config"] = _as_bytes(self.config.to_json())
         np.savez(
@@ -107,8 +110,13 @@ def _checkpoint(arrays: Mapping[str, np.ndarray], path: Path) -> Checkpoint:
         raise ValueError(f"{', '.join(wrong)} have other types or shapes than they should")
     leaves = tuple(map(parse_leaf, _as_text(arrays["leaves"]).splitlines()))
     trees = Trees(jnp.asarray(arrays["tokens"]), jnp.asarray(arrays["sizes"]))
-    if not _are_trees(arrays["tokens"], arrays["sizes"], FIRST_LEAF + len(leaves)):
-        raise ValueError("tokens and sizes are no trees of these leaves")
+    for kind in ("", "kept_"):
+        if f"{kind}tokens" not in arrays:
+            continue
+        if not _are_trees(arrays[f"{kind}tokens"], arrays[f"{kind}sizes"], FIRST_LEAF + len(leaves)):
+            raise ValueError(f"{kind}tokens and {kind}sizes are no trees of these leaves")
+    if "tested" in arrays and arrays["tested"].shape[1] != FIRST_LEAF + len(leaves):
+        raise ValueError("the counts are of other leaves")
     state = State(
         population=Population(
             trees, jnp.asarray(arrays["fitness"]), jnp.asarray(arrays["niche"]) if "niche" in arrays else None
@@ -117,6 +125,7 @@ def _checkpoint(arrays: Mapping[str, np.ndarray], path: Path) -> Checkpoint:
         baseline_fitness=jnp.asarray(arrays["baseline_fitness"]),
         seen=tuple(np.split(arrays["seen"], np.cumsum(arrays["counts"])[:-1])),
         earlier=tuple(arrays["earlier"].tolist()),
+        knowledge=knowledge_of(arrays),
     )
     history = read_history(_as_text(arrays["history"]))
     if history and history[-1].generation != state.generation:
@@ -125,7 +134,7 @@ def _checkpoint(arrays: Mapping[str, np.ndarray], path: Path) -> Checkpoint:
     return Checkpoint(state, leaves, int(arrays["phase"]), history, config)
 
 
-def _are_trees(tokens: Int16[np.ndarray, "R P N"], sizes: UInt8[np.ndarray, "R P N"], vocabulary: int) -> bool:
+def _are_trees(tokens: Int16[np.ndarray, "*P N"], sizes: UInt8[np.ndarray, "*P N"], vocabulary: int) -> bool:
     """Return whether every node within the length of its tree has a token, and its subtree ends within the tree."""
     lengths, places = sizes[..., :1].astype(int), np.arange(tokens.shape[-1])
     inside = places < lengths

@@ -15,9 +15,12 @@ from rich.console import Console
 from bt_jax.behaviors import FIRST_LEAF, Behavior, Tree, gene_pool
 from bt_jax.encoding.arrays import Trees, decode, encode
 from bt_jax.encoding.walk import leaves
+from bt_jax.gp.achievements.goals import Measured
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.config import GPConfig
 from bt_jax.gp.evolution import Evolution, Generation, State, best_of
+from bt_jax.gp.procedure import Procedure
+from bt_jax.gp.search import AchievementSearch
 from bt_jax.mjx_env.episodes.diagnosis import explain_failure
 from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
 from bt_jax.mjx_env.episodes.playback import play
@@ -29,6 +32,7 @@ from bt_jax.tasks import Task
 from bt_jax.training.bar import GenerationBar, is_interactive
 from bt_jax.training.baseline import evolvable
 from bt_jax.training.checkpoint import Checkpoint
+from bt_jax.training.goals import goals_of, measured
 from bt_jax.training.levels import make_level, make_settle
 from bt_jax.training.result import EXPLAINED, Failures, Result, Test
 from bt_jax.training.run_config import RunConfig
@@ -63,23 +67,43 @@ class Training:
         self.vocabulary = gene_pool(task).extended([*extra_leaves, *own])
         self.level = make_level(task, settings)
         self.run_config = _pinned(RunConfig(task, config, settings, baseline, extra_leaves), self.level.name)
-        batch = config.runs * max(config.population, config.num_offspring)
+        learns = config.method == "achievements"
+        batch = config.runs * (config.population if learns else max(config.population, config.num_offspring))
         semantics = LeafSemantics(task, self.vocabulary)
-        table = TableEvaluator(semantics, self.level, batch=batch, memory=int(settings.memory * GB))
+        table = TableEvaluator(semantics, self.level, batch=batch, memory=int(settings.memory * GB), trace=learns)
         self.table = table.table
         use_table = settings.evaluator == "table"
         self.evaluator = (
-            table if use_table else RolloutEvaluator(semantics, make_settle(task, self.level, settings), batch=batch)
+            table
+            if use_table
+            else RolloutEvaluator(semantics, make_settle(task, self.level, settings), batch=batch, trace=learns)
         )
         self.layouts = concatenate(
             [sample_layouts(task, config.seed + run, settings.layouts) for run in range(config.runs)]
         )
-        self.evolution = Evolution(
-            config,
+        self.evolution = self._procedure(
+            None if baseline is None else encode(baseline, self.vocabulary, config.max_nodes)
+        )
+
+    def _procedure(self, baseline: Trees | None) -> Procedure:
+        """Return what evolves the trees."""
+        per_tree = self.settings.layouts
+        if self.config.method == "achievements":
+            goals = goals_of(self.task, self.vocabulary)
+            return AchievementSearch(
+                self.config,
+                self.vocabulary.kinds,
+                goals,
+                self._measured,
+                baseline=baseline,
+                episodes_per_tree=per_tree,
+            )
+        return Evolution(
+            self.config,
             Alphabet.of(self.vocabulary),
-            self._measure if config.niches else self._fitness,
-            baseline=None if baseline is None else encode(baseline, self.vocabulary, config.max_nodes),
-            episodes_per_tree=settings.layouts,
+            self._measure if self.config.niches else self._fitness,
+            baseline=baseline,
+            episodes_per_tree=per_tree,
         )
 
     @staticmethod
@@ -102,6 +126,10 @@ class Training:
         achieved = (result.subgoals_missed.max(axis=1) << met.shape[1]) | met @ (1 << np.arange(met.shape[1]))
         return result.fitness.reshape(shape), achieved.astype(np.int32).reshape(shape)
 
+    def _measured(self, trees: Trees) -> Measured:
+        runs, population, _ = trees.tokens.shape
+        return measured(self._evaluation(trees), self.task, (runs, population))
+
     def _evaluation(self, trees: Trees) -> Evaluation:
         runs, population, _ = trees.tokens.shape
         count = self.settings.layouts
@@ -114,7 +142,7 @@ class Training:
         """Return the populations of a training with that vocabulary, measured for this one's task: so evolution goes on with
         another target, more genes or a baseline. Raise UserError if a leaf is not in this vocabulary."""
         tokens = np.array([*range(FIRST_LEAF), *(self.vocabulary.token(leaf) for leaf in vocabulary)], np.int16)
-        old = jax.device_get(state.population.trees)
+        old = jax.device_get(self.evolution.kept(state))
         trees = Trees(jnp.asarray(tokens[old.tokens]), jnp.asarray(old.sizes))
         return self.evolution.adopt(trees, generation=state.generation, earlier=state.trees_measured)
 

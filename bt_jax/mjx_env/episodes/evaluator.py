@@ -276,7 +276,7 @@ def evaluation(
     is (P, K)."""
     ending, ticks = np.asarray(tally.ending).reshape(shape), np.asarray(tally.ticks).reshape(shape)
     distance, reached = distance.reshape(*shape, -1), reached.reshape(*shape, reached.shape[-1])
-    subgoals_missed = np.sum(~reached, axis=-1, dtype=np.int32)
+    subgoals_missed = (~reached).sum(axis=-1, dtype=np.int32)
     trace = None if tally.trace is None else np.asarray(tally.trace).reshape(*shape, -1)
     nodes = np.asarray(trees.sizes)[:, :1].astype(np.int32)
     values = fitness(

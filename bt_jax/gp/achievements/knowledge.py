@@ -1,0 +1,80 @@
+"""What one run has learnt, and how episodes add to it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Int8, Int32
+
+from bt_jax.encoding.arrays import Trees
+from bt_jax.gp.achievements.archive import Archive, keys_of
+from bt_jax.gp.achievements.goals import Goals, Measured
+from bt_jax.gp.achievements.linkage import Linkage
+from bt_jax.gp.achievements.traces import without_idle
+
+__all__ = ["Knowledge"]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Knowledge:
+    """The archive and the counts of one run; whether its fittest tree solves the task, and for how many generations none was
+    fitter."""
+
+    archive: Archive
+    linkage: Linkage
+    solved: bool = False
+    stagnant: int = 0
+
+    @staticmethod
+    def empty(goals: Goals, num_nodes: int) -> Knowledge:
+        """Return what is known before the first episode."""
+        return Knowledge(Archive.empty(num_nodes), Linkage.empty(goals))
+
+    def done(self) -> Bool[np.ndarray, " A"]:
+        """Return which achievements a tree of the archive has."""
+        return np.asarray(self.archive.achieved(self.linkage.achieves.shape[1]).any(axis=0))
+
+    def missing_steps(self, goals: Goals) -> Int32[np.ndarray, " _"]:
+        """Return the steps on the way that no tree has done and that a guard tells of."""
+        return np.flatnonzero((goals.guard > 0) & ~self.done()).astype(np.int32)
+
+    def summary(self) -> dict[str, int]:
+        """Return the figures of the knowledge that `Generation` has."""
+        most = int(np.bitwise_count(self.archive.keys).max(initial=0))
+        understood = int((self.done() | self.linkage.known()).sum())
+        return {"kept": len(self.archive), "achieved": most, "understood": understood}
+
+    def updated(
+        self,
+        trees: Trees,
+        measured: Measured,
+        goals: Goals,
+        kinds: Int8[np.ndarray, " V"],
+        *,
+        gene_under_fallback: bool,
+    ) -> Knowledge:
+        """Return the knowledge after a generation of M trees [M, N] (NumPy). The archive gets them without the nodes that
+        did nothing."""
+        keys = keys_of(measured.achieved >= 1)
+        rows = self.archive.entrants(measured.fitness, keys)
+        linkage = self.linkage.updated(trees, measured, goals)
+        if not rows.size:
+            return dataclasses.replace(self, linkage=linkage, stagnant=self.stagnant + 1)
+        smaller = [
+            without_idle(trees[row], measured.trace[row], kinds, gene_under_fallback=gene_under_fallback)
+            for row in rows
+        ]
+        entering = Trees(np.stack([tree.tokens for tree in smaller]), np.stack([tree.sizes for tree in smaller]))
+        removed = trees.sizes[rows, 0].astype(np.float32) - entering.sizes[:, 0]
+        fitness = measured.fitness[rows] + np.float32(goals.node_cost) * removed
+        best = int(fitness.argmax())
+        better = fitness[best] > self.archive.fitness.max(initial=-np.inf)
+        return Knowledge(
+            self.archive.with_(entering, fitness, keys[rows]),
+            linkage,
+            solved=bool(measured.solved[rows[best]]) if better else self.solved,
+            stagnant=0 if better else self.stagnant + 1,
+        )

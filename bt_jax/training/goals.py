@@ -1,0 +1,56 @@
+"""What the search for achievements has to know of a task: which leaves concern which box, and what can be achieved.
+
+Where the targets are is not part of it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bt_jax.behaviors import FIRST_LEAF, Behavior, Kind, Vocabulary
+from bt_jax.encoding.walk import leaves
+from bt_jax.gp.achievements.goals import Goals, Measured
+from bt_jax.mjx_env.episodes.evaluator import Evaluation
+from bt_jax.tasks import Task
+
+__all__ = ["goals_of", "measured"]
+
+NONE = -1
+
+
+def goals_of(task: Task, vocabulary: Vocabulary[Behavior]) -> Goals:
+    """Return the targets of a task, then its subgoals, and the groups of leaves: the genes of each box, and one group of
+    those that concern several."""
+    names = task.box_names
+    guards = {leaf.args[0]: vocabulary.token(leaf) for leaf in vocabulary.leaves if leaf.name == "reached"}
+    group = [NONE] * FIRST_LEAF + [_group(leaf, names) for leaf in vocabulary.leaves]
+    return Goals(
+        group=np.array(group, np.int32),
+        concerns=np.array(
+            [names.index(target.object) for target in task.targets] + [NONE] * len(task.subgoals), np.int32
+        ),
+        guard=np.array([0] * len(task.targets) + [guards.get(subgoal.name, 0) for subgoal in task.subgoals], np.int32),
+        node_cost=task.weights.node,
+    )
+
+
+def _group(leaf: Behavior, names: tuple[str, ...]) -> int:
+    """Return the index of the box that a gene moves, one more than the last for a gene that moves several, and -1 for other
+    leaves."""
+    if leaf.kind != Kind.GENE or leaf.subtree is None:
+        return NONE
+    moved = {atom.object for atom in leaves(leaf.subtree) if atom.name == "place"}
+    return names.index(str(moved.pop())) if len(moved) == 1 else len(names)
+
+
+def measured(evaluation: Evaluation, task: Task, shape: tuple[int, int]) -> Measured:
+    """Return what the episodes of R times P trees tell the search; `shape` is (R, P)."""
+    assert evaluation.trace is not None
+    met = evaluation.distance < task.episode.tolerance
+    achieved = np.concatenate([met, evaluation.reached], axis=-1).mean(axis=1, dtype=np.float32)
+    return Measured(
+        fitness=evaluation.fitness.reshape(shape),
+        solved=evaluation.solved.all(axis=1).reshape(shape),
+        achieved=achieved.reshape(*shape, -1),
+        trace=np.bitwise_or.reduce(evaluation.trace, axis=1).reshape(*shape, -1),
+    )

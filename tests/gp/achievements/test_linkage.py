@@ -1,0 +1,67 @@
+"""What is learnt of leaves: what they achieve, in which order they work, and which of them nobody has tried."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from bt_jax.encoding.arrays import Trees
+from bt_jax.gp.achievements.compose import compose, leaf_parts
+from bt_jax.gp.achievements.linkage import Linkage
+from tests.helpers.tower import Tower
+
+TOWER = Tower()
+GOALS = TOWER.goals
+TOKENS = {leaf.name: TOWER.vocabulary.token(leaf) for leaf in TOWER.vocabulary.leaves}
+RIGHT = [TOKENS[name] for name in ("0@4", "1@1", "2@3")]
+
+
+def learnt(*rows):
+    trees, fits = compose(leaf_parts(np.array(rows, np.int32), 8))
+    assert fits.all()
+    measured = TOWER.measured(Trees(trees.tokens[None], trees.sizes[None]))
+    one = type(measured)(measured.fitness[0], measured.solved[0], measured.achieved[0], measured.trace[0])
+    return Linkage.empty(GOALS).updated(trees, one, GOALS)
+
+
+def test_a_leaf_is_known_for_what_it_achieves():
+    linkage = learnt(RIGHT, [TOKENS["0@4"], TOKENS["1@2"], TOKENS["2@3"]])
+    assert linkage.achieves[RIGHT].tolist() == [[2, 0, 0], [0, 1, 0], [0, 0, 1]]
+    assert linkage.achieves.sum() == 4
+    assert linkage.known().all()
+    assert linkage.tested[TOKENS["2@3"]] == 2  # also where it failed
+
+
+@pytest.mark.parametrize("order", [*itertools.permutations(range(3))])
+def test_leaves_are_sorted_as_has_worked(order):
+    wrong = [list(row) for row in itertools.permutations(RIGHT) if list(row) != RIGHT]
+    linkage = learnt(RIGHT, *wrong)
+    rng = np.random.default_rng(0)
+    given = np.array([[RIGHT[i] for i in order] + [0]] * 5, np.int32)
+    np.testing.assert_array_equal(linkage.sorted(rng, given), [[*RIGHT, 0]] * 5)
+
+
+def test_without_experience_every_order_is_possible():
+    rng = np.random.default_rng(0)
+    found = Linkage.empty(GOALS).sorted(rng, np.array([RIGHT] * 200, np.int32))
+    assert {tuple(row) for row in found.tolist()} == set(itertools.permutations(RIGHT))
+
+
+def test_the_least_tested_come_first_and_each_as_often_as_the_others():
+    rng = np.random.default_rng(0)
+    linkage = learnt(RIGHT)
+    assert linkage.untested(GOALS) is False  # a leaf is known for every target
+    drawn = linkage.least_tested(rng, np.arange(3, dtype=np.int32), GOALS, 5)
+    assert not np.isin(drawn, RIGHT).any()
+    assert all(len(set(column)) == 5 for column in drawn.T.tolist())
+    assert (GOALS.group[drawn] == np.arange(3)).all()
+
+
+def test_donors_are_what_is_known_or_what_is_not_tested():
+    rng = np.random.default_rng(0)
+    linkage = learnt(RIGHT)
+    assert set(linkage.donors(rng, 1, GOALS, np.zeros(20, bool)).tolist()) == {RIGHT[1]}
+    curious = linkage.donors(rng, 1, GOALS, np.ones(20, bool))
+    assert (GOALS.group[curious] == 1).all()
+    assert RIGHT[1] in curious.tolist()  # in its turn
+    assert len(set(curious.tolist())) == TOWER.places

@@ -1,0 +1,123 @@
+"""Training by the search for achievements: what it sees of a task, that it solves it, and that a run goes on where it
+stopped."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from bt_jax._util.errors import UserError
+from bt_jax.behaviors import gene_pool
+from bt_jax.encoding.formats.text import parse_tree
+from bt_jax.gp.config import GPConfig
+from bt_jax.tasks import Target, load_task
+from bt_jax.training.checkpoint import Checkpoint
+from bt_jax.training.goals import goals_of
+from bt_jax.training.settings import Settings
+from bt_jax.training.training import Training, evolve
+from tests.helpers.samples import assert_same
+
+CONFIG = GPConfig(method="achievements", generations=100, seed=1)
+QUICK = Settings(level="kinematic", test_layouts=20)
+STACK3 = load_task("stack3")
+
+
+def renamed(task, names):
+    """The same boxes under other names."""
+    new = dict(zip(task.box_names, names, strict=True))
+    boxes = tuple(dataclasses.replace(box, name=new[box.name]) for box in task.boxes)
+    targets = tuple(
+        dataclasses.replace(target, object=new[target.object], frame=new.get(target.frame, target.frame))
+        for target in task.targets
+    )
+    layout = dataclasses.replace(task.layout, stack=tuple(new[name] for name in task.layout.stack))
+    return dataclasses.replace(task, boxes=boxes, targets=targets, layout=layout)
+
+
+def test_the_search_is_told_which_box_a_gene_moves_and_which_are_wanted():
+    task = load_task("restack")
+    vocabulary = gene_pool(task).extended([parse_tree("subtask(all, Sequence(pick(GreenBox), pick(BlueBox)))")])
+    vocabulary = vocabulary.extended([parse_tree("subtask(one, place(GreenBox, (0, 0, 0.1), BlueBox))")])
+    goals = goals_of(task, vocabulary)
+    groups = {str(leaf): goals.group[vocabulary.token(leaf)] for leaf in vocabulary.leaves}
+    assert groups["move(GreenBox, (0, 0, 0.1), YellowBox)"] == task.box_names.index("GreenBox")
+    assert groups["open_gripper"] == groups["reached(unstacked)"] == -1
+    assert groups["subtask(one, place(GreenBox, (0, 0, 0.1), BlueBox))"] == task.box_names.index("GreenBox")
+    assert [task.box_names[i] for i in goals.concerns[:-1]] == [target.object for target in task.targets]
+    assert goals.concerns[-1] == -1
+    assert str(vocabulary.leaf(int(goals.guard[-1]))) == "reached(unstacked)"
+
+
+@pytest.mark.parametrize(
+    ("task", "names"),
+    [
+        ("stack3", ("BlueBox", "YellowBox", "GreenBox")),
+        pytest.param("restack", ("Zebra", "Aardvark", "GreenBox"), marks=pytest.mark.slow),
+    ],
+)
+def test_a_task_with_shuffled_names_is_solved_and_its_run_stops(task, names):
+    result = evolve(renamed(load_task(task), names), dataclasses.replace(CONFIG, generations=400), QUICK)
+    assert result.success_rate == 1.0
+    assert result.generations < 400
+    assert (
+        result.history[-1].achieved
+        == result.history[-1].understood
+        == len(load_task(task).targets) + len(load_task(task).subgoals)
+    )
+
+
+def test_where_the_targets_are_is_not_known_to_the_search():
+    """Tasks whose targets exchange their places ask for the same, as long as they hear the same of episodes."""
+    places = [(-0.133, 0.0, 0.055), (0.0, 0.0, 0.055), (0.133, 0.133, 0.055)]
+    one, other = (Training(in_the_kit(order), CONFIG, QUICK) for order in (places, places[::-1]))
+    known = [dataclasses.asdict(goals_of(training.task, training.vocabulary)) for training in (one, other)]
+    assert_same(*known)
+    state = same = None
+    for _ in range(6):
+        offspring = one.evolution.ask(state)
+        assert_same(offspring, other.evolution.ask(same))
+        measured = one.evolution.evaluate(offspring)
+        state, same = one.evolution.tell(state, offspring, measured), other.evolution.tell(same, offspring, measured)
+
+
+def in_the_kit(places):
+    targets = [Target(name, place, "KittingBox") for name, place in zip(STACK3.box_names, places, strict=True)]
+    return dataclasses.replace(STACK3, targets=tuple(targets))
+
+
+@pytest.mark.parametrize("runs", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_run_goes_on_from_its_checkpoint_as_if_it_had_never_stopped(tmp_path, runs):
+    config = dataclasses.replace(CONFIG, runs=runs, generations=8)
+    training = Training(STACK3, config, QUICK)
+    states = list(training.evolution.run())
+    history = training.evolution.describe(states[3])
+    Checkpoint(states[3], training.vocabulary.leaves, 0, history, training.run_config).save(tmp_path / "state.npz")
+    saved = Checkpoint.load(tmp_path / "state.npz")
+    assert saved.history == [dataclasses.replace(row, **rounded(row)) for row in history]
+    assert_same(saved.state.knowledge, states[3].knowledge)
+    again = list(Training(STACK3, config, QUICK).evolution.run(saved.state))
+    assert_same([state.knowledge for state in again], [state.knowledge for state in states[3:]])
+    assert_same([state.population for state in again], [state.population for state in states[3:]])
+    for one, other in zip(again, states[3:], strict=True):
+        assert_same(one.seen, other.seen)
+
+
+def rounded(row):
+    return {name: float(f"{value:.4f}") for name, value in dataclasses.asdict(row).items() if isinstance(value, float)}
+
+
+@pytest.mark.slow
+def test_another_phase_begins_with_what_achieved_the_most():
+    training = Training(STACK3, CONFIG, QUICK)
+    *_, state = training.evolution.run()
+    more = Training(STACK3, CONFIG, QUICK, extra_leaves=(parse_tree("move(BlueBox, (0.2, 0, 0), YellowBox)"),))
+    carried = more.carried(state, training.vocabulary.leaves)
+    assert carried.knowledge[0].solved
+    assert carried.generation == state.generation
+    np.testing.assert_allclose(carried.population.fitness.max(), state.population.fitness.max(), atol=0.01)
+
+
+@pytest.mark.parametrize("wrong", [{"niches": True}, {"baseline_index": 0}, {"patience": 0}])
+def test_what_the_method_does_not_take_is_refused(wrong):
+    with pytest.raises(UserError, match=next(iter(wrong))):
+        dataclasses.replace(CONFIG, **wrong).check()
