@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import types
+from collections.abc import Mapping
 from typing import Literal
 
 from bt_jax._util.errors import UserError
@@ -13,6 +15,27 @@ __all__ = ["GPConfig", "Method", "MutationConfig", "Selection"]
 
 
 Method = Literal["population", "achievements"]  # see `bt_jax.gp.evolution` and `bt_jax.gp.search`
+
+SETTINGS_OF: Mapping[Method, tuple[str, ...]] = types.MappingProxyType(
+    {
+        "population": (
+            "mutation_parents",
+            "mutation_offspring",
+            "crossover_parents",
+            "crossover_offspring",
+            "crossover_swap",
+            "parent_selection",
+            "survivor_selection",
+            "elites",
+            "old_share",
+            "niches",
+            "baseline_keep",
+            "baseline_boost",
+            "baseline_index",
+        ),
+        "achievements": ("patience",),
+    }
+)  # that the other method does not take
 
 
 class Selection(enum.StrEnum):
@@ -47,8 +70,7 @@ class GPConfig:
 
     method: Method = "population"
     """population: the best of a generation breed the next, as published; achievements: learn which behavior achieves which
-    target and in which order behaviors work (of the other settings it takes population, the trees measured in a generation,
-    generations, runs, seed, those of nodes and mutations, and patience)"""
+    target and in which order behaviors work; population is then how many trees are measured in a generation"""
     population: int = 16
     """individuals, 8 to 100000"""
     generations: int = 50
@@ -180,9 +202,17 @@ class GPConfig:
             )
         if self.baseline_index is not None and not 0 <= self.baseline_index < self.max_nodes:
             raise UserError(f"baseline_index is {self.baseline_index}; choose a child of the root, counted from 0")
-        if self.method == "achievements" and self.niches:
-            raise UserError("niches are for --method population; leave out --niches")
-        if self.method == "achievements" and self.baseline_index is not None:
-            raise UserError("baseline_index is for --method population; leave out --baseline-index")
+        self._check_method()
         if self.baseline_index is not None and self.crossover_swap:
             raise UserError("baseline_index inserts and crossover_swap exchanges; choose one of them")
+
+    def _check_method(self) -> None:
+        """Raise UserError for settings of another method than the chosen one."""
+        defaults = {field.name: field.default for field in dataclasses.fields(self)}
+        for method, names in SETTINGS_OF.items():
+            given = [name for name in names if getattr(self, name) != defaults[name]]
+            if method != self.method and given:
+                options = ", ".join(given)
+                raise UserError(
+                    f"{options}: of the method {method}, and the method is {self.method}; leave out what it does not take"
+                )

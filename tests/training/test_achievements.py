@@ -117,7 +117,12 @@ def test_another_phase_begins_with_what_achieved_the_most():
     np.testing.assert_allclose(carried.population.fitness.max(), state.population.fitness.max(), atol=0.01)
 
 
-@pytest.mark.parametrize("wrong", [{"niches": True}, {"baseline_index": 0}, {"patience": 0}])
+@pytest.mark.parametrize("wrong", [{"niches": True}, {"baseline_index": 0}, {"elites": 3}, {"patience": 0}])
 def test_what_the_method_does_not_take_is_refused(wrong):
     with pytest.raises(UserError, match=next(iter(wrong))):
         dataclasses.replace(CONFIG, **wrong).check()
+
+
+def test_patience_is_for_this_method():
+    with pytest.raises(UserError, match="patience"):
+        GPConfig(patience=20).check()
