@@ -41,9 +41,8 @@ def _in_kit(task: Task, carried: list[Extent], name: str) -> Iterator[Target]:
     for gene in gene_pool(task).leaves:
         if gene.name == "move" and gene.object == name and gene.frame == task.kit.name and gene.position is not None:
             place = Target(name, gene.position, task.kit.name)
-            if abs(gene.position[2] - low) < task.episode.tolerance and _inside(
-                carried, place, (0.0, 0.0), inner, inner
-            ):
+            lies = abs(gene.position[2] - low) < task.episode.tolerance
+            if lies and _inside(carried, place, (0.0, 0.0), inner, inner):
                 yield place
 
 

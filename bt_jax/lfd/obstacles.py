@@ -33,7 +33,7 @@ class Obstacles:
 
     def needed(self, leaf: Behavior) -> tuple[Behavior, ...]:
         """Return what has to be out of the way for a placement, what makes a box clear, or what a subgoal asks for; in an
-        order in which it can be done, what stands on top first. Raise UserError if an obstacle can be put nowhere."""
+        order in which it can be done, what stands on top first. Raise UserError if no place is free for one."""
         if leaf.name == "clear":
             return self._asides(above(self.task, str(leaf.object)), frozenset())
         if leaf.name == "reached":

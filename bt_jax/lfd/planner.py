@@ -33,12 +33,15 @@ def plan(
 
     `actions` may be used besides those that the goal itself suggests (open and close the gripper, pick and place); `extra`
     are preconditions beyond the actions' own, for instance from `constraints.preconditions`. `obstacles` are those in a
-    task's layouts: they are put out of the way, and the goal may ask for its subgoals. Deterministic: the cheapest
-    action that achieves a condition is taken, the first of equals. Where a later part would undo an earlier condition, it is
-    moved before it. Raise UserError if no action achieves a condition, if the parts undo each other in a circle, or if an
-    obstacle can be put nowhere.
+    task's layouts: they are put out of the way, and the goal may ask for its subgoals and for boxes to be clear.
+    Deterministic: the cheapest action that achieves a condition is taken, the first of equals. Where a later part would undo
+    an earlier condition, it is moved before it. Raise UserError if no action achieves a condition, if the parts undo each
+    other in a circle, or if no place is free for an obstacle.
     """
     planner = _Planner(tuple(actions), extra or {}, obstacles)
+    if obstacles is not None:
+        # clear(X) already holds while what was on X hangs in the gripper, so it is not what the tree checks.
+        goal = [part for one in goal for part in (obstacles.needed(one) if one.name == "clear" else (one,))]
     tree = planner.sequence([condition for condition in goal if not _follows(condition, goal)], ())
     if tree is None:
         raise UserError("there is nothing to achieve; give a goal")
@@ -49,7 +52,7 @@ def plan_task(task: Task) -> Tree:
     """Return a tree that brings every object of a task to its target, and reaches its subgoals before.
 
     What may be in the way, but is not in every layout, is left where it is if there are not enough ticks in an episode to
-    put it aside, and so are subgoals. Raise UserError if an obstacle can be put nowhere.
+    put it aside, and so are subgoals. Raise UserError if no place is free for an obstacle.
     """
     every, certain = Obstacles(task), Obstacles(task, certain=True)
     targets = [condition_of(target) for target in task.targets]

@@ -218,6 +218,15 @@ def test_what_a_subgoal_needs_are_its_own_conditions_and_free_places():
     assert Obstacles(STACK3).needed(Behavior("clear", ("YellowBox",))) == ()
 
 
+def test_a_box_is_cleared_by_moving_what_is_on_it():
+    cleared = Obstacles(RESTACK).needed(Behavior("clear", ("YellowBox",)))
+    tree = plan([Behavior("clear", ("YellowBox",))], obstacles=Obstacles(RESTACK))
+    assert tree == Control.sequence(*(Behavior("move", condition.args) for condition in cleared))
+    played, *_ = playbacks(tree, RESTACK, seed=6, count=1)
+    assert played.final.held.tolist() == [-1]
+    assert len(played.ticks) == 2 * len(cleared) + RESTACK.episode.success_ticks
+
+
 def test_boxes_beyond_those_of_a_task_make_no_difference_to_a_plan():
     stack = tuple(with_boxes(STACK3, 5).box_names[3:])
     task = with_boxes(STACK3, 5)

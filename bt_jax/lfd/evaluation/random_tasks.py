@@ -14,16 +14,8 @@ from bt_jax.tasks.task import Vec3
 
 __all__ = ["random_task"]
 
-STACKED, FIXED, SUBGOAL = (
-    0.75,
-    0.25,
-    0.25,
-)  # how often boxes start in a stack, at fixed places, and a subgoal is asked for
-ON_TOP, IN_KIT, ON_LOOSE = (
-    0.5,
-    0.6,
-    0.3,
-)  # where targets are: on others, else in the kit, else on or beside loose boxes
+STACKED, FIXED, SUBGOAL = 0.75, 0.25, 0.25  # how often there is a stack, fixed boxes, and a subgoal
+ON_TOP, IN_KIT, ON_LOOSE = 0.5, 0.6, 0.3  # how often a target is on another, else in the kit, else around a loose box
 CELL = 0.15  # distance of targets on a table, metres
 
 
