@@ -28,6 +28,10 @@ __all__ = ["AchievementSearch"]
 ROUNDS = 8  # in which what is not valid or not new is drawn again; in the second half everything is mutated
 
 
+def _nothing(trees: Trees) -> Measured:
+    raise ValueError("this AchievementSearch measures nothing; give it `evaluate`, or use ask and tell")
+
+
 class AchievementSearch(Procedure):
     """Search for trees by what episodes tell besides the fitness: which achievements a tree has, and what each of its leaves
     returned.
@@ -49,7 +53,7 @@ class AchievementSearch(Procedure):
         config: GPConfig,
         kinds: Int8[np.ndarray, " V"],
         goals: Goals,
-        evaluate: Callable[[Trees], Measured],
+        evaluate: Callable[[Trees], Measured] = _nothing,
         *,
         baseline: Trees | None = None,
         episodes_per_tree: int = 1,

@@ -29,7 +29,9 @@ def found():
     return list(search_in(Tower()).run())
 
 
-@pytest.mark.parametrize("tower", [Tower(), Tower(right=(2, 2), step=True)], ids=str)
+@pytest.mark.parametrize(
+    "tower", [pytest.param(Tower(), marks=pytest.mark.slow), Tower(right=(2, 2), step=True)], ids=str
+)
 def test_every_offspring_is_valid_and_none_is_measured_twice(tower):
     search, state = search_in(tower), None
     alphabet = Alphabet.of(tower.vocabulary)

@@ -36,11 +36,12 @@ class Archive:
 
     def entrants(self, fitness: Float32[np.ndarray, " M"], keys: UInt64[np.ndarray, " M"]) -> Int32[np.ndarray, " _"]:
         """Return which of M trees would find a place, were each the only one."""
+        if not len(self):
+            return np.arange(len(fitness), dtype=np.int32)
         place = np.searchsorted(self.keys, keys) + PER_KEY - 1  # that of the worst which is kept, if there are so many
-        inside = np.minimum(place, max(len(self) - 1, 0))
-        full = (place < len(self)) & (self.keys[inside] == keys if len(self) else False)
-        worst = np.where(full, self.fitness[inside] if len(self) else 0, -np.inf)
-        return np.flatnonzero(fitness > worst).astype(np.int32)
+        inside = np.minimum(place, len(self) - 1)
+        full = (place < len(self)) & (self.keys[inside] == keys)
+        return np.flatnonzero(~full | (fitness > self.fitness[inside])).astype(np.int32)
 
     def with_(self, trees: Trees, fitness: Float32[np.ndarray, " M"], keys: UInt64[np.ndarray, " M"]) -> Archive:
         """Return the archive after M trees have competed for their places; of equals, the earlier stays."""

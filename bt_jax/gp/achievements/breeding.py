@@ -112,7 +112,7 @@ def _assembled(
     curious = np.where(rng.random(count) < CURIOUS, rng.integers(max(len(targets), 1), size=count), -1)
     drawn = [knowledge.linkage.donors(rng, int(t), goals, curious == i) for i, t in enumerate(targets)]
     leaves = np.stack(drawn, axis=1) if drawn else np.zeros((count, 0), np.int32)
-    leaves = knowledge.linkage.sorted(rng, leaves)
+    leaves = knowledge.linkage.in_order(rng, leaves)
     parts = [leaf_parts(leaves, num_nodes)]
     for step in np.flatnonzero(goals.concerns < 0):
         front = _step_donors(rng, int(step), knowledge, goals, count)

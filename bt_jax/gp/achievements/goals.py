@@ -12,11 +12,12 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int32, UInt8
 
 from bt_jax._util.errors import UserError
+from bt_jax.encoding.status import Status
 
-__all__ = ["MAX_ACHIEVEMENTS", "Goals", "Measured"]
+__all__ = ["FAILED", "MAX_ACHIEVEMENTS", "SUCCEEDED", "Goals", "Measured"]
 
 MAX_ACHIEVEMENTS = 63  # bits of the key under which trees are kept
-NO_GROUP = -1
+FAILED, SUCCEEDED = 1 << Status.FAILURE, 1 << Status.SUCCESS  # bits of a trace
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,12 +10,9 @@ from jaxtyping import Bool, Float32, Int32
 
 from bt_jax.behaviors.vocabulary import FIRST_LEAF
 from bt_jax.encoding.arrays import Trees
-from bt_jax.encoding.status import Status
-from bt_jax.gp.achievements.goals import Goals, Measured
+from bt_jax.gp.achievements.goals import FAILED, SUCCEEDED, Goals, Measured
 
 __all__ = ["Linkage"]
-
-FAILED, SUCCEEDED = 1 << Status.FAILURE, 1 << Status.SUCCESS
 
 
 @jax.tree_util.register_dataclass
@@ -97,7 +94,7 @@ class Linkage:
             leaves = np.where(curious, leaves, np.minimum(at, len(weights) - 1))
         return leaves.astype(np.int32)
 
-    def sorted(self, rng: np.random.Generator, leaves: Int32[np.ndarray, "M K"]) -> Int32[np.ndarray, "M K"]:
+    def in_order(self, rng: np.random.Generator, leaves: Int32[np.ndarray, "M K"]) -> Int32[np.ndarray, "M K"]:
         """Return each row of leaves in an order that has worked; 0, no leaf, comes last, and what nothing is known of comes
         in random order.
 

@@ -11,12 +11,11 @@ from jaxtyping import Int8, UInt8
 
 from bt_jax.behaviors.nodes import Control, Kind, Node
 from bt_jax.encoding.arrays import Trees, violations
-from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import prefix, tidy
+from bt_jax.gp.achievements.goals import FAILED, SUCCEEDED
 
 __all__ = ["without_idle"]
 
-FAILED, SUCCEEDED = 1 << Status.FAILURE, 1 << Status.SUCCESS
 PASSED = {Kind.SEQUENCE: SUCCEEDED, Kind.FALLBACK: FAILED}  # the trace of a leaf after which its parent always went on
 
 
@@ -112,7 +111,7 @@ def _encoded(tree: Node[_Leaf], num_nodes: int) -> Trees:
     nodes = prefix(tree)
     tokens, sizes = np.zeros(num_nodes, np.int16), np.zeros(num_nodes, np.uint8)
     for at, node in enumerate(nodes):
-        if isinstance(node, _Leaf | Control):
-            tokens[at] = node.kind if isinstance(node, Control) else node.token
+        assert isinstance(node, _Leaf | Control)
+        tokens[at] = node.kind if isinstance(node, Control) else node.token
         sizes[at] = len(prefix(node))
     return Trees(tokens, sizes)

@@ -38,12 +38,12 @@ def test_leaves_are_sorted_as_has_worked(order):
     linkage = learnt(RIGHT, *wrong)
     rng = np.random.default_rng(0)
     given = np.array([[RIGHT[i] for i in order] + [0]] * 5, np.int32)
-    np.testing.assert_array_equal(linkage.sorted(rng, given), [[*RIGHT, 0]] * 5)
+    np.testing.assert_array_equal(linkage.in_order(rng, given), [[*RIGHT, 0]] * 5)
 
 
 def test_without_experience_every_order_is_possible():
     rng = np.random.default_rng(0)
-    found = Linkage.empty(GOALS).sorted(rng, np.array([RIGHT] * 200, np.int32))
+    found = Linkage.empty(GOALS).in_order(rng, np.array([RIGHT] * 200, np.int32))
     assert {tuple(row) for row in found.tolist()} == set(itertools.permutations(RIGHT))
 
 

@@ -40,7 +40,9 @@ def smaller(trees, trace, vocabulary, *, gene_under_fallback=False):
 
 
 @pytest.mark.parametrize("gene_under_fallback", [False, pytest.param(True, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("tower", [Tower(), Tower(step=True)], ids=["plain", "step"])
+@pytest.mark.parametrize(
+    "tower", [pytest.param(Tower(), marks=pytest.mark.slow), Tower(step=True)], ids=["plain", "step"]
+)
 def test_the_episode_stays_the_same(tower, gene_under_fallback):
     trees = random_valid(tower.vocabulary, 60, gene_under_fallback=gene_under_fallback)
     before = tower.measured(trees[None])
