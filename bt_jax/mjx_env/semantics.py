@@ -16,7 +16,7 @@ import dataclasses
 import functools
 
 import numpy as np
-from jaxtyping import Bool, Int32
+from jaxtyping import Bool, Int, Int32
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import (
@@ -42,6 +42,7 @@ __all__ = [
     "COMMAND_BITS",
     "SUBGOAL_BITS",
     "LeafSemantics",
+    "Selection",
     "command_of",
     "holding_subgoals",
     "reachable",
@@ -51,6 +52,7 @@ __all__ = [
 
 # An outcome is subgoals << SUBGOAL_BITS | command << COMMAND_BITS | status, with one bit for each subgoal that it reaches.
 COMMAND_BITS, SUBGOAL_BITS = 2, 16
+ALL = slice(None)
 MAX_COMMANDS, MAX_SUBGOALS = 1 << (SUBGOAL_BITS - COMMAND_BITS), 31 - SUBGOAL_BITS
 
 
@@ -62,6 +64,16 @@ def command_of(outcome: Int32[Array, "*S"]) -> Int32[Array, "*S"]:
 def subgoals_of(outcome: Int32[Array, "*S"]) -> Int32[Array, "*S"]:
     """Return the subgoals that count as reached from now on, as bits."""
     return outcome >> SUBGOAL_BITS
+
+
+@dataclasses.dataclass(frozen=True)
+class Selection:
+    """Some tokens of a vocabulary, control nodes among them, and what computes their outcomes."""
+
+    tokens: np.ndarray  # int[m], ascending
+    places: np.ndarray | slice  # of `LeafSemantics.places`, those that the leaves name
+    groups: list[tuple[Tree, np.ndarray]]  # leaves with the same skeleton: it, and columns of its atoms [atoms, leaves]
+    order: np.ndarray  # where to find each token when the groups stand side by side behind the control nodes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,24 +167,36 @@ class LeafSemantics:
         return [(np.array(tokens), body, np.array(columns).T) for tokens, body, columns in groups.values()]
 
     @functools.cached_property
-    def _token_order(self) -> np.ndarray:
-        """Where to find each token when the columns of the groups stand side by side behind those of the control nodes."""
-        return np.argsort(np.concatenate([np.arange(FIRST_LEAF), *(tokens for tokens, _, _ in self._groups)]))
+    def everything(self) -> Selection:
+        """All tokens."""
+        return _selection(slice(None), self._groups)
 
-    def outcomes(self, world: World) -> Int32[Array, "2 S V"]:
-        """Return the outcome of every token in every state (see `COMMAND_BITS`). The second layer holds the outcomes once
-        the command that is running in the first counts as failed."""
+    def select(self, tokens: Int[np.ndarray, " m"]) -> Selection:
+        """Return what computes the outcomes of some tokens without those of the others."""
+        chosen = [(own, body, columns, np.isin(own, tokens)) for own, body, columns in self._groups]
+        groups = [(own[here], body, columns[:, here]) for own, body, columns, here in chosen if here.any()]
+        used = np.unique(np.concatenate([np.zeros(0, int), *(columns.ravel() for _, _, columns in groups)]))
+        num_places = len(self.places)
+        first = len(self.conditions) + len(self.commands) - num_places  # the column of the first place's command
+        places = np.union1d(used[used < num_places], used[used >= first] - first)
+        kept = np.concatenate([places, np.arange(num_places, first), first + places])
+        return _selection(places, [(own, body, np.searchsorted(kept, columns)) for own, body, columns in groups])
+
+    def outcomes(self, world: World, selection: Selection | None = None) -> Int32[Array, "2 S m"]:
+        """Return the outcome of every token, or of the selected ones, in every state (see `COMMAND_BITS`). The second layer
+        holds the outcomes once the command that is running in the first counts as failed."""
         xp = namespace(world.poses)
-        atoms = self._atom_outcomes(world)
+        chosen = self.everything if selection is None else selection
+        atoms = self._atom_outcomes(world, chosen.places)
         layers = []
-        failed: list[Array | None] = [None] * len(self._groups)
+        failed: list[Array | None] = [None] * len(chosen.groups)
         for _ in range(2):
             columns = [xp.zeros((atoms.shape[0], FIRST_LEAF), np.int32)]
-            for g, (_, body, atom_columns) in enumerate(self._groups):
+            for g, (body, atom_columns) in enumerate(chosen.groups):
                 outcome = self._evaluate(body, atoms, list(atom_columns), failed[g])
                 failed[g] = xp.where(outcome & 3 == Status.RUNNING, outcome & _ACTION, np.int32(-1))
                 columns.append(outcome)
-            layers.append(xp.concatenate(columns, axis=1)[:, self._token_order])
+            layers.append(xp.concatenate(columns, axis=1)[:, chosen.order])
         return xp.stack(layers)
 
     def _evaluate(
@@ -198,43 +222,49 @@ class LeafSemantics:
             outcome = xp.where(outcome & 3 == proceed, after, outcome)
         return outcome
 
-    def _atom_outcomes(self, world: World) -> Int32[Array, "S A"]:
-        """Return the outcomes of all conditions, then of all commands. An action succeeds if its postconditions hold,
-        fails if its preconditions do not, and otherwise runs."""
+    def _atom_outcomes(self, world: World, places: np.ndarray | slice = ALL) -> Int32[Array, "S A"]:
+        """Return the outcomes of all conditions, then of all commands, those at some of the places only. An action succeeds
+        if its postconditions hold, fails if its preconditions do not, and otherwise runs."""
         xp = namespace(world.poses)
-        conditions = self._condition_values(world)
-        holding, can_hold = (conditions[:, self._named[name]] for name in ("holding", "clear"))
+        conditions, place_object = self._condition_values(world, places), self.place_object[places]
+        left_out = len(self.places) - len(place_object)
+        named = {name: np.array(columns) - left_out for name, columns in self._named.items()}
+        holding, can_hold = (conditions[:, named[name]] for name in ("holding", "clear"))
         holding, empty = holding[:, :-1], holding[:, -1:]
         opened, closed = world.gripper_open[:, None], ~world.gripper_open[:, None]
-        can_pick = opened & can_hold & conditions[:, self._named["reachable"]]
-        at = conditions[:, : len(self.places)]
+        can_pick = opened & can_hold & conditions[:, named["reachable"]]
+        at = conditions[:, : len(place_object)]
         done = xp.concatenate([opened & empty, closed, holding, at & empty], axis=1)
         always = xp.ones((conditions.shape[0], 2), bool)
-        possible = xp.concatenate([always, can_pick, holding[:, self.place_object]], axis=1)
-        running = (np.arange(len(self.commands), dtype=np.int32) << COMMAND_BITS)[None] | np.int32(Status.RUNNING)
+        possible = xp.concatenate([always, can_pick, holding[:, place_object]], axis=1)
+        numbers = np.arange(len(self.commands), dtype=np.int32)
+        others = len(self.commands) - len(self.places)
+        numbers = np.concatenate([numbers[:others], numbers[others:][places]])
+        running = (numbers << COMMAND_BITS)[None] | np.int32(Status.RUNNING)
         actions = xp.where(done, np.int32(Status.SUCCESS), xp.where(possible, running, np.int32(Status.FAILURE)))
         statuses = conditions.astype(np.int32)
         if self.num_ticked:
-            first = len(self.conditions) - self.num_ticked
+            first = conditions.shape[1] - self.num_ticked
             bits = np.int32(1) << np.arange(SUBGOAL_BITS, SUBGOAL_BITS + self.num_ticked, dtype=np.int32)
             new = xp.where(conditions[:, first:] & ~world.reached, bits[None], np.int32(0))
             statuses = xp.concatenate([statuses[:, :first], statuses[:, first:] | new], axis=1)
         return xp.concatenate([statuses, actions], axis=1)
 
-    def _condition_values(self, world: World) -> Bool[Array, "S conditions"]:
+    def _condition_values(self, world: World, places: np.ndarray | slice = ALL) -> Bool[Array, "S conditions"]:
         xp = namespace(world.poses)
         reached = world.reached | holding_subgoals(self.task, world) if self.num_ticked else world.reached
-        return xp.concatenate([self._scene_values(world), reached], axis=1)
+        return xp.concatenate([self._scene_values(world, places), reached], axis=1)
 
-    def _scene_values(self, world: World) -> Bool[Array, "S conditions"]:
-        """Return the values of all conditions but `reached`."""
+    def _scene_values(self, world: World, places: np.ndarray | slice = ALL) -> Bool[Array, "S conditions"]:
+        """Return the values of all conditions but `reached`, those at some of the places only."""
         xp = namespace(world.poses)
-        goal = to_world(frames(world, self.task), self.place_frame, self.place_position)
-        away = distances(world.poses[:, self.place_object, :3], goal)
+        place_object = self.place_object[places]
+        goal = to_world(frames(world, self.task), self.place_frame[places], self.place_position[places])
+        away = distances(world.poses[:, place_object, :3], goal)
         boxes = np.arange(len(self.task.boxes), dtype=np.int8)
         holding = world.held[:, None] == np.append(boxes, np.int8(-1))[None]
         gripper = xp.stack([world.gripper_open, ~world.gripper_open], axis=1)
-        carried = world.held[:, None] == self.place_object.astype(np.int8)[None]
+        carried = world.held[:, None] == place_object.astype(np.int8)[None]
         return xp.concatenate(
             [
                 (away < np.float32(self.task.episode.tolerance)) & ~carried,
@@ -291,6 +321,12 @@ def _rests_on(world: World, task: Task) -> Bool[Array, "S B B"]:
     over = xp.max(xp.abs(offset[..., :2]), axis=-1) < middle
     held = world.held[..., None] == np.arange(len(sizes), dtype=np.int8)[None]
     return above & over & ~held[..., :, None] & ~held[..., None, :]
+
+
+def _selection(places: np.ndarray | slice, groups: list[tuple[np.ndarray, Tree, np.ndarray]]) -> Selection:
+    tokens = np.concatenate([np.arange(FIRST_LEAF), *(own for own, _, _ in groups)])
+    order = np.argsort(tokens)
+    return Selection(tokens[order], places, [(body, columns) for _, body, columns in groups], order)
 
 
 _ACTION = np.int32((1 << SUBGOAL_BITS) - 1)  # an outcome without its subgoals

@@ -1,7 +1,11 @@
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from py_trees.common import Status as Theirs
 
 from bt_jax._util.errors import UserError
@@ -103,6 +107,19 @@ def expected_outcome(leaf, status_of, oracle, commands):
     status = next(ours for ours, theirs in THEIRS.items() if theirs == root.status)
     command = commands.index(running[-1]) if status == Status.RUNNING else 0
     return oracle.bits(ticked) << SUBGOAL_BITS | command << COMMAND_BITS | status, status, running[-1:]
+
+
+walked = functools.cache(kinematic_walk)
+
+
+@given(st.sampled_from(["stack3", "restack"]), st.sets(st.integers(0, 200)))
+def test_selected_leaves_return_the_same(task_name, chosen):
+    semantics, world, _ = walked(task_name, seed=3)
+    tokens = np.array(sorted(token for token in chosen if FIRST_LEAF <= token < len(semantics.vocabulary)), int)
+    selection = semantics.select(tokens)
+    np.testing.assert_array_equal(selection.tokens, [*range(FIRST_LEAF), *tokens])
+    expected = semantics.outcomes(world)[:, :, selection.tokens]
+    np.testing.assert_array_equal(semantics.outcomes(world, selection), expected)
 
 
 @pytest.mark.parametrize(("name", "rule"), [("stack3", "seen"), ("restack", "seen"), ("restack", "ticked")])

@@ -7,13 +7,13 @@ in the order in which it is met, so that a state takes one byte a leaf instead o
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Int32, Int64, UInt
+from jaxtyping import Bool, Int, Int32, Int64, UInt
 
-__all__ = ["OutcomeCodes", "TooManyOutcomesError"]
+__all__ = ["NOT_COMPUTED", "OutcomeCodes", "TooManyOutcomesError"]
 
+NOT_COMPUTED = np.int32(np.iinfo(np.int32).min)  # the only negative outcome
 FIRST_CODES = 16
 GROWTH = 4
-NO_OUTCOME = -1  # no outcome is negative
 
 
 class TooManyOutcomesError(Exception):
@@ -21,47 +21,56 @@ class TooManyOutcomesError(Exception):
 
 
 class OutcomeCodes:
-    """The distinct outcomes of V leaves, each a pair of both layers, and their numbers."""
+    """The distinct outcomes of V tokens, each a pair of both layers, and their numbers. Number 0 stands for an outcome that
+    has not been computed."""
 
     def __init__(self, num_tokens: int, dtype: type[np.unsignedinteger]) -> None:
         self.dtype = dtype
-        self._pairs = np.full((FIRST_CODES, num_tokens), NO_OUTCOME, np.int64)
-        self._counts = np.zeros(num_tokens, int)
+        self._pairs = _not_computed(FIRST_CODES, num_tokens)
+        self._counts = np.ones(num_tokens, int)
 
     @property
     def meanings(self) -> Int32[np.ndarray, "2 V K"]:
-        """The outcomes in the first and the second layer that each number of each leaf stands for."""
+        """The outcomes in the first and the second layer that each number of each token stands for."""
         return np.ascontiguousarray(self._pairs[..., None].view(np.int32).transpose(2, 1, 0))
 
-    def encode(self, outcomes: Int32[np.ndarray, "2 S V"]) -> tuple[UInt[np.ndarray, "S V"], bool]:
-        """Return the number of each outcome, and whether there are new ones. Raise TooManyOutcomesError."""
+    def encode(
+        self, outcomes: Int32[np.ndarray, "2 S m"], tokens: Int[np.ndarray, " m"]
+    ) -> tuple[UInt[np.ndarray, "S m"], bool]:
+        """Return the numbers of outcomes of some tokens, and whether there are new ones. Raise TooManyOutcomesError."""
         pairs = np.ascontiguousarray(outcomes.transpose(1, 2, 0)).view(np.int64)[..., 0]
-        codes = np.zeros(pairs.shape, self.dtype)
-        self._number(pairs, codes, 1)
-        columns = np.arange(codes.shape[1])
-        unknown = self._pairs[codes, columns] != pairs
-        found_new = bool(unknown.any())
-        while unknown.any():
-            first = self._enter(pairs, unknown)
-            self._number(pairs, codes, first)
-            unknown = self._pairs[codes, columns] != pairs
+        codes, known = self._numbered(pairs, tokens)
+        found_new = not known.all()
+        while not known.all():
+            self._enter(pairs, known, tokens)
+            codes, known = self._numbered(pairs, tokens)
         return codes, found_new
 
-    def _number(self, pairs: Int64[np.ndarray, "S V"], codes: UInt[np.ndarray, "S V"], first: int) -> None:
-        """Set the codes from `first` on where they stand for the pairs."""
-        for code in range(first, int(self._counts.max(initial=0))):
-            np.copyto(codes, self.dtype(code), where=pairs == self._pairs[code])
+    def _numbered(
+        self, pairs: Int64[np.ndarray, "S m"], tokens: Int[np.ndarray, " m"]
+    ) -> tuple[UInt[np.ndarray, "S m"], Bool[np.ndarray, "S m"]]:
+        """Return the numbers of outcomes, and which are known; the numbers of the others mean nothing."""
+        own = self._pairs[: max(2, self._counts.max()), tokens]
+        codes = np.ones(pairs.shape, self.dtype)
+        for code in range(2, len(own)):
+            np.copyto(codes, self.dtype(code), where=pairs == own[code])
+        return codes, own[codes, np.arange(len(tokens))] == pairs
 
-    def _enter(self, pairs: Int64[np.ndarray, "S V"], unknown: np.ndarray) -> int:
-        """Number one unknown outcome of each leaf that has any; return the least of the new numbers."""
-        columns = np.flatnonzero(unknown.any(axis=0))
-        rows = unknown[:, columns].argmax(axis=0)
-        codes = self._counts[columns]
+    def _enter(
+        self, pairs: Int64[np.ndarray, "S m"], known: Bool[np.ndarray, "S m"], tokens: Int[np.ndarray, " m"]
+    ) -> None:
+        """Number one unknown outcome of each token that has any."""
+        columns = np.flatnonzero(~known.all(axis=0))
+        rows, tokens = known[:, columns].argmin(axis=0), tokens[columns]
+        codes = self._counts[tokens]
         if codes.max() > np.iinfo(self.dtype).max:
             raise TooManyOutcomesError
         if codes.max() >= len(self._pairs):
-            more = np.full(((GROWTH - 1) * len(self._pairs), self._pairs.shape[1]), NO_OUTCOME, np.int64)
+            more = _not_computed((GROWTH - 1) * len(self._pairs), self._pairs.shape[1])
             self._pairs = np.concatenate([self._pairs, more])
-        self._pairs[codes, columns] = pairs[rows, columns]
-        self._counts[columns] += 1
-        return int(codes.min())
+        self._pairs[codes, tokens] = pairs[rows, columns]
+        self._counts[tokens] += 1
+
+
+def _not_computed(*shape: int) -> Int64[np.ndarray, "K V"]:
+    return np.full((*shape, 2), NOT_COMPUTED).view(np.int64)[..., 0]

@@ -66,7 +66,8 @@ class Evaluation:
 
 
 class _Asked(NamedTuple):
-    """What E episodes wait for: where a command leads from a state. The command is -1 where an episode does not wait."""
+    """What E episodes wait for: where a command leads from a state, or, with the command behind the last, what leaves return
+    in it. The command is -1 where an episode does not wait."""
 
     state: Int32[Array, " E"]
     command: Int32[Array, " E"]
@@ -101,7 +102,9 @@ def _advance(
 
         ticked = tick_trees(table, look_up, tree=tree, trace=tally.trace is not None)
         command, subgoals = command_of(ticked.noted), subgoals_of(ticked.noted)
-        going, now, asked = tally.ending == Ending.OPEN, state, nothing
+        going, now = tally.ending == Ending.OPEN, state
+        unread = going & (ticked.noted < 0)  # NOT_COMPUTED is among what was noted
+        asked = _Asked(jnp.where(unread, state, -1), jnp.where(unread, num_commands, -1))
         for i in range(num_ticked):
             subgoal = jnp.full_like(command, num_commands - num_ticked + i)
             now, asked, _ = follow(now, asked, going & (subgoals >> i & 1 == 1), subgoal)
@@ -153,6 +156,7 @@ class TableEvaluator:
 
     def _run(self, layouts: World, trees: Trees, starts: Int32[np.ndarray, "P K"]) -> Evaluation:
         tree = np.repeat(np.arange(starts.shape[0], dtype=np.int32), starts.shape[1])
+        self.table.use(np.asarray(trees.tokens))
         fresh = fresh_tally(starts.size, trace_nodes=trees.num_nodes if self.trace else None)
         ends = self._ends(_jump_table(trees), tree, layouts, starts.reshape(-1), fresh)
         return evaluation(
@@ -227,8 +231,11 @@ class TableEvaluator:
             rows = np.flatnonzero(command >= 0)
             if not rows.size:
                 return state, tally
-            missing = np.unique(at[rows].astype(np.int64) * table.num_commands + command[rows])
-            table.learn(*(part.astype(np.int32) for part in np.divmod(missing, table.num_commands)))
+            missing = np.unique(at[rows].astype(np.int64) * (table.num_commands + 1) + command[rows])
+            states, commands = (part.astype(np.int32) for part in np.divmod(missing, table.num_commands + 1))
+            unread = commands == table.num_commands
+            table.complete(states[unread])
+            table.learn(states[~unread], commands[~unread])
             if rows.size <= few:
                 rows = np.resize(rows, few)  # some of them several times
                 whole = jax.tree.map(np.array, (state, tally))

@@ -1,8 +1,9 @@
 """The transition table: every distinct (state, command) is simulated once.
 
 With deterministic skills an episode is a walk over (state, command) -> state. States get integer ids in the order in which
-they are met; what every leaf returns in a state is computed when it gets its id. Both live on the device, where
-`evaluator.TableEvaluator` walks over them; the states themselves stay on the host.
+they are met. What leaves return in a state is computed when it gets its id; of a large vocabulary, only for leaves that
+trees use, and later for others once they are ticked there. Both live on the device, where `evaluator.TableEvaluator` walks
+over them; the states themselves stay on the host.
 
 The table takes a limited amount of memory. Once that is full it raises `TableFullError` and is to forget what it holds: what
 was forgotten is computed again when it is asked for again, with the same result.
@@ -17,7 +18,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float32, Int32, UInt
+from jaxtyping import Array, Bool, Float32, Int, Int32, UInt
 
 from bt_jax._util.compile_cache import kept_jit
 from bt_jax.mjx_env.episodes.codes import OutcomeCodes, TooManyOutcomesError
@@ -37,6 +38,7 @@ PARTS = 4  # of the memory; one of them is for the settler's solutions
 FIRST_CAPACITY = 2048  # states
 GROWTH = 4
 BUCKETS = (64, 512, 4096, 32768)
+FEW_TOKENS = 256  # of a vocabulary whose leaves are all computed at once
 MOST_OUTCOMES = 1 << 22  # that are computed at a time
 MOST_CELLS = NO_BOUND = np.iinfo(np.int32).max  # that an index can number
 NAME_BYTES = 150  # of a state's entry in a dict of bytes, besides the bytes
@@ -58,7 +60,7 @@ class Known:
     def outcomes(
         self, state: Int32[Array, " E"], token: Int32[Array, " E"]
     ) -> tuple[Int32[Array, " E"], Int32[Array, " E"]]:
-        """Return the outcomes of leaves in states, in both layers."""
+        """Return the outcomes of leaves in states, in both layers, or NOT_COMPUTED."""
         _, tokens, meanings = self.meanings.shape
         code = self.codes.reshape(-1)[state * tokens + token].astype(jnp.int32)
         first, second = self.meanings.reshape(2, -1)
@@ -85,6 +87,7 @@ class TransitionTable:
         self._ids: dict[bytes, int] = {}
         self._rows: _Rows | None = None
         capacity = next(self._capacities)
+        self._live = semantics.everything
         self._numbers = OutcomeCodes(len(semantics.vocabulary), _code_type(semantics))
         self._meanings = jax.device_put(self._numbers.meanings)
         self._codes = jax.device_put(np.zeros((capacity, len(semantics.vocabulary)), self._numbers.dtype))
@@ -122,6 +125,14 @@ class TransitionTable:
     def known(self) -> Known:
         """What the table knows now. The next call of `ids` or `learn` takes these arrays over."""
         return Known(self._codes, self._meanings, self._following.pages)
+
+    def use(self, tokens: Int[np.ndarray, "*m"]) -> None:
+        """Compute what leaves with these tokens return, from now on, and of a large vocabulary no others."""
+        vocabulary = self.semantics.vocabulary
+        if len(vocabulary) > FEW_TOKENS:
+            used = np.zeros(len(vocabulary), bool)
+            used[tokens] = True
+            self._live = self.semantics.select(np.flatnonzero(used))
 
     def forget(self) -> None:
         """Forget all states; their ids mean nothing from now on. The memory is kept for new ones."""
@@ -191,16 +202,29 @@ class TransitionTable:
         for part in _parts(count, room=self._codes.shape[0] - self.num_states, tokens=tokens):
             new, start = take(world, part.rows), self.num_states
             self._remember(_Rows(new, target_distances(self.semantics.task, new)), start)
-            piece = np.zeros((part.size, tokens), self._codes.dtype)
-            size = new.held.shape[0]
-            try:
-                piece[:size], are_new = self._numbers.encode(self.semantics.outcomes(new))
-            except TooManyOutcomesError as error:
-                raise TableFullError from error
-            if are_new:
-                self._meanings = jax.device_put(self._numbers.meanings)
-            self._codes = _write(self._codes, piece, np.int32(start))
-            self.num_states += size
+            self._codes = _write(self._codes, self._coded(new, part.size), np.int32(start))
+            self.num_states += new.held.shape[0]
+
+    def complete(self, states: Int32[np.ndarray, " n"]) -> None:
+        """Compute what the leaves in use return in states where that is not known."""
+        for part in _parts(len(states), tokens=len(self.semantics.vocabulary)):
+            rows = np.full(part.size, NO_BOUND, np.int32)  # which is dropped
+            rows[: len(states[part.rows])] = states[part.rows]
+            self._codes = _merge(self._codes, self._coded(self.worlds(states[part.rows]), part.size), rows)
+
+    def _coded(self, world: World, size: int) -> UInt[np.ndarray, "size V"]:
+        """Return the outcomes in states as numbers, with rows of zeros behind them."""
+        tokens = self._live.tokens
+        codes = np.zeros((size, len(self.semantics.vocabulary)), self._codes.dtype)
+        try:
+            codes[: world.held.shape[0], tokens], are_new = self._numbers.encode(
+                self.semantics.outcomes(world, self._live), tokens
+            )
+        except TooManyOutcomesError as error:
+            raise TableFullError from error
+        if are_new:
+            self._meanings = jax.device_put(self._numbers.meanings)
+        return codes
 
     def _remember(self, rows: _Rows, start: int) -> None:
         if self._rows is None:
@@ -248,7 +272,7 @@ def _states_of_an_episode(semantics: LeafSemantics) -> int:
 
 def _code_type(semantics: LeafSemantics) -> type[np.unsignedinteger]:
     """Return what numbers the outcomes of a leaf in all states of one episode."""
-    return np.uint8 if _states_of_an_episode(semantics) <= 1 << 8 else np.uint16
+    return np.uint8 if _states_of_an_episode(semantics) < 1 << 8 else np.uint16
 
 
 class _Part(NamedTuple):
@@ -272,3 +296,9 @@ def _parts(count: int, *, room: int = NO_BOUND, tokens: int = 1) -> Iterator[_Pa
 @kept_jit(donate_argnums=(0,))
 def _write(codes: Array, piece: Array, start: Array) -> Array:
     return jax.lax.dynamic_update_slice_in_dim(codes, piece, start, axis=0)
+
+
+@kept_jit(donate_argnums=(0,))
+def _merge(codes: Array, piece: Array, rows: Array) -> Array:
+    """Enter numbers in place of zeros; a number that is there already is the same."""
+    return codes.at[rows].max(piece, mode="drop")

@@ -7,15 +7,16 @@ import jax
 import numpy as np
 import pytest
 
-from bt_jax.behaviors import Behavior, Control
+from bt_jax.behaviors import FIRST_LEAF, Behavior, Control
 from bt_jax.encoding.arrays import encode_all
 from bt_jax.encoding.walk import prefix
+from bt_jax.mjx_env.episodes.codes import NOT_COMPUTED
 from bt_jax.mjx_env.episodes.evaluator import MANY, TableEvaluator
 from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS
 from bt_jax.mjx_env.episodes.pages import UNKNOWN
 from bt_jax.mjx_env.episodes.rollout import RolloutEvaluator
 from bt_jax.mjx_env.episodes.rules import Ending
-from bt_jax.mjx_env.episodes.table import Known, TableFullError, TransitionTable
+from bt_jax.mjx_env.episodes.table import MEMORY, Known, TableFullError, TransitionTable
 from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.mjx_env.physics.mujoco import MujocoPhysics
 from bt_jax.mjx_env.scene.layouts import sample_layouts
@@ -168,7 +169,7 @@ def test_the_table_grows():
 
 
 @pytest.mark.parametrize(
-    ("task_name", "count", "memory"), [("stack3", 10, 1), ("restack", BATCH, 1), ("stack3", BATCH, 400_000)]
+    ("task_name", "count", "memory"), [("stack3", 5, 1), ("restack", BATCH, 1), ("stack3", BATCH, 400_000)]
 )
 def test_a_full_table_begins_again_with_the_same_results(task_name, count, memory):
     """With 1 byte there is room for one episode only."""
@@ -180,6 +181,22 @@ def test_a_full_table_begins_again_with_the_same_results(task_name, count, memor
         assert_same(small(trees, layouts), expected)
     assert small.table.num_restarts > 0
     assert make().table.num_restarts == 0
+
+
+@pytest.mark.parametrize(("task_name", "memory"), [("stack3", MEMORY), ("restack", 1)])
+def test_leaves_that_no_tree_uses_are_not_computed(task_name, memory, monkeypatch):
+    semantics, layouts = semantics_of(task_name), sample_layouts(load_task(task_name), 14, LAYOUTS)
+    trees = trees_for(semantics, 60, 30)
+    make = functools.partial(TableEvaluator, semantics, Kinematic(semantics.task), batch=10, trace=True)
+    expected = make()(trees, layouts)
+    monkeypatch.setattr("bt_jax.mjx_env.episodes.table.FEW_TOKENS", 0)
+    by_use = make(memory=memory)
+    assert_same(by_use(trees[:1], layouts), jax.tree.map(lambda leaf: leaf[:1], expected))
+    used = np.isin(np.arange(len(semantics.vocabulary)), [*range(FIRST_LEAF), *trees.tokens[0]])
+    computed = all_outcomes(by_use.table, by_use.table.num_states) != NOT_COMPUTED
+    np.testing.assert_array_equal(computed, np.broadcast_to(used, computed.shape))
+    for _ in range(2):
+        assert_same(by_use(trees, layouts), expected)
 
 
 def test_the_table_stays_within_its_memory():
