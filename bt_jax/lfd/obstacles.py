@@ -15,7 +15,7 @@ from bt_jax._util.errors import UserError
 from bt_jax.behaviors import NOTHING, OPEN, Behavior, subgoal_conditions
 from bt_jax.lfd.free_places import free_places
 from bt_jax.lfd.placements import condition_of, target_of
-from bt_jax.lfd.starts import TOUCH, above, fills, may_fill, start_height
+from bt_jax.lfd.starts import TOUCH, above, fills, may_fill, may_start_at, start_height
 from bt_jax.tasks import Target, Task
 from bt_jax.tasks.support import resolve
 
@@ -56,11 +56,15 @@ class Obstacles:
         return self._asides(frozenset(), found)
 
     def implied(self, condition: Behavior) -> frozenset[Behavior]:
-        """Return what is out of the way once a subgoal has been reached: it stays there until the plan moves it."""
-        if condition.name != "reached" or Behavior("holding", (NOTHING,)) not in self._meaning(condition):
-            return frozenset()
-        cleared = (other for other in self._meaning(condition) if other.name == "clear")
-        return frozenset(aside for other in cleared for aside in self.needed(other))
+        """Return what is out of the way once a condition of a plan holds, until the plan moves it: what had to be put aside
+        to reach a subgoal, or before a box that has been moved itself."""
+        moved: list[str] = []
+        if condition.name == "at" and not may_start_at(self.task, target_of(condition)):
+            moved.append(str(condition.object))
+        elif condition.name == "reached" and Behavior("holding", (NOTHING,)) in self._meaning(condition):
+            moved += [str(other.object) for other in self._meaning(condition) if other.name == "clear"]
+        found = frozenset[str]().union(*(above(self.task, name) for name in moved))
+        return frozenset(self._asides(frozenset(), found))
 
     def is_aside(self, condition: Behavior) -> bool:
         """Return whether a condition only says that an obstacle is out of the way, so that another place does as well."""

@@ -174,7 +174,7 @@ class _Planner:
 
     def is_undisturbed(self, part: _Part, parts: Sequence[_Part], known: frozenset[Behavior], levels: int) -> bool:
         """Return whether none of the other parts, coming after one, undoes its condition."""
-        holds = known | {part.condition}
+        holds = known | self.established(part.condition)
         return not any(self.disturbs(other, holds, part.condition, levels) for other in parts if other is not part)
 
     def disturbs(self, part: _Part, known: frozenset[Behavior], condition: Behavior, levels: int) -> bool:

@@ -8,7 +8,7 @@ from bt_jax.lfd.extents import Extent, box_at, kit_tables, place_extents, stacke
 from bt_jax.tasks import Target, Task
 from bt_jax.tasks.support import resolve
 
-__all__ = ["TOUCH", "above", "fills", "may_fill", "start_height"]
+__all__ = ["TOUCH", "above", "fills", "may_fill", "may_start_at", "start_height"]
 
 TOUCH = 1e-3  # overlaps up to this are contacts, metres
 
@@ -53,6 +53,16 @@ def may_fill(task: Task, name: str, place: Target) -> bool:
     near = math.hypot(abs(x) + reach, abs(y) + reach) > task.layout.spacing
     bottom = start_height(task, root) + task.size(root) / 2 + z - size / 2
     return near and start_height(task, name) + task.size(name) > bottom + TOUCH
+
+
+def may_start_at(task: Task, place: Target) -> bool:
+    """Return whether the box of a place may be there from the start."""
+    return any(
+        start.gap(goal) < 0
+        for table in kit_tables(task)
+        for start in start_extents(task, place.object, table)
+        for goal in place_extents(task, place, table)
+    )
 
 
 def _may_overlap(task: Task, name: str, place: Target) -> bool:

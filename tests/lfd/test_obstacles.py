@@ -1,6 +1,7 @@
 """What stands in the way is put out of it: generated tasks with random stacks and random towers as targets."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -118,6 +119,16 @@ def test_without_subgoals_the_stack_is_taken_apart_on_the_way_to_the_first_targe
     assert str(first.children[0]).startswith("at(YellowBox")
     assert [leaf.object for leaf in leaves(first.children[1])] == ["GreenBox", "BlueBox", "YellowBox"]
     assert others == [Behavior("move", condition_of(target).args) for target in RESTACK.targets[1:]]
+
+
+@pytest.mark.parametrize("stack", list(itertools.permutations(RESTACK.layout.stack)))
+def test_no_box_is_put_aside_twice_to_restack_it(stack):
+    layout = dataclasses.replace(RESTACK.layout, stack=stack)
+    task = dataclasses.replace(RESTACK, layout=layout, subgoals=())
+    moves = [str(leaf) for leaf in leaves(plan_task(task)) if leaf.name == "move"]
+    assert len(moves) == len(set(moves))
+    (played,) = playbacks(plan_task(task), task, seed=7, count=1)
+    assert played.solved
 
 
 def test_a_stack_whose_boxes_have_separate_places_is_taken_down_from_the_top():
