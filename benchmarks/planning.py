@@ -1,19 +1,19 @@
 """When does planning alone do? The plan of every task, alone and as the seed of evolution, beside evolution alone; and the
 plans of random tasks.
 
-    python -m benchmarks.planning [--tasks 100] [--seed 0]
+    python -m benchmarks.planning [--only packaged]
+    python -m benchmarks.planning --only random [--tasks 50] [--seed 0]
 """
 
 from __future__ import annotations
 
 import dataclasses
-from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import tyro
 
-from benchmarks._report import report, show
+from benchmarks._report import report
 from bt_jax._util.startup import configure_jax
 from bt_jax.behaviors import Behavior, Tree, Vocabulary, expand
 from bt_jax.encoding.walk import leaves
@@ -38,24 +38,31 @@ BOXES = (2, 3, 4, 5)
 class Arguments:
     """Planning, evolution seeded by the plan, and evolution alone on every task of the package; plans of random tasks."""
 
+    only: tuple[Literal["packaged", "random"], ...] = ("packaged", "random")
+    """which tasks"""
     runs: int = 10
     """evolutions of each kind"""
     layouts: int = 100
     """unseen layouts in which trees are tested"""
-    tasks: int = 100
+    tasks: int = 50
     """random tasks for each number of boxes"""
     task_layouts: int = 10
     """unseen layouts of each random task"""
     seed: int = 0
     """seed of the random tasks"""
-    out: Path | None = None
-    """JSON file to write"""
 
 
 def main(arguments: Arguments) -> None:
     configure_jax()
-    random = [random_tasks(boxes, arguments) for boxes in BOXES]
-    show("Plans of random tasks", random)
+    if "random" in arguments.only:
+        rows = [random_tasks(boxes, arguments) for boxes in BOXES]
+        report("planning_random", "Plans of random tasks", rows, seed=arguments.seed)
+    if "packaged" in arguments.only:
+        report("planning", "Planning alone, and as a seed", packaged_tasks(arguments))
+
+
+def packaged_tasks(arguments: Arguments) -> list[dict[str, Any]]:
+    """How the plan of every task of the package does, alone and as a seed, beside evolution alone."""
     rows = []
     for name in task_names():
         task = load_task(name)
@@ -76,7 +83,7 @@ def main(arguments: Arguments) -> None:
                 "population": config.population,
             }
         )
-    report("planning", "Planning alone, and as a seed", rows, out=arguments.out, random_tasks=random)
+    return rows
 
 
 def evolved(task: Task, config: GPConfig, baseline: Tree | None, layouts: int) -> tuple[float, float]:
