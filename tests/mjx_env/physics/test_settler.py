@@ -73,7 +73,7 @@ def test_equal_problems_are_solved_once():
 def test_solutions_that_do_not_fit_are_simulated_again():
     released = let_go([[[-1.0, 0.1, 0.83 + i / 100], [1.2, 0.1, 0.8], [1.2, 0.3, 0.8]] for i in range(6)])
     physics = MujocoPhysics(TASK, threads=1)
-    expected, small = Settler(TASK, physics).settle(released), Settler(TASK, physics, memory=4000)
+    expected, small = Settler(TASK, physics).settle(released), Settler(TASK, physics, memory=3000)
     for i in (0, 1, 2, 3, 4, 5, 0, 5):
         one = jax.tree.map(lambda leaf, i=i: leaf[i : i + 1], released)
         assert_same(small.settle(one), jax.tree.map(lambda leaf, i=i: leaf[i : i + 1], expected))
