@@ -61,27 +61,16 @@ def asides(task):
     return [place for place in dict.fromkeys(placed) if place not in task.targets]
 
 
-def check_solved(seed, *, layouts):
+@settings(max_examples=8)
+@given(seed=seeds)
+def test_plans_solve_random_tasks(seed):
     task = generated(seed)
     tree = plan_task(task)
     assert violations(tree, gene_under_fallback=False) == []
     assert plan_task(task) == tree
-    for played in playbacks(tree, task, seed=seed, count=layouts):
-        assert played.solved
-        assert bool(played.final.reached.all())
-
-
-@settings(max_examples=8)
-@given(seed=seeds)
-def test_plans_solve_random_tasks(seed):
-    check_solved(seed, layouts=1)
-
-
-@pytest.mark.slow
-@settings(max_examples=100)
-@given(seed=seeds)
-def test_plans_solve_many_random_tasks(seed):
-    check_solved(seed, layouts=3)
+    (played,) = playbacks(tree, task, seed=seed, count=1)
+    assert played.solved
+    assert bool(played.final.reached.all())
 
 
 @pytest.mark.parametrize("name", task_names())

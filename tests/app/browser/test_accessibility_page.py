@@ -91,26 +91,27 @@ def test_the_colours_follow_the_system_until_somebody_chooses(page, see):
         expect(html).to_have_attribute("data-scheme", scheme)
         expect(html).to_have_attribute("data-contrast", contrast)
 
-    def background():
-        return page.locator(".page").evaluate("page => getComputedStyle(page).backgroundColor")
+    def expect_background(color, same=True):
+        background = expect(page.locator(".page"))
+        (background.to_have_css if same else background.not_to_have_css)("background-color", color)
 
     choose_colours(see, "As the system")
     page.emulate_media(color_scheme="light", contrast="no-preference")
     expect_colours("light", "normal")
-    light = background()
+    light = page.locator(".page").evaluate("page => getComputedStyle(page).backgroundColor")
     page.emulate_media(color_scheme="dark")
     expect_colours("dark", "normal")
-    assert background() != light
+    expect_background(light, same=False)
     page.emulate_media(contrast="more")
     expect_colours("dark", "more")
     page.emulate_media(color_scheme="dark", contrast="no-preference")
     choose_colours(see, "Light")
     expect_colours("light", "normal")
-    assert background() == light
+    expect_background(light)
     page.reload()
     expect(see("appearance")).to_have_value("light")
     expect_colours("light", "normal")
-    assert background() == light
+    expect_background(light)
     choose_colours(see, "As the system")
 
 
