@@ -47,7 +47,7 @@ from bt_jax.teaching.watch.recording import demonstration_of
 from bt_jax.teaching.watch.session import watch_demonstration
 from bt_jax.teaching.watch.watcher import Watcher
 
-TASKS = ("yumi_stack", str(Path(__file__).parent / "tasks" / "yumi_pyramid.yaml"))
+TASKS = ("yumi_stack", "benchmarks/tasks/yumi_pyramid.yaml")
 DEMONSTRATIONS = 3  # in a series
 SHOWN = 3  # times at most that one is shown
 SEED = 1 << 22  # of layouts that nothing else uses

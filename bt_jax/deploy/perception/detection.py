@@ -74,6 +74,7 @@ class Detector:
             self._bodies.setdefault(marker.body, []).append(marker)
         parameters = cv2.aruco.DetectorParameters()
         parameters.errorCorrectionRate = 0.0  # a marker read wrongly is worse than one not read
+        parameters.maxErroneousBitsInBorderRate = 0.2  # else the edge of the sticker is read as that of the marker
         parameters.minMarkerPerimeterRate = 0.05
         parameters.adaptiveThreshWinSizeStep = 4
         parameters.polygonalApproxAccuracyRate = 0.06  # of the perimeter: small markers have ragged edges
