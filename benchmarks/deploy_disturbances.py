@@ -1,6 +1,6 @@
 """What a tree on the twin of the robot makes of whatever may go wrong: solved, or stopped, for which reason, and how soon.
 
-python -m benchmarks.deploy_disturbances RUN_FOLDER|TREE [--kinds steal dark] [--seeds 5] [--factor 1.5] [--jobs 2]
+python -m benchmarks.deploy_disturbances RUN_FOLDER|TREE [--kinds steal dark] [--seeds 5] [--first 0] [--factor 1.5] [--jobs 2]
 """
 
 from __future__ import annotations
@@ -60,6 +60,8 @@ class Arguments:
     """of disturbances"""
     seeds: int = 5
     """layouts of each"""
+    first: int = 0
+    """of the layouts"""
     factor: float = 1.0
     """how many times as far from perfect as a real cell the twin is besides, see `Realism.scaled`"""
     width: int = 1280
@@ -108,7 +110,7 @@ def main(arguments: Arguments) -> None:
     own = origin(arguments.source)
     jobs = [
         Job(kind, seed, width=arguments.width, factor=arguments.factor, limit=120.0, **own)
-        for seed in range(arguments.seeds)
+        for seed in range(arguments.first, arguments.first + arguments.seeds)
         for kind in arguments.kinds
     ]
     work = functools.partial(carry_out, arguments.source, logs=arguments.logs)

@@ -1,6 +1,6 @@
 """How often a tree succeeds on the twin of the robot, left alone and with a person who interferes.
 
-python -m benchmarks.deploy_twin RUN_FOLDER|TREE [--layouts 20] [--factor 1.5] [--jobs 2]
+python -m benchmarks.deploy_twin RUN_FOLDER|TREE [--layouts 20] [--first 0] [--factor 1.5] [--jobs 2]
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ class Arguments:
     source: Annotated[Path, tyro.conf.Positional]
     """run folder or tree"""
     layouts: int = 20
+    first: int = 0
+    """of the layouts"""
     factor: float = 1.0
     """how many times as far from perfect as a real cell the twin is, see `Realism.scaled`"""
     width: int = 1280
@@ -72,7 +74,7 @@ def main(arguments: Arguments) -> None:
     own = origin(arguments.source)
     jobs = [
         Job("", first + layout, touches, arguments.width, arguments.factor, **own)
-        for layout in range(arguments.layouts)
+        for layout in range(arguments.first, arguments.first + arguments.layouts)
         for first, touches in ((0, 0), (WITH_A_PERSON, 1))
     ]
     for record in accumulated(path, jobs, functools.partial(carry_out, arguments.source), arguments.jobs):
