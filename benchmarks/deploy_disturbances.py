@@ -1,6 +1,6 @@
 """What a tree on the twin of the robot makes of whatever may go wrong: solved, or stopped, for which reason, and how soon.
 
-python -m benchmarks.deploy_disturbances RUN_FOLDER|TREE [--kinds steal dark] [--seeds 5] [--first 0] [--factor 1.5] [--jobs 2]
+python -m benchmarks.deploy_disturbances RUN_FOLDER|TREE [--kinds steal dark] [--seeds 5] [--first 5] [--factor 1.5]
 """
 
 from __future__ import annotations
