@@ -203,7 +203,9 @@ def _random(task: Task, arguments: Arguments) -> list[Tree]:
 def _evolved(task: Task, arguments: Arguments) -> list[Tree]:
     """The other half: of each of as many evolutions, one tree of the population after 40 generations."""
     count = arguments.trees - arguments.trees // 2
-    training = Training(task, GPConfig(generations=40, runs=count, seed=arguments.seed), Settings())
+    training = Training(
+        task, GPConfig(method="population", generations=40, runs=count, seed=arguments.seed), Settings()
+    )
     rng = np.random.default_rng(arguments.seed)
     *_, state = training.evolution.run()
     trees = jax.device_get(state.population.trees)

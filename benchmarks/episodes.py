@@ -43,7 +43,7 @@ class Arguments:
 
 def main(arguments: Arguments) -> None:
     task = load_task(arguments.task)
-    training = Training(task, GPConfig(generations=arguments.generations), Settings())
+    training = Training(task, GPConfig(method="population", generations=arguments.generations), Settings())
     trees = distinct_trees(training)
     count = trees.tokens.shape[0]
     rng = np.random.default_rng(0)

@@ -46,7 +46,7 @@ def main(arguments: Arguments) -> None:
     with CompileClock() as clock:
         solving = [_solve(population, arguments, clock) for population in arguments.populations]
         throughput = _throughput(arguments.large, clock)
-    report("evolution_processes", "python -m bt_jax.train stack, population 16, 50 generations", processes)
+    report("evolution_processes", "python -m bt_jax.train stack --method population", processes)
     report("evolution_large", "10 generations, from an empty table", throughput)
     report("evolution", f"time to fitness {arguments.target:g}", solving, out=arguments.out)
 
@@ -60,7 +60,7 @@ def _processes() -> list[dict]:
             out = Path(folder) / name.replace(" ", "-")
             began = perf_counter()
             subprocess.run(
-                [sys.executable, "-m", "bt_jax.train", "stack", "--out", str(out)],
+                [sys.executable, "-m", "bt_jax.train", "stack", "--method", "population", "--out", str(out)],
                 env=environment,
                 check=True,
                 stdout=subprocess.DEVNULL,
@@ -87,7 +87,11 @@ def _solve(population: int, arguments: Arguments, clock: CompileClock) -> dict:
     for seed in range(arguments.seeds):
         before = clock.seconds
         began = perf_counter()
-        training = Training(load_task("stack"), GPConfig(population=population, generations=200, seed=seed), Settings())
+        training = Training(
+            load_task("stack"),
+            GPConfig(method="population", population=population, generations=200, seed=seed),
+            Settings(),
+        )
         *_, state = training.evolution.run(target=arguments.target)
         spent = clock.seconds - before
         compiling += spent
@@ -111,7 +115,9 @@ def _throughput(population: int, clock: CompileClock) -> list[dict]:
     rows = []
     for name in ("compiles", "compiled"):
         before, began = clock.seconds, perf_counter()
-        training = Training(load_task("stack"), GPConfig(population=population, generations=10), Settings())
+        training = Training(
+            load_task("stack"), GPConfig(method="population", population=population, generations=10), Settings()
+        )
         *_, state = training.evolution.run()
         spent, whole = clock.seconds - before, perf_counter() - began
         table = training.table

@@ -21,6 +21,7 @@ from bt_jax.training.training import Training
 
 # Niches are by size, hence few nodes; long chains of mutations cross the valleys between the steps of a solution.
 SEARCH = GPConfig(
+    method="population",
     niches=True,
     survivor_selection=Selection.ELITISM,
     max_nodes=12,

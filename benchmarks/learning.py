@@ -19,13 +19,25 @@ from bt_jax.tasks import load_task
 from bt_jax.training.settings import Settings
 from bt_jax.training.training import Training
 
-RESTACK = {"runs": 40, "generations": 200, "population": 32, "p_add": 0.1, "p_delete": 0.3, "p_change": 0.6}
+RESTACK = {
+    "method": "population",
+    "runs": 40,
+    "generations": 200,
+    "population": 32,
+    "p_add": 0.1,
+    "p_delete": 0.3,
+    "p_change": 0.6,
+}
 PUBLISHED = {"old_share": 0.1, "chain_ratio": 1.0}  # rules of the published runs that are not in table I
 EXPERIMENTS = {  # task, published experiment, settings
-    "stack": ("stack", "1", GPConfig(generations=50, runs=20)),
-    "stack, 200 runs": ("stack", "1", GPConfig(generations=50, runs=200, seed=1000)),
-    "stack, 200 runs, published rules": ("stack", "1", GPConfig(generations=50, runs=200, seed=1000, **PUBLISHED)),
-    "pyramid": ("pyramid", "2", GPConfig(generations=100, runs=10)),
+    "stack": ("stack", "1", GPConfig(method="population", generations=50, runs=20)),
+    "stack, 200 runs": ("stack", "1", GPConfig(method="population", generations=50, runs=200, seed=1000)),
+    "stack, 200 runs, published rules": (
+        "stack",
+        "1",
+        GPConfig(method="population", generations=50, runs=200, seed=1000, **PUBLISHED),
+    ),
+    "pyramid": ("pyramid", "2", GPConfig(method="population", generations=100, runs=10)),
     "restack": ("restack", "3", GPConfig(**RESTACK)),
     "restack, published rules": ("restack", "3", GPConfig(**RESTACK, **PUBLISHED)),
     "restack, other seeds": ("restack", "3", GPConfig(**RESTACK, seed=1000)),

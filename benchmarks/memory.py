@@ -114,7 +114,7 @@ def _sixteen_objects() -> Task:
 def measure(population: int, layouts: int, nodes: int, generations: int) -> dict[str, float]:
     """Evolves and returns seconds a generation, episodes/s and the peak memory of this process."""
     configure_jax()
-    config = GPConfig(population=population, generations=generations, max_nodes=nodes)
+    config = GPConfig(method="population", population=population, generations=generations, max_nodes=nodes)
     states = Training(load_task("stack"), config, Settings(layouts=layouts)).evolution.run()
     next(states), next(states)
     began = perf_counter()

@@ -66,7 +66,7 @@ def packaged_tasks(arguments: Arguments) -> list[dict[str, Any]]:
     rows = []
     for name in task_names():
         task = load_task(name)
-        config = GPConfig(runs=arguments.runs, **PAPER.get(name, {"generations": 100}))
+        config = GPConfig(method="population", runs=arguments.runs, **PAPER.get(name, {"generations": 100}))
         tree = plan_task(task)
         tried = Training(task, config, Settings(test_layouts=arguments.layouts), baseline=tree).test(tree)
         seeded, alone = (evolved(task, config, baseline, arguments.layouts) for baseline in (tree, None))
@@ -79,7 +79,7 @@ def packaged_tasks(arguments: Arguments) -> list[dict[str, Any]]:
                 "seeded, unseen layouts": f"{100 * seeded[1]:.0f} %",
                 "GP alone, fitness": alone[0],
                 "GP alone, unseen layouts": f"{100 * alone[1]:.0f} %",
-                "generations": config.generations,
+                "generations": config.num_generations,
                 "population": config.population,
             }
         )

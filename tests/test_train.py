@@ -66,6 +66,11 @@ def train_folder(path, *arguments):
         (("--time-limit", "nan"), "choose seconds above 0"),
         (("--target-fitness", "nan"), "choose a number"),
         (("--baseline", "nowhere.txt"), "give a run folder, or a tree"),
+        (
+            ("--niches",),
+            "niches is a setting of the method population, and the method is achievements; choose --method pop",
+        ),
+        (("--published", "--patience", 5), "choose --method achievements"),
         (("--resume", "nowhere"), "give a folder"),
     ],
 )
@@ -132,7 +137,9 @@ def test_a_path_that_no_file_can_have(monkeypatch, capsys, tmp_path, option):
 
 
 def test_numbers_that_are_chosen_by_the_population_are_called_auto(monkeypatch, capsys, tmp_path):
-    RunFolder.create(tmp_path / "run", RunConfig(load_task("stack"), GPConfig(elites=3), Settings()))
+    RunFolder.create(
+        tmp_path / "run", RunConfig(load_task("stack"), GPConfig(method="population", elites=3), Settings())
+    )
     assert parse_train(["--elites", "auto"]).gp == GPConfig()
     assert parse_train(["--resume", str(tmp_path / "run")]).gp.elites == 3
     assert "give only" in refused(monkeypatch, capsys, "--resume", tmp_path / "run", "--elites", "auto")
@@ -265,7 +272,7 @@ def test_an_interrupted_run_keeps_its_tree_and_says_how_to_go_on(tmp_path, how):
     checkpoint = RunFolder(folder).load_checkpoint()
     state, history = checkpoint.state, checkpoint.history
     assert result["generations"] == state.generation == len(rows) - 2 == history[-1].generation
-    assert dataclasses.replace(RunFolder(folder).config().gp, generations=50) == GPConfig(population=8, max_nodes=32)
+    assert dataclasses.replace(RunFolder(folder).config().gp, generations=None) == GPConfig(population=8, max_nodes=32)
 
 
 def test_a_run_that_nobody_reads_any_more_is_completed(tmp_path):

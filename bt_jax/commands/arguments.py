@@ -71,7 +71,7 @@ def check_out(folder: Path | None) -> None:
 class TrainArguments:
     """Evolve a Behavior Tree for a pick-and-place task.
 
-    Ctrl-C stops early and keeps the best tree and a checkpoint.
+    It ends once the task is solved and nothing improves. Ctrl-C stops early and keeps the best tree and a checkpoint.
     """
 
     name: Annotated[str | None, tyro.conf.Positional, unset("[TASK]")] = None
@@ -79,7 +79,7 @@ class TrainArguments:
     task: Annotated[Path | None, unset("PATH")] = None
     """a task of your own, a YAML file"""
     published: bool = False
-    """evolve with the settings and rules of the published runs; options that are given still count"""
+    """evolve with the method, settings and rules of the published runs; options that are given still count"""
     gp: Annotated[tyro.conf.OmitArgPrefixes[GPConfig], tyro.conf.arg(name="evolution")] = dataclasses.field(
         default_factory=GPConfig
     )
@@ -87,7 +87,7 @@ class TrainArguments:
         default_factory=Settings
     )
     baseline: Annotated[Path | None, unset("PATH")] = None
-    """tree (.txt or .xml) to start from, or a folder of train or learn with one; it stays available for crossover"""
+    """tree (.txt or .xml) to start from, or a folder of train or learn with one; its parts stay available"""
     plan: bool = False
     """start from the tree that a planner makes for the task's targets and subgoals; what is in the way is put aside"""
     add_target_from: Annotated[Path | None, unset("PATH")] = None
@@ -95,9 +95,9 @@ class TrainArguments:
     add_subgoal_from: Annotated[Path | None, unset("PATH")] = None
     """folder of demonstrations of a step on the way: one gene, and a reward for what it reaches"""
     resume: Annotated[Path | None, unset("PATH")] = None
-    """run folder to resume, as if it had never stopped; only --generations, --target-fitness and --time-limit may differ.
-    With --baseline, --plan, --add-target-from or --add-subgoal-from a new phase begins there, of as many generations as the
-    one before unless --generations says otherwise; so it does with --task, for the targets and starts of that file"""
+    """run folder to resume, as if it had never stopped; only --generations, --patience, --target-fitness and --time-limit
+    may differ. With --baseline, --plan, --add-target-from or --add-subgoal-from a new phase begins there; so it does with
+    --task, for the targets and starts of that file"""
     target_fitness: Annotated[float | None, unset("FLOAT")] = None
     """stop once the best fitness of every run has reached this"""
     time_limit: Annotated[float | None, unset("FLOAT")] = None

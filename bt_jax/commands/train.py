@@ -44,7 +44,7 @@ def run(arguments: TrainArguments) -> None:
         raise UserError(f"{folder.path} is not empty; {remedy}")
     run = TrainingRun(folder, config, resumed=arguments.resume is not None)
     display = TrainingDisplay(run.training, folder.path)
-    reporters = [Reporter(folder.path, config.gp.generations)] if arguments.progress else []
+    reporters = [Reporter(folder.path, config.gp.num_generations)] if arguments.progress else []
     with run.opened(*reporters, display):
         if left:
             display.warn(

@@ -43,7 +43,7 @@ def run(arguments: ExperimentsArguments) -> None:
         for experiment in chosen:
             for variant in get_args(Variant):
                 name = f"experiment {experiment.number}, {report.NAMES[variant]}"
-                bar = bars.add_task(name, total=experiment.config.generations)
+                bar = bars.add_task(name, total=experiment.config.num_generations)
                 result = perform(
                     experiment,
                     variant,

@@ -14,7 +14,9 @@ from bt_jax.encoding.limits import MAX_NODES
 __all__ = ["GPConfig", "Method", "MutationConfig", "Selection"]
 
 
-Method = Literal["population", "achievements"]  # see `bt_jax.gp.evolution` and `bt_jax.gp.search`
+Method = Literal["achievements", "population"]  # see `bt_jax.gp.search` and `bt_jax.gp.evolution`
+GENERATIONS: Mapping[Method, int] = types.MappingProxyType({"achievements": 1000, "population": 50})  # unless given
+PATIENCE = 10  # unless given
 
 SETTINGS_OF: Mapping[Method, tuple[str, ...]] = types.MappingProxyType(
     {
@@ -63,24 +65,26 @@ class MutationConfig:
 
 @dataclasses.dataclass(frozen=True)
 class GPConfig:
-    """How trees evolve. Where the paper's table I gives a number, it is the default; old_share and chain_ratio, which are
-    not in it, differ from the published runs."""
+    """How trees evolve. Where the paper's table I gives a number, it is the default; method, old_share and chain_ratio,
+    which are not in it, differ from the published runs."""
 
     # Hashable, since it is a static argument of jit.
 
-    method: Method = "population"
-    """population: the best of a generation breed the next, as published; achievements: learn which behavior achieves which
-    target and in which order behaviors work; population is then how many trees are measured in a generation"""
+    method: Method = "achievements"
+    """achievements: learn which behavior achieves which target, and in which order behaviors work; population: the best of a
+    generation breed the next, as published"""
     population: int = 16
-    """individuals, 8 to 100000"""
-    generations: int = 50
-    """generations to evolve"""
+    """individuals, 8 to 100000; with the method achievements, the trees measured in each generation"""
+    generations: int | None = None
+    """generations to evolve; auto: until every run has solved the task and no longer improves, 1000 at most; 50 with the
+    method population"""
     runs: int = 1
     """independent runs side by side; run r is the single run of seed + r"""
     seed: int = 0
     """seed of everything random"""
-    patience: int = 10
-    """with --method achievements: stop once every run has solved the task and improved nothing for so many generations"""
+    patience: int | None = None
+    """of the method achievements: stop once every run has solved the task and has not improved for so many generations;
+    auto: 10, and never if the number of generations is given"""
     mutation_parents: int | None = None
     """parents selected for mutation; auto: 3/4 of the population, 12 of 16"""
     mutation_offspring: int = 2
@@ -132,6 +136,15 @@ class GPConfig:
         )
 
     @property
+    def num_generations(self) -> int:
+        return GENERATIONS[self.method] if self.generations is None else self.generations
+
+    @property
+    def num_patience(self) -> int | None:
+        """After how many generations without improvement a solved run ends; None if it does not."""
+        return PATIENCE if self.patience is None and self.generations is None else self.patience
+
+    @property
     def num_mutation_parents(self) -> int:
         return round(0.75 * self.population) if self.mutation_parents is None else self.mutation_parents
 
@@ -177,12 +190,13 @@ class GPConfig:
             "max_mutations",
             "mutation_offspring",
             "crossover_offspring",
-            "generations",
+            "num_generations",
             "runs",
-            "patience",
+            "num_patience",
         ):
-            if getattr(self, name) < 1:
-                raise UserError(f"{name} is {getattr(self, name)}; choose 1 or more")
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise UserError(f"{name.removeprefix('num_')} is {value}; choose 1 or more")
         if not 0 <= self.seed <= (1 << 32) - max(self.runs, 1):
             raise UserError(f"seed is {self.seed}; choose 0 or more, below 2^32")
         if not 3 <= self.init_nodes <= self.max_nodes <= MAX_NODES:
@@ -212,7 +226,8 @@ class GPConfig:
         for method, names in SETTINGS_OF.items():
             given = [name for name in names if getattr(self, name) != defaults[name]]
             if method != self.method and given:
-                options = ", ".join(given)
+                options, verb = " and ".join(given), "is a setting" if len(given) == 1 else "are settings"
                 raise UserError(
-                    f"{options}: of the method {method}, and the method is {self.method}; leave out what it does not take"
+                    f"{options} {verb} of the method {method}, and the method is {self.method}; choose --method {method}, "
+                    "or leave out what the other does not take"
                 )

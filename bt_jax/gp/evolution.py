@@ -38,7 +38,7 @@ class Evolution(Procedure):
     You measure the trees yourself:
 
         state = None
-        for _ in range(1 + config.generations):
+        for _ in range(1 + config.num_generations):
             offspring = evolution.ask(state)
             state = evolution.tell(state, offspring, fitness(offspring))
 
@@ -56,6 +56,7 @@ class Evolution(Procedure):
         baseline: Trees | None = None,
         episodes_per_tree: int = 1,
     ) -> None:
+        config = dataclasses.replace(config, method="population")
         config.check()
         alphabet.check()
         super().__init__(config, baseline=baseline, episodes_per_tree=episodes_per_tree)

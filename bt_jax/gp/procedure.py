@@ -90,12 +90,12 @@ class Procedure(abc.ABC):
     def run(
         self, state: State | None = None, *, target: float | None = None, time_limit: float | None = None
     ) -> Iterator[State]:
-        """Yield the state after each generation, the first or the given one included, until `config.generations`, until
+        """Yield the state after each generation, the first or the given one included, until the last generation, until
         every run has reached the `target` fitness, for `time_limit` seconds, or until the procedure is at its end."""
         began = time.monotonic()
         state = self.step(None) if state is None else state
         yield state
-        while state.generation < self.config.generations:
+        while state.generation < self.config.num_generations:
             if target is not None and np.asarray(state.population.fitness).max(axis=1).min() >= target:
                 return
             if time_limit is not None and time.monotonic() - began >= time_limit:

@@ -39,13 +39,13 @@ class AchievementSearch(Procedure):
     The search knows no domain but `Goals`, and the kinds of the tokens. You measure the trees:
 
         state = None
-        for _ in range(1 + config.generations):
+        for _ in range(1 + config.num_generations):
             offspring = search.ask(state)
             state = search.tell(state, offspring, measure(offspring))
 
     or give `evaluate`, which takes Trees [R, P, N] and returns `Measured`, and call `step` or `run`. The population of a
     state is its best tree and what was measured last; `config.population` trees are measured each generation. A run has
-    ended once its best tree solves the task and was not improved for `config.patience` generations.
+    ended once its best tree solves the task and was not improved for `config.num_patience` generations.
     """
 
     def __init__(
@@ -58,6 +58,7 @@ class AchievementSearch(Procedure):
         baseline: Trees | None = None,
         episodes_per_tree: int = 1,
     ) -> None:
+        config = dataclasses.replace(config, method="achievements")
         config.check()
         goals.check()
         alphabet = Alphabet.of_kinds(kinds)
@@ -179,7 +180,8 @@ class AchievementSearch(Procedure):
 
     def has_ended(self, state: State) -> bool:
         """Return whether all runs have solved their task and none improves any more."""
-        return all(known.solved and known.stagnant >= self.config.patience for known in state.knowledge)
+        patience = self.config.num_patience
+        return patience is not None and all(known.solved and known.stagnant >= patience for known in state.knowledge)
 
 
 def _population(offspring: Trees, measured: Measured, knowledge: tuple[Knowledge, ...]) -> Population:

@@ -15,6 +15,7 @@ from rich.text import Text
 from bt_jax.behaviors import Tree
 from bt_jax.encoding.drawing.terminal import draw_text
 from bt_jax.encoding.walk import prefix
+from bt_jax.gp.config import GPConfig
 from bt_jax.gp.evolution import Generation
 from bt_jax.training.bar import GenerationBar
 from bt_jax.training.progress import Stage
@@ -24,6 +25,7 @@ from bt_jax.training.training import Training
 __all__ = ["TrainingDisplay"]
 
 LISTED = 8  # numbers of layouts that fail for one reason
+MORE = 50  # generations that are suggested for a run that has ended
 
 
 class TrainingDisplay:
@@ -32,7 +34,7 @@ class TrainingDisplay:
     def __init__(self, training: Training, folder: Path) -> None:
         self.training, self.folder = training, folder
         self.console = Console(highlight=False)
-        self._bar = GenerationBar(self.console, training.config.generations)
+        self._bar = GenerationBar(self.console, training.config.num_generations)
 
     def on_stage(self, stage: Stage, message: str = "") -> None:
         """Say what is evolved before it begins, and show the bar until the evolution ends."""
@@ -40,7 +42,7 @@ class TrainingDisplay:
             training, device = self.training, jax.default_backend().upper()
             self.console.print(
                 f"[bold]{escape(training.task.title)}[/]\n"
-                f"population {training.config.population}, {training.config.generations} generations, "
+                f"{_extent(training.config)}, "
                 f"{len(training.vocabulary.leaves)} behaviors; "
                 f"{training.settings.level}: {training.level.description} (JAX is on the {device})"
             )
@@ -83,6 +85,11 @@ class TrainingDisplay:
             )
         elif len(prefix(result.tree)) > 1 + len(self.training.task.targets):
             self.console.print(f"simplify     python -m bt_jax.run {quoted} --simplify", soft_wrap=True)
+        if not session.generations:
+            self.console.print(
+                f"unchanged    the run had ended; go on with --resume {quoted} --generations {result.generations + MORE}",
+                soft_wrap=True,
+            )
         if session.broken:
             self.warn(f"the simulation diverged {session.broken} times; those trees got the worst fitness")
 
@@ -98,6 +105,14 @@ class TrainingDisplay:
         return (
             f"simulation   {table.num_transitions:,} distinct transitions{full}, {table.settler.solved:,} simulated\n"
         )
+
+
+def _extent(config: GPConfig) -> str:
+    """Return how many trees a generation has, and how many generations there will be."""
+    if config.method == "population":
+        return f"population {config.population}, {config.num_generations} generations"
+    most = "at most " if config.num_patience is not None else ""
+    return f"{config.population} trees a generation, {most}{config.num_generations:,} generations"
 
 
 def _failures(test: Test) -> str:

@@ -20,8 +20,8 @@ from bt_jax.training.settings import Settings
 __all__ = ["KEPT", "Changes", "choose_frames", "lesson_from", "resumed", "subgoal_name"]
 
 KEPT = (
-    "a run that goes on keeps its settings; give only --generations, --target-fitness or --time-limit, or a new "
-    "--task, --baseline, --plan, --add-target-from or --add-subgoal-from"
+    "a run that goes on keeps its settings; give only --generations, --patience, --target-fitness or --time-limit, or a "
+    "new --task, --baseline, --plan, --add-target-from or --add-subgoal-from"
 )
 
 
@@ -86,7 +86,7 @@ class Changes:
 
 
 def resumed(folder: RunFolder, gp: GPConfig, settings: Settings, changes: Changes) -> RunConfig:
-    """Return the configuration with which a run goes on: as many generations as `gp` says, in a new phase if there are
+    """Return the configuration with which a run goes on: for as long as `gp` says, in a new phase if there are
     changes. Where a baseline enters is for the changes to say; without a new one, the run keeps its own.
 
     Raise UserError if anything else differs from the run's own settings, if the run has reached other generations than it is
@@ -101,7 +101,8 @@ def resumed(folder: RunFolder, gp: GPConfig, settings: Settings, changes: Change
     if config.x64:
         raise UserError(f"{folder.path} was evolved with 64-bit numbers, and this command has 32-bit ones; train again")
     gp = dataclasses.replace(gp, baseline_index=config.gp.baseline_index)
-    if dataclasses.replace(gp, generations=config.gp.generations) != config.gp or settings != config.settings:
+    fixed = dataclasses.replace(gp, generations=config.gp.generations, patience=config.gp.patience)
+    if fixed != config.gp or settings != config.settings:
         raise UserError(KEPT)
     phase = changes.begin_phase
     if not phase and changes.baseline_index is not None:
@@ -112,21 +113,20 @@ def resumed(folder: RunFolder, gp: GPConfig, settings: Settings, changes: Change
     except UserError as error:
         raise UserError(f"{folder.path / 'config.json'}: {error}") from error
     gp.check()
-    saved, generations = folder.load_checkpoint(), gp.generations
+    saved, generations = folder.load_checkpoint(), gp.num_generations
     now = 0 if saved is None else saved.state.generation
-    if generations <= now and generations != config.gp.generations:
+    if generations <= now and generations != config.gp.num_generations:
         raise UserError(
             f"the run is at generation {now} and {generations} are asked for; give --generations more than {now}",
             code="generations reached",
             now=now,
         )
     if not phase:
-        return dataclasses.replace(config, gp=dataclasses.replace(config.gp, generations=generations))
+        return dataclasses.replace(config, gp=gp)
     if saved is None:
         raise UserError(f"{folder.path} has no generation yet to go on from; train again with these options")
     if generations <= now:
-        generations = now + max(1, now - config.since)
-    gp = dataclasses.replace(gp, generations=generations)
+        gp = dataclasses.replace(gp, generations=now + max(1, now - config.since), patience=gp.num_patience)
     return changes.applied(dataclasses.replace(config, gp=gp, phase=config.phase + 1, since=now))
 
 

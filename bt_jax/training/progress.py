@@ -83,7 +83,8 @@ class Reporter:
         self._now = dataclasses.replace(known, pid=os.getpid(), stage="starting", generations=generations, message="")
 
     def on_stage(self, stage: Stage, message: str = "") -> None:
-        """Write that another part of the work begins, or that the last has ended."""
+        """Write that another part of the work begins, or that the last has ended: a finished run has had all its
+        generations."""
         self._now = dataclasses.replace(self._now, stage=stage, message=message)
         self._write()
 
@@ -99,6 +100,8 @@ class Reporter:
         if self._news is not None:
             history, best_tree = self._news
             self._now = dataclasses.replace(self._now, tree=one_line(best_tree())).with_history(history)
+        if self._now.stage == "finished":
+            self._now = dataclasses.replace(self._now, generations=self._now.generation)
         with contextlib.suppress(UserError):
             write_atomic(self._folder / "progress.json", json.dumps(dataclasses.asdict(self._now)) + "\n")
 

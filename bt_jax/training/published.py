@@ -16,7 +16,7 @@ def published_config(task: str, *, seed: int = 0) -> GPConfig:
 
     The survivors' rule and the chains of mutations are not in the paper but in the settings published with it.
     """
-    config = GPConfig(generations=LONGER.get(task, 50), seed=seed, old_share=0.1, chain_ratio=1.0)
+    config = GPConfig(method="population", generations=LONGER.get(task, 50), seed=seed, old_share=0.1, chain_ratio=1.0)
     if task == "restack":
         return dataclasses.replace(config, population=32, generations=200, p_add=0.1, p_delete=0.3, p_change=0.6)
     return config

@@ -60,6 +60,7 @@ class Session:
     compile_seconds: float  # of these
     broken: int  # simulations that diverged
     stopped: bool  # by the user
+    generations: int = 1  # that it measured
 
 
 @dataclasses.dataclass(frozen=True, repr=False)

@@ -58,6 +58,7 @@ class TrainingRun:
             self._saved()
         self.unwritten = ""  # why not everything is in the folder, empty if it is
         self._stopped = self._written = self._warned = False
+        self._measured = 0  # generations of this process
         self._checkpoint: Checkpoint | None = None  # the last complete generation of this process
         self._listeners: tuple[Listener, ...] = ()
         self._interruption = Interruption()
@@ -98,7 +99,8 @@ class TrainingRun:
                 self._stopped = True
         if self._checkpoint is None:
             raise UserError("stopped before the first generation was measured; nothing was learnt")
-        session = Session(time.monotonic() - began, clock.seconds, self.training.num_broken, self._stopped)
+        seconds, broken = time.monotonic() - began, self.training.num_broken
+        session = Session(seconds, clock.seconds, broken, self._stopped, self._measured)
         self.unwritten = ""
         best = self.training.best_tree(self._checkpoint.state)
         self._write(lambda: self.folder.save_tree(best, title=self.config.task.name))
@@ -135,6 +137,7 @@ class TrainingRun:
         for state in evolution.run(start, target=target, time_limit=time_limit):
             if state.generation not in known:
                 history = [*history, *evolution.describe(state)]
+                self._measured += 1
             if self._checkpoint is None:
                 self._stage("evolving")
             self._checkpoint = Checkpoint(state, leaves, self.config.phase, history, self.config)

@@ -92,7 +92,7 @@ class RunConfig:
                 f"{source} has format {found} and this version reads {FORMAT}; use the version that wrote it"
             )
         try:
-            content = decode(data, _Content, source)
+            content = decode(_completed(data), _Content, source)
             baseline = None if content.baseline is None else parse_tree(content.baseline)
             extra = tuple(map(parse_leaf, content.extra_leaves))
             task = task_from_dict(content.task, source=str(source), kept=True)
@@ -115,6 +115,12 @@ class RunConfig:
             content.version,
             content.x64,
         )
+
+
+def _completed(data: Any) -> Any:
+    """Return the data with the method that older files do not name: there was only one."""
+    gp = data.get("gp") if isinstance(data, dict) else None
+    return {**data, "gp": {"method": "population", **gp}} if isinstance(gp, dict) else data
 
 
 def parse_leaf(text: str) -> Behavior:

@@ -205,5 +205,5 @@ def _contradiction(checkpoint: Checkpoint, config: RunConfig) -> str:
 def _as_data(config: RunConfig) -> dict[str, Any]:
     """Return what stays the same within a phase."""
     fixed = {name: getattr(config, name) for name in ("task", "baseline", "extra_leaves", "x64")}
-    gp = {**dataclasses.asdict(config.gp), "generations": None}
+    gp = {**dataclasses.asdict(config.gp), "generations": None, "patience": None}
     return {**gp, **dataclasses.asdict(config.settings), **fixed}

@@ -223,7 +223,7 @@ def evolve(
     """
     training = Training(task, config, settings, baseline=baseline, extra_leaves=extra_leaves)
     history: list[Generation] = []
-    bar = GenerationBar(Console(quiet=not (is_interactive() if progress is None else progress)), config.generations)
+    bar = GenerationBar(Console(quiet=not (is_interactive() if progress is None else progress)), config.num_generations)
     with bar:
         for state in training.evolution.run(target=target, time_limit=time_limit):
             rows = training.evolution.describe(state)

@@ -15,6 +15,7 @@ def test_defaults_are_those_of_the_paper():
     config.check()
     assert (config.num_mutation_parents, config.num_crossover_parents, config.num_elites) == (12, 4, 2)
     assert config.num_offspring == 32
+    assert (config.num_generations, dataclasses.replace(config, method="population").num_generations) == (1000, 50)
 
 
 @given(st.integers(8, 100_000))
@@ -41,4 +42,4 @@ def test_shares_of_every_population_work(population):
 )
 def test_what_cannot_work_is_refused(wrong):
     with pytest.raises(UserError, match=";"):
-        dataclasses.replace(GPConfig(), **wrong).check()
+        dataclasses.replace(GPConfig(method="population"), **wrong).check()

@@ -17,7 +17,7 @@ from bt_jax.gp.validity import is_valid
 from tests.helpers.samples import assert_same
 from tests.helpers.tower import Tower
 
-CONFIG = GPConfig(method="achievements", population=16, generations=60, max_nodes=24, seed=3)
+CONFIG = GPConfig(max_nodes=24, seed=3)
 
 
 def search_in(tower, config=CONFIG, **options):
@@ -48,8 +48,8 @@ def test_it_finds_the_smallest_tree_and_stops_once_nothing_improves(step):
     tower = Tower(step=step)
     *_, state = search_in(tower).run()
     assert state.knowledge[0].solved
-    assert state.generation < CONFIG.generations
-    assert state.knowledge[0].stagnant == CONFIG.patience
+    assert state.generation < CONFIG.num_generations
+    assert state.knowledge[0].stagnant == CONFIG.num_patience
     tree, fitness = best_of(state)
     text = one_line(decode(tree[0], tower.vocabulary))
     if not step:

@@ -12,12 +12,16 @@ from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.gp.config import GPConfig
 from bt_jax.tasks import Target, load_task
 from bt_jax.training.checkpoint import Checkpoint
+from bt_jax.training.console import TrainingDisplay
 from bt_jax.training.goals import goals_of
+from bt_jax.training.run import TrainingRun
+from bt_jax.training.run_config import RunConfig
+from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import Settings
 from bt_jax.training.training import Training, evolve
 from tests.helpers.samples import assert_same
 
-CONFIG = GPConfig(method="achievements", generations=100, seed=1)
+CONFIG = GPConfig(seed=1)
 QUICK = Settings(level="kinematic", test_layouts=20)
 STACK3 = load_task("stack3")
 
@@ -56,9 +60,9 @@ def test_the_search_is_told_which_box_a_gene_moves_and_which_are_wanted():
     ],
 )
 def test_a_task_with_shuffled_names_is_solved_and_its_run_stops(task, names):
-    result = evolve(renamed(load_task(task), names), dataclasses.replace(CONFIG, generations=400), QUICK)
+    result = evolve(renamed(load_task(task), names), CONFIG, QUICK)
     assert result.success_rate == 1.0
-    assert result.generations < 400
+    assert result.generations < CONFIG.num_generations
     assert (
         result.history[-1].achieved
         == result.history[-1].understood
@@ -124,5 +128,35 @@ def test_what_the_method_does_not_take_is_refused(wrong):
 
 
 def test_patience_is_for_this_method():
-    with pytest.raises(UserError, match="patience"):
-        GPConfig(patience=20).check()
+    with pytest.raises(UserError, match=r"patience is a setting of the method achievements.*; choose --method ach"):
+        GPConfig(method="population", patience=20).check()
+
+
+def test_a_run_that_has_ended_says_so_and_goes_on_for_as_many_generations_as_it_is_told(tmp_path, capsys):
+    config = RunConfig(load_task("stack"), CONFIG, QUICK)
+    ended = ran(tmp_path / "run", config)
+    assert "the run had ended" not in capsys.readouterr().out
+    assert ran(tmp_path / "run", config, resumed=True).generations == ended.generations
+    assert "the run had ended; go on with --resume" in capsys.readouterr().out
+    longer = dataclasses.replace(config, gp=dataclasses.replace(CONFIG, generations=ended.generations + 5))
+    ran(tmp_path / "run", longer, resumed=True)
+    ran(tmp_path / "whole", longer)
+    assert (tmp_path / "run" / "history.csv").read_bytes() == (tmp_path / "whole" / "history.csv").read_bytes()
+
+
+def ran(path, config, *, resumed=False):
+    """The result of a run in its folder, which the console shows."""
+    run = TrainingRun(RunFolder(path), config, resumed=resumed)
+    display = TrainingDisplay(run.training, path)
+    with run.opened(display):
+        result, session = run.evolve()
+        display.finish(result, session)
+    return result
+
+
+def test_a_number_of_generations_that_is_given_is_kept():
+    result = evolve(load_task("stack"), dataclasses.replace(CONFIG, generations=30), QUICK)
+    assert result.generations == 30
+    assert evolve(load_task("stack"), CONFIG, QUICK).generations < 30
+    both = dataclasses.replace(CONFIG, generations=30, patience=3)
+    assert evolve(load_task("stack"), both, QUICK).generations < 30

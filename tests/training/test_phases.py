@@ -29,7 +29,7 @@ from tests.helpers.samples import train
 
 STACK, STACK3, RESTACK = (load_task(name) for name in ("stack", "stack3", "restack"))
 KINEMATIC = Settings(level="kinematic", test_layouts=10)
-CONFIG = RunConfig(STACK, GPConfig(population=16, generations=5, max_nodes=32), KINEMATIC)
+CONFIG = RunConfig(STACK, GPConfig(method="population", population=16, generations=5, max_nodes=32), KINEMATIC)
 ON_TOP = "pick BlueBox; to (0, 0, 0.105) GreenBox; release"
 UNSTACK = """pick GreenBox; to (-1.3, -1.3, 0.75) base_link; release
              pick BlueBox; to (-0.3, -1.3, 0.75) base_link; release"""
@@ -189,7 +189,20 @@ def test_the_known_solution_is_bred_from_the_lesson(on_top):
     assert (row.baseline_child >= 0) == bool(found)
 
 
-QUICK = ("--level", "kinematic", "--population", 8, "--max-nodes", 32, "--test-layouts", 5, "--device", "cpu")
+QUICK = (
+    "--method",
+    "population",
+    "--level",
+    "kinematic",
+    "--population",
+    8,
+    "--max-nodes",
+    32,
+    "--test-layouts",
+    5,
+    "--device",
+    "cpu",
+)
 
 
 @pytest.fixture(scope="module")

@@ -74,7 +74,7 @@ def test_what_is_written_is_read(tmp_path):
     assert (found.stage, found.generation, found.best, found.mean) == ("evolving", 1, -30.0, -55.0)
     assert (found.tree, found.episodes) == ("pick(YellowBox)", 20)
     reporter.on_stage("finished")
-    assert read_progress(tmp_path) == dataclasses.replace(found, stage="finished")
+    assert read_progress(tmp_path) == dataclasses.replace(found, stage="finished", generations=found.generation)
 
 
 def test_of_a_long_history_some_rows_are_kept():

@@ -66,7 +66,7 @@ def folder(tmp_path):
 def test_the_configuration_is_read_back(tmp_path, name):
     config = RunConfig(
         load_task(name),
-        GPConfig(population=20, parent_selection=Selection.RANK, baseline_index=1, elites=3),
+        GPConfig(method="population", population=20, parent_selection=Selection.RANK, baseline_index=1, elites=3),
         Settings(level="kinematic", layouts=3),
         TREE,
         extra_leaves=(parse_tree("subtask(aside, Sequence(move(BlueBox, (0, 0, 0.3), KittingBox), open_gripper))"),),
@@ -358,6 +358,9 @@ def test_an_older_configuration_without_newer_fields_is_read(folder):
     del data["x64"], data["gp"]["niches"], data["settings"]["evaluator"]
     path.write_text(json.dumps(data))
     assert folder.config() == CONFIG
+    del data["gp"]["method"], data["gp"]["patience"]
+    path.write_text(json.dumps(data))
+    assert folder.config().gp == dataclasses.replace(CONFIG.gp, method="population")
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "3", "\x00", "[" * 6000, "9" * 5000, "\xff"])

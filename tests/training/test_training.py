@@ -24,7 +24,7 @@ from bt_jax.training.training import Training, evolve
 from tests.helpers.samples import assert_same
 
 TASK = load_task("stack")
-CONFIG = GPConfig(population=8, generations=5, max_nodes=32)
+CONFIG = GPConfig(method="population", population=8, generations=5, max_nodes=32)
 NICHES = dataclasses.replace(CONFIG, niches=True)
 QUICK = Settings(level="kinematic", test_layouts=10)
 SOLUTION = "Sequence(move(YellowBox, (0, 0, 0.055), KittingBox), move(GreenBox, (0, 0, 0.1), YellowBox))"
@@ -214,6 +214,7 @@ def test_settings_that_cannot_work(settings):
 @pytest.mark.slow
 def test_with_niches_evolution_alone_restacks():
     config = GPConfig(
+        method="population",
         population=2048,
         generations=200,
         max_nodes=12,
@@ -235,7 +236,7 @@ def test_learning_is_as_good_as_published():
     """In the last generation before the published runs were given another target."""
     curve = published_curves()[1, "gp_only"]
     published = curve.mean[curve.generations.index(49)]
-    result = evolve(TASK, GPConfig(runs=10), QUICK)
+    result = evolve(TASK, GPConfig(method="population", runs=10), QUICK)
     best = [row.best for row in result.history if row.generation == 49]
     assert len(best) == 10
     assert np.mean(best) >= published

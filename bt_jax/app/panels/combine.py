@@ -37,10 +37,12 @@ ANYWHERE = -1
 
 @dataclasses.dataclass(frozen=True)
 class _Preview:
-    """The task as it is and as it will be; `problem` says why it cannot be changed like this, None if it can."""
+    """The task as it is and as it will be; `problem` says why it cannot be changed like this, None if it can. `anywhere`:
+    the evolution finds out by itself where the learnt tree belongs."""
 
     before: Task
     after: Task
+    anywhere: bool = False
     problem: UserError | None = None
 
 
@@ -124,6 +126,9 @@ class _Combine:
         """Show the targets as they will be; new ones are marked."""
         words, known = Words(preview.after), preview.before.targets
         objects = [target.object for target in known]
+        self.where.set_visibility(not preview.anywhere)
+        if preview.anywhere:
+            self.where.set_value(ANYWHERE)
         self.targets.clear()
         with self.targets:
             for target in preview.after.targets:
@@ -180,12 +185,13 @@ class _Combine:
 
 def _preview(task: Task, run: RunFolder | None, changes: Changes) -> _Preview:
     """Return what a run works for after the changes; without a run, what a new run for the task would."""
+    anywhere = False
     try:
         config = RunConfig(task, GPConfig(), Settings()) if run is None else run.config()
-        task = config.task
-        return _Preview(task, changes.applied(config).task)
+        task, anywhere = config.task, config.gp.method == "achievements"
+        return _Preview(task, changes.applied(config).task, anywhere)
     except UserError as error:
-        return _Preview(task, task, error)
+        return _Preview(task, task, anywhere, error)
 
 
 def _places(tree: Tree | None, words: Words) -> dict[int, str]:

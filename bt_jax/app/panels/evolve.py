@@ -45,6 +45,7 @@ class _Evolve:
             with ui.row().classes("items-center gap-2"):
                 self.population = _field("Population", "evolve-population", studio.evolution.gp.population)
                 self.generations = _field("Generations", "evolve-generations", studio.evolution.gp.generations)
+                self.generations.props("placeholder='until solved' stack-label")
                 self.seed = _field("Seed", "evolve-seed", studio.evolution.gp.seed)
                 self.start = button("Start", "evolve-start", "play_arrow", page.guard(self._start))
                 self.pause = button("Pause", "evolve-pause", "pause", page.guard(self._pause_or_resume))
@@ -84,7 +85,7 @@ class _Evolve:
         gp = dataclasses.replace(
             self.studio.evolution.gp,
             population=whole(self.population, 8, MOST),
-            generations=whole(self.generations, 1, MOST),
+            generations=None if self.generations.value is None else whole(self.generations, 1, MOST),
             seed=whole(self.seed, 0, 2**32 - 1),
         )
         gp.check()
@@ -144,7 +145,7 @@ class _Evolve:
         self.chart.update()
 
 
-def _field(label: str, testid: str, value: int) -> ui.number:
+def _field(label: str, testid: str, value: int | None) -> ui.number:
     return whole_field(label, testid, value).classes("evolve-number")
 
 

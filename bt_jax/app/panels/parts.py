@@ -60,7 +60,7 @@ def known(frame: str, task: Task, *, robot: str) -> str:
     return {task.kit.name: "the kit", task.robot_frame: robot}.get(frame, frame)
 
 
-def whole_field(label: str, testid: str, value: int) -> ui.number:
+def whole_field(label: str, testid: str, value: int | None) -> ui.number:
     """Return a field for a whole number. It has no limits of its own: NiceGUI would replace what a person has written with
     the nearest number in the limits; `whole` says what is allowed instead."""
     return mark(ui.number(label, value=value, step=1).props("dense outlined"), testid)

@@ -43,7 +43,7 @@ def read_record(folder: RunFolder) -> RunRecord:
     """Read a run folder. Raise UserError if its configuration is missing or damaged."""
     config, progress = folder.config(), read_progress(folder.path)
     if progress is None or progress.best is None:
-        progress = _or_none(lambda: _from_history(folder, config)) or progress
+        progress = _or_none(lambda: _from_history(folder)) or progress
     tree = None if progress is None else _or_none(functools.partial(parse_tree, progress.tree))
     tree = tree or _or_none(folder.tree)
     return RunRecord(folder.path.name, config, progress, tree, read_result(folder), tuple(folder.phases()))
@@ -69,10 +69,11 @@ def read_result(folder: RunFolder) -> dict[str, Any] | None:
     return found if isinstance(found.get("success_rate"), float) else None
 
 
-def _from_history(folder: RunFolder, config: RunConfig) -> Progress:
+def _from_history(folder: RunFolder) -> Progress:
     """Return the progress of a run that did not report any."""
-    progress = Progress(0, "finished", generations=config.gp.generations, tree=one_line(folder.tree()))
-    return progress.with_history(folder.history())
+    history = folder.history()
+    last = history[-1].generation if history else 0
+    return Progress(0, "finished", generations=last, tree=one_line(folder.tree())).with_history(history)
 
 
 def _or_none(read: Callable[[], T]) -> T | None:

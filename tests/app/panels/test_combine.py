@@ -37,6 +37,12 @@ def test_targets_are_those_of_the_run_and_not_of_the_page(tmp_path, shown):
     assert _preview(RESTACK, run, Changes()).after == STACK
 
 
+def test_where_the_learnt_tree_belongs_is_asked_only_if_evolution_does_not_find_out(tmp_path):
+    for method, anywhere in (("achievements", True), ("population", False)):
+        run = RunFolder.create(tmp_path / method, RunConfig(STACK, GPConfig(method=method), Settings()))
+        assert _preview(STACK, run, Changes()).anywhere == anywhere
+
+
 def test_without_a_run_it_is_the_task_of_the_page(shown):
     preview = _preview(STACK, None, Changes(subgoal_from=shown))
     assert preview.after.targets == STACK.targets
