@@ -75,7 +75,7 @@ class AchievementSearch(Procedure):
         config = self.config
         if state is None:
             spare = jax.device_get(first_trees(self.keys, self._alphabet, self._first_rates, self._static))
-            knowledge = (Knowledge.empty(self.goals, config.max_nodes),) * config.runs
+            knowledge = (Knowledge.empty(self.goals, config.max_nodes, self.baseline),) * config.runs
             seen, generation = (np.empty(0, np.uint64),) * config.runs, 0
         else:
             spare, knowledge = jax.device_get(state.population.trees), state.knowledge
@@ -138,7 +138,7 @@ class AchievementSearch(Procedure):
             )
         if state is None:
             generation, earlier, seen = 0, (0,) * self.config.runs, (np.empty(0, np.uint64),) * self.config.runs
-            knowledge = (Knowledge.empty(self.goals, self.config.max_nodes),) * self.config.runs
+            knowledge = (Knowledge.empty(self.goals, self.config.max_nodes, self.baseline),) * self.config.runs
             baseline_fitness = on_device(measured.fitness[:, 0])
         else:
             generation, earlier, seen = state.generation + 1, state.earlier, state.seen

@@ -9,7 +9,9 @@ import pytest
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import gene_pool
 from bt_jax.encoding.formats.text import parse_tree
+from bt_jax.encoding.walk import leaves
 from bt_jax.gp.config import GPConfig
+from bt_jax.lfd import plan_task
 from bt_jax.tasks import Target, load_task
 from bt_jax.training.checkpoint import Checkpoint
 from bt_jax.training.console import TrainingDisplay
@@ -160,3 +162,20 @@ def test_a_number_of_generations_that_is_given_is_kept():
     assert evolve(load_task("stack"), CONFIG, QUICK).generations < 30
     both = dataclasses.replace(CONFIG, generations=30, patience=3)
     assert evolve(load_task("stack"), both, QUICK).generations < 30
+
+
+@pytest.mark.slow
+def test_what_was_demonstrated_is_used_at_once():
+    """A place that is not in the gene pool, and a step on the way that is one gene."""
+    pyramid, restack = load_task("pyramid"), load_task("restack")
+    top = next(leaf for leaf in leaves(plan_task(pyramid)) if leaf.args[0] == "GreenBox")
+    result = evolve(pyramid, CONFIG, QUICK, baseline=top)
+    assert result.success_rate == 1.0
+    assert result.trees_measured[0] < 500
+    away = "Sequence(move(GreenBox, (-1.3, -1.3, 0.75), base_link), move(BlueBox, (-0.3, -1.3, 0.75), base_link))"
+    gene = parse_tree(f"subtask(aside, Fallback(reached(unstacked), {away}))")
+    result = evolve(restack, CONFIG, QUICK, baseline=gene)
+    assert result.success_rate == 1.0
+    assert result.tree.children[0] == gene
+    assert len(result.tree.children) == 4
+    assert result.trees_measured[0] < 1000

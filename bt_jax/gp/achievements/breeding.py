@@ -130,8 +130,11 @@ def _beside(parts: list[Trees]) -> Trees:
 
 
 def _step_donors(rng: np.random.Generator, step: int, knowledge: Knowledge, goals: Goals, count: int) -> Trees | None:
-    """Return for `count` trees what has done a step on the way: of a tree in the archive the Fallback that begins with the
-    step's guard, or the whole tree under such a guard. None if no tree has done it."""
+    """Return for `count` trees what has done a step on the way: a leaf, if one has done it, or else of a tree in the archive
+    the Fallback that begins with the step's guard, or the whole tree under such a guard. None if no tree has done it."""
+    leaves = knowledge.linkage.step_leaves(rng, step, count)
+    if leaves is not None:
+        return leaf_parts(leaves, knowledge.archive.trees.num_nodes)
     archive = knowledge.archive
     entries = np.flatnonzero(archive.achieved(len(goals.concerns))[:, step])
     if not entries.size:

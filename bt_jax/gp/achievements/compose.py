@@ -11,8 +11,8 @@ from bt_jax.encoding.arrays import Trees
 __all__ = ["children_of", "compose", "leaf_parts"]
 
 
-def leaf_parts(leaves: Int[np.ndarray, "M K"], num_nodes: int) -> Trees:
-    """Return single leaves as trees [M, K, N]; token 0 is no tree."""
+def leaf_parts(leaves: Int[np.ndarray, "*M"], num_nodes: int) -> Trees:
+    """Return single leaves as trees [*M, N]; token 0 is no tree."""
     tokens = np.zeros((*leaves.shape, num_nodes), np.int16)
     sizes = np.zeros(tokens.shape, np.uint8)
     tokens[..., 0] = leaves

@@ -29,9 +29,9 @@ class Knowledge:
     stagnant: int = 0
 
     @staticmethod
-    def empty(goals: Goals, num_nodes: int) -> Knowledge:
-        """Return what is known before the first episode."""
-        return Knowledge(Archive.empty(num_nodes), Linkage.empty(goals))
+    def empty(goals: Goals, num_nodes: int, baseline: Trees | None = None) -> Knowledge:
+        """Return what is known before the first episode, of a baseline [N] only what it is made of."""
+        return Knowledge(Archive.empty(num_nodes), Linkage.empty(goals, baseline))
 
     def done(self) -> Bool[np.ndarray, " A"]:
         """Return which achievements a tree of the archive has."""

@@ -6,13 +6,16 @@ import dataclasses
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float32, Int32
+from jaxtyping import Bool, Float32, Float64, Int32
 
 from bt_jax.behaviors.vocabulary import FIRST_LEAF
 from bt_jax.encoding.arrays import Trees
+from bt_jax.encoding.tick import NOTED
 from bt_jax.gp.achievements.goals import FAILED, SUCCEEDED, Goals, Measured
 
 __all__ = ["Linkage"]
+
+SEED = 0.5  # credit of what the tree to start from has, before any episode
 
 
 @jax.tree_util.register_dataclass
@@ -27,14 +30,17 @@ class Linkage:
     ]  # [g, h], g before h: in which both achieved something, less those in which h failed
 
     @staticmethod
-    def empty(goals: Goals) -> Linkage:
-        """Return the counts before the first episode."""
+    def empty(goals: Goals, baseline: Trees | None = None) -> Linkage:
+        """Return the counts before the first episode: each leaf of a baseline [N], if there is one, is expected to achieve
+        what concerns its group, in the order in which they stand."""
         tokens, achievements = len(goals.group), len(goals.concerns)
-        return Linkage(
-            np.zeros(tokens, np.int32),
-            np.zeros((tokens, achievements), np.float32),
-            np.zeros((tokens, tokens), np.float32),
-        )
+        achieves, order = np.zeros((tokens, achievements), np.float32), np.zeros((tokens, tokens), np.float32)
+        if baseline is not None:
+            leaves = baseline.tokens[(baseline.tokens >= FIRST_LEAF) & (goals.group[baseline.tokens] >= 0)]
+            achieves[leaves] = SEED * (goals.group[leaves][:, None] == goals.concerns)
+            first, second = np.triu_indices(len(leaves), 1)
+            order[leaves[first], leaves[second]] = SEED
+        return Linkage(np.zeros(tokens, np.int32), achieves, order)
 
     def updated(self, trees: Trees, measured: Measured, goals: Goals) -> Linkage:
         """Return the counts after the episodes of M trees."""
@@ -45,6 +51,7 @@ class Linkage:
         np.add.at(tested, tokens[leaf & (trace > 0)], 1)
 
         concerned = goals.group[tokens][..., None] == goals.concerns  # [M, N, A]
+        concerned |= (trace & NOTED > 0)[..., None] & (goals.concerns < 0)  # a leaf that told of a step has done it
         credit = np.where(succeeded[..., None] & concerned, measured.achieved[:, None, :], np.float32(0))
         achieves = self.achieves.copy()
         np.add.at(achieves, tokens[leaf], credit[leaf])
@@ -60,8 +67,8 @@ class Linkage:
         return Linkage(tested, achieves, order)
 
     def known(self) -> Bool[np.ndarray, " A"]:
-        """Return which achievements a leaf is known for."""
-        return self.achieves.max(axis=0, initial=0) > 0
+        """Return which achievements a leaf was seen to bring about."""
+        return self.achieves.max(axis=0, initial=0) > SEED
 
     def untested(self, goals: Goals) -> bool:
         """Whether leaves that might bring about what no leaf is known for wait to be tested."""
@@ -89,10 +96,15 @@ class Linkage:
         weights = np.cumsum(self.achieves[:, achievement], dtype=np.float64)
         concerned = goals.concerns[achievement : achievement + 1]
         leaves = self.least_tested(rng, concerned, goals, len(curious))[:, 0]
-        if weights.size and weights[-1] > 0:
-            at = np.searchsorted(weights, rng.random(len(curious)) * weights[-1], side="right")
-            leaves = np.where(curious, leaves, np.minimum(at, len(weights) - 1))
+        if weights[-1] > 0:
+            leaves = np.where(curious, leaves, _drawn(rng, weights, len(curious)))
         return leaves.astype(np.int32)
+
+    def step_leaves(self, rng: np.random.Generator, step: int, count: int) -> Int32[np.ndarray, " M"] | None:
+        """Return for `count` trees leaves that have done a step on the way, in proportion to how often; None if no leaf has
+        done it alone."""
+        weights = np.cumsum(self.achieves[:, step], dtype=np.float64)
+        return _drawn(rng, weights, count) if weights[-1] > 0 else None
 
     def in_order(self, rng: np.random.Generator, leaves: Int32[np.ndarray, "M K"]) -> Int32[np.ndarray, "M K"]:
         """Return each row of leaves in an order that has worked; 0, no leaf, comes last, and what nothing is known of comes
@@ -112,3 +124,9 @@ class Linkage:
             result[:, place] = np.where(waiting[rows, choice], leaves[rows, choice], 0)
             waiting[rows, choice] = False
         return result
+
+
+def _drawn(rng: np.random.Generator, weights: Float64[np.ndarray, " V"], count: int) -> Int32[np.ndarray, " M"]:
+    """Draw tokens in proportion to weights, of which the sums so far are given."""
+    at = np.searchsorted(weights, rng.random(count) * weights[-1], side="right")
+    return np.minimum(at, len(weights) - 1).astype(np.int32)

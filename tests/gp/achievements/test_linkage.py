@@ -2,11 +2,15 @@
 
 import itertools
 
+import jax
 import numpy as np
 import pytest
 
 from bt_jax.encoding.arrays import Trees
+from bt_jax.encoding.status import Status
+from bt_jax.encoding.tick import NOTED
 from bt_jax.gp.achievements.compose import compose, leaf_parts
+from bt_jax.gp.achievements.goals import Goals, Measured
 from bt_jax.gp.achievements.linkage import Linkage
 from tests.helpers.tower import Tower
 
@@ -65,3 +69,29 @@ def test_donors_are_what_is_known_or_what_is_not_tested():
     assert (GOALS.group[curious] == 1).all()
     assert RIGHT[1] in curious.tolist()  # in its turn
     assert len(set(curious.tolist())) == TOWER.places
+
+
+def test_a_baseline_is_expected_to_achieve_what_its_leaves_concern_until_episodes_say_otherwise():
+    rng = np.random.default_rng(0)
+    wrong = [TOKENS[name] for name in ("2@0", "0@4", "1@5")]
+    linkage = Linkage.empty(GOALS, jax.tree.map(lambda leaf: leaf[0], compose(leaf_parts(np.array([wrong]), 8))[0]))
+    assert [linkage.donors(rng, a, GOALS, np.zeros(9, bool)).tolist() for a in (2, 0, 1)] == [[t] * 9 for t in wrong]
+    np.testing.assert_array_equal(linkage.in_order(rng, np.array([sorted(wrong)] * 9, np.int32)), [wrong] * 9)
+    assert not linkage.known().any()
+    assert linkage.untested(GOALS)
+
+
+def test_a_leaf_that_tells_of_a_step_is_known_for_it():
+    rng = np.random.default_rng(0)
+    goals = Goals(GOALS.group, np.array([*GOALS.concerns, -1], np.int32), np.array([*GOALS.guard, 0], np.int32))
+    trees, _ = compose(leaf_parts(np.array([[TOKENS["unlock"], RIGHT[0]]] * 2), 8))
+    trace = np.where(trees.tokens >= 3, 1 << Status.SUCCESS, 0).astype(np.uint8)
+    achieved = np.array([[1, 0, 0, 1], [1, 0, 0, 0]], np.float32)
+    linkage = Linkage.empty(goals)
+    assert linkage.step_leaves(rng, 3, 5) is None
+    measured = Measured(
+        np.zeros(2, np.float32), np.zeros(2, bool), achieved, trace | NOTED * (trees.tokens == TOKENS["unlock"])
+    )
+    linkage = linkage.updated(trees, measured, goals)
+    assert linkage.step_leaves(rng, 3, 5).tolist() == [TOKENS["unlock"]] * 5
+    assert linkage.achieves[:, 3].sum() == 1
