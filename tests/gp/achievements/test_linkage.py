@@ -89,9 +89,8 @@ def test_a_leaf_that_tells_of_a_step_is_known_for_it():
     achieved = np.array([[1, 0, 0, 1], [1, 0, 0, 0]], np.float32)
     linkage = Linkage.empty(goals)
     assert linkage.step_leaves(rng, 3, 5) is None
-    measured = Measured(
-        np.zeros(2, np.float32), np.zeros(2, bool), achieved, trace | NOTED * (trees.tokens == TOKENS["unlock"])
-    )
+    trace[trees.tokens == TOKENS["unlock"]] |= NOTED
+    measured = Measured(np.zeros(2, np.float32), np.zeros(2, bool), achieved, trace)
     linkage = linkage.updated(trees, measured, goals)
     assert linkage.step_leaves(rng, 3, 5).tolist() == [TOKENS["unlock"]] * 5
     assert linkage.achieves[:, 3].sum() == 1
