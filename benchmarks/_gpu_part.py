@@ -154,7 +154,7 @@ def mjx_table(job: Job) -> None:
         TableEvaluator(job.semantics, backend, batch=job.trees)(trees, *starts)
         for backend in (physics, make_physics(job.semantics.task, "mujoco"))
     )
-    near = np.abs(ours.distance - reference.distance).max(axis=(1, 2)) < NEAR
+    near = np.abs(ours.misses.distance - reference.misses.distance).max(axis=(1, 2)) < NEAR
     same = (ours.ending == reference.ending) & (ours.solved == reference.solved)
     shares = {"same verdict": float(same.mean()), "within 2 mm": float(near.mean())}
     say("parity", mjx=job.implementation, trees=job.trees, **shares)
@@ -175,9 +175,9 @@ def falling_boxes(job: Job, count: int) -> tuple[np.ndarray, np.ndarray, np.ndar
     layouts, which = job.starts(count)
     start = take(layouts, which[:, 0])
     poses = start.poses.copy()
-    height = np.random.default_rng(0).uniform(0, 0.3, poses.shape[:2]) * job.semantics.task.boxes[0].size
+    height = np.random.default_rng(0).uniform(0, 0.3, poses.shape[:2]) * job.semantics.task.objects[0].edge
     poses[..., 2] += height.astype(np.float32)
-    return start.kit, poses, np.ones(poses.shape[:2], bool)
+    return start.kits, poses, np.ones(poses.shape[:2], bool)
 
 
 def table(job: Job, physics: Physics, way: str) -> None:

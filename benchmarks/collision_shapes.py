@@ -222,7 +222,7 @@ def layouts(count: int) -> dict:
             scene = build_scene(YUMI, task, seed)
             poses = box_poses(scene, scene.cell.qpos) | {task.kit.name: scene.kit}
             with contextlib.suppress(Unplannable):
-                planner.pick(task.box_names[0], Surroundings(poses, dict(YUMI.home)), YUMI.arm_names)
+                planner.pick(task.object_names[0], Surroundings(poses, dict(YUMI.home)), YUMI.arm_names)
                 found[name] += 1
     return {"poses": "layouts", "count": count, **found, "change": found["now"] / found["before"] - 1}
 

@@ -122,7 +122,7 @@ def reaches_the_truth(tree: Tree, example: Example) -> bool:
     task = dataclasses.replace(example.task, targets=tuple(final.values()), episode=rules)
     semantics = LeafSemantics(task, Vocabulary.of(leaves(tree)))
     played = play(semantics, Settler(task, Kinematic(task)), tree, layout_of(example))
-    return played.ending == Ending.SUCCESS and bool((played.distance < task.episode.tolerance).all())
+    return played.ending == Ending.SUCCESS and bool(played.misses.met.all())
 
 
 def layout_of(example: Example) -> World:
@@ -131,9 +131,9 @@ def layout_of(example: Example) -> World:
     first = example.exact.demonstrations[0].actions[0]
     robot = first.handled(task.robot_frame) + task.robot_position
     centre = {name: (robot - first.handled(name)).astype(np.float32) for name in first.poses}
-    poses = np.array([[*centre[name], 1, 0, 0, 0] for name in task.box_names], np.float32)
+    poses = np.array([[*centre[name], 1, 0, 0, 0] for name in task.object_names], np.float32)
     return World(
-        kit=centre[task.kit.name][None],
+        kits=centre[task.kit.name][None, None],
         poses=poses[None],
         held=np.full(1, -1, np.int8),
         gripper_open=np.ones(1, bool),

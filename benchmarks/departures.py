@@ -80,7 +80,7 @@ class PickCarriesAll(PlainEpisode):
 
     def load(self, name: str) -> Iterator[str]:
         """Yield the boxes that stand on a box, and on those, from the bottom up."""
-        for other in self.task.box_names:
+        for other in self.task.object_names:
             if other != name and rests_on(
                 self.position(other), self.position(name), self.sizes[other], self.sizes[name]
             ):
@@ -98,7 +98,7 @@ class Occupied(PlainEpisode):
             goal, size = self.in_world(action.frame, action.position), self.sizes[action.object]
             self.occupied += any(
                 (np.abs(self.position(other) - goal) < (size + self.sizes[other]) / 2 - 0.002).all()
-                for other in self.task.box_names
+                for other in self.task.object_names
                 if other != action.object
             )
         super().act(action)

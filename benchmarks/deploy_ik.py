@@ -82,7 +82,7 @@ def plan(count: int) -> dict:
         poses = box_poses(scene, scene.cell.qpos) | {task.kit.name: scene.kit}
         base = RigidTransform.from_translation(task.robot_position).inv()
         poses = {name: base * pose for name, pose in poses.items()}
-        box = task.box_names[seed % len(task.boxes)]
+        box = task.object_names[seed % len(task.objects)]
         start = time.perf_counter()
         try:
             reach = planner.pick(box, Surroundings(poses, YUMI.home), YUMI.arm_names)

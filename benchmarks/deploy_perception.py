@@ -107,22 +107,22 @@ def arrange(task: Task, model, data, qpos: np.ndarray, rng: np.random.Generator)
     data.qpos[:] = qpos
     stacked = rng.random() < 0.5
     top = None
-    for box in task.boxes:
+    for box in task.objects:
         at = model.jnt_qposadr[model.body(box.name).jntadr[0]]
         turn = Rotation.from_quat(data.qpos[at + 3 : at + 7], scalar_first=True)
         face = Rotation.from_euler("xyz", rng.integers(0, 4, 3) * np.pi / 2)
         data.qpos[at + 3 : at + 7] = (turn * face).as_quat(scalar_first=True)
         if stacked and rng.random() < 0.6:
             kit = model.body(task.kit.name).pos
-            base = np.array([*kit[:2], kit[2] + task.kit.thickness / 2 - box.size / 2]) if top is None else top
-            data.qpos[at : at + 3] = top = base + np.array([0, 0, box.size])
+            base = np.array([*kit[:2], kit[2] + task.kit.thickness / 2 - box.edge / 2]) if top is None else top
+            data.qpos[at : at + 3] = top = base + np.array([0, 0, box.edge])
     mujoco.mj_forward(model, data)
 
 
 def truth(task: Task, model, data) -> dict[str, tuple[RigidTransform, bool]]:
     """Where every body is, and whether it is to be seen."""
     bodies = {}
-    for body in (*task.box_names, task.kit.name):
+    for body in (*task.object_names, task.kit.name):
         pose = body_pose(data, body)
         markers = [marker for marker in task_markers(task) if marker.body == body]
         bodies[body] = pose, any(unhidden(model, data, pose, marker) for marker in markers)

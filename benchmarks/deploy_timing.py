@@ -107,8 +107,8 @@ def planned(layouts: int) -> tuple[Planner, list[JointPath], list[tuple[str, Joi
         poses = {
             name: base * pose for name, pose in (box_poses(scene, scene.cell.qpos) | {task.kit.name: scene.kit}).items()
         }
-        box, other = (task.box_names[(seed + k) % len(task.boxes)] for k in (0, 1))
-        top = poses[other].translation + np.array([0, 0, task.boxes[0].size])
+        box, other = (task.object_names[(seed + k) % len(task.objects)] for k in (0, 1))
+        top = poses[other].translation + np.array([0, 0, task.objects[0].edge])
         try:
             reach = planner.pick(box, Surroundings(poses, YUMI.home), YUMI.arm_names)
             free.append(reach.approach)

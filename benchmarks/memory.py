@@ -83,13 +83,13 @@ def states() -> list[dict[str, Any]]:
         starts = np.arange(FULL, dtype=np.int32)
         worlds = sample_layouts(task, 0, 1)
         worlds = jax.tree.map(lambda leaf: np.repeat(leaf, FULL, axis=0), worlds)
-        table.ids(dataclasses.replace(worlds, kit=worlds.kit + np.float32(1e-4) * starts[:, None]))
+        table.ids(dataclasses.replace(worlds, kits=worlds.kits + np.float32(1e-4) * starts[:, None, None]))
         table.learn(starts, np.zeros(FULL, np.int32))  # which leads to the same state
         tokens, commands = len(semantics.vocabulary), table.num_commands
         rows.append(
             {
                 "task": task.name,
-                "objects": len(task.boxes),
+                "objects": len(task.objects),
                 "leaves": len(semantics.vocabulary.leaves),
                 "commands": commands,
                 "dense [B]": 4 * (2 * tokens + commands),
@@ -104,11 +104,11 @@ def _sixteen_objects() -> Task:
     """Return a task with as many places as 16 objects have: on each other, at four sides of each other, and in 16 slots of
     four trays."""
     task = load_task("stack")
-    more = tuple(dataclasses.replace(task.boxes[0], name=f"Box{i}") for i in range(3, 16))
-    boxes = tuple(dataclasses.replace(box, size=0.04) for box in (*task.boxes, *more))
+    more = tuple(dataclasses.replace(task.objects[0], name=f"Box{i}") for i in range(3, 16))
+    boxes = tuple(dataclasses.replace(box, size=(0.04, 0.04, 0.04)) for box in (*task.objects, *more))
     layout = dataclasses.replace(task.layout, spacing=0.06, margin=0.05)
     genes = dataclasses.replace(task.genes, grid=8, pitch=0.05)
-    return dataclasses.replace(task, name="16 objects", boxes=boxes, layout=layout, genes=genes)
+    return dataclasses.replace(task, name="16 objects", objects=boxes, layout=layout, genes=genes)
 
 
 def measure(population: int, layouts: int, nodes: int, generations: int) -> dict[str, float]:

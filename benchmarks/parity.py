@@ -25,8 +25,9 @@ from bt_jax._util.startup import configure_jax
 from bt_jax.behaviors import Kind, gene_pool
 from bt_jax.mjx_env.physics.factory import make_physics
 from bt_jax.mjx_env.physics.protocol import Settled
-from bt_jax.mjx_env.scene.mjcf import compile_scene, kit_height, timing
+from bt_jax.mjx_env.scene.mjcf import compile_scene, timing
 from bt_jax.tasks import Task, load_task
+from bt_jax.tasks.support import kit_origin
 
 NEAR = 0.002  # metres at boxes of 0.1 m, in proportion for others; poses nearer than this agree
 JITTER = 1e-5  # metres; a problem whose outcome changes with so little is sensitive
@@ -41,7 +42,7 @@ class Problems:
     present: np.ndarray
 
     def settle(self, physics) -> Settled:
-        return jax.tree.map(np.asarray, physics.settle(self.kit, self.poses, self.present))
+        return jax.tree.map(np.asarray, physics.settle(self.kit[:, None], self.poses, self.present))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,18 +73,18 @@ def _batch(task: Task, rng: np.random.Generator, count: int, one: Callable) -> P
 
 def _resting(task: Task, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     table = rng.integers(len(task.tables))
-    kit = np.array([*task.tables[table].position[:2], kit_height(task, table)], np.float32)
+    kit = np.array([*task.tables[table].position[:2], kit_origin(task, task.tables[table])[2]], np.float32)
     others = [place for i, place in enumerate(task.tables) if i != table]
-    poses = np.zeros((len(task.boxes), 7), np.float32)
-    for i, box in enumerate(task.boxes):
+    poses = np.zeros((len(task.objects), 7), np.float32)
+    for i, box in enumerate(task.objects):
         while True:
             place = others[rng.integers(len(others))]
             spread = np.array(place.size[:2]) - 2 * task.layout.margin
             xy = np.array(place.position[:2]) + rng.uniform(-0.5, 0.5, 2) * spread
-            if all(np.hypot(*(xy - other[:2])) > 1.5 * box.size for other in poses[:i]):
+            if all(np.hypot(*(xy - other[:2])) > 1.5 * box.edge for other in poses[:i]):
                 break
-        poses[i] = (*xy, place.top + box.size / 2, *_yaw(rng.uniform(-0.8, 0.8) if rng.random() < 0.5 else 0))
-    return kit, poses, np.ones(len(task.boxes), bool)
+        poses[i] = (*xy, place.top + box.edge / 2, *_yaw(rng.uniform(-0.8, 0.8) if rng.random() < 0.5 else 0))
+    return kit, poses, np.ones(len(task.objects), bool)
 
 
 def _yaw(angle: float) -> tuple[float, float, float, float]:
@@ -92,18 +93,18 @@ def _yaw(angle: float) -> tuple[float, float, float, float]:
 
 def _drop(task: Task, rng: np.random.Generator):
     kit, poses, present = _resting(task, rng)
-    which = rng.integers(len(task.boxes))
-    size = task.boxes[which].size
+    which = rng.integers(len(task.objects))
+    size = task.objects[which].edge
     lift = rng.choice([0.03, 0.05, 0.3, 1.5]) * size
     above = rng.integers(4)
     if above == 0:  # a table, also over its edge
         table = task.tables[rng.integers(len(task.tables))]
         xy = np.array(table.position[:2]) + rng.uniform(-0.5, 0.5, 2) * (np.array(table.size[:2]) + 0.8 * size)
     elif above in (1, 2):  # the kit, walls and all
-        half = task.kit.size / 2 + (0.5 * size if above == 1 else -0.55 * size)
+        half = task.kit.size[0] / 2 + (0.5 * size if above == 1 else -0.55 * size)
         xy = kit[:2] + rng.uniform(-half, half, 2)
     else:
-        xy = poses[rng.integers(len(task.boxes)), :2] + rng.uniform(-0.6, 0.6, 2) * size
+        xy = poses[rng.integers(len(task.objects)), :2] + rng.uniform(-0.6, 0.6, 2) * size
     turned = _yaw(rng.uniform(-0.8, 0.8) if rng.random() < 0.5 else 0)
     floor = min(0.0, *(table.position[2] - table.size[2] / 2 for table in task.tables))
     lowest = floor + size / 2
@@ -112,9 +113,9 @@ def _drop(task: Task, rng: np.random.Generator):
         if np.all(np.abs(xy - table.position[:2]) < np.array(table.size[:2]) / 2 + reach):
             lowest = max(lowest, table.top + size / 2)
     inner = np.abs(xy - kit[:2]).max()
-    if inner < task.kit.size / 2 + reach:
+    if inner < task.kit.size[0] / 2 + reach:
         plate = kit[2] + task.kit.thickness / 2 + size / 2
-        lowest = max(lowest, plate + (task.kit.wall_height if inner > task.kit.inner - reach else 0))
+        lowest = max(lowest, plate + (task.kit.wall_height if inner > task.kit.inner[0] - reach else 0))
     for other, pose in enumerate(poses):
         if other != which and np.hypot(*(xy - pose[:2])) < 1.45 * size:
             lowest = max(lowest, pose[2] + size)
@@ -130,12 +131,12 @@ def _pile(task: Task, rng: np.random.Generator):
         if gene.frame == task.kit.name:
             place = kit + np.array(gene.position)
         else:
-            frame = poses[task.box_names.index(gene.frame)].astype(float)
+            frame = poses[task.object_names.index(gene.frame)].astype(float)
             turn = np.zeros(3)
             mujoco.mju_rotVecQuat(turn, np.array(gene.position), frame[3:])
             place = frame[:3] + turn
         turned = _yaw(rng.uniform(-0.8, 0.8) if rng.random() < 0.3 else 0)
-        poses[task.box_names.index(gene.object)] = (*place, *turned)
+        poses[task.object_names.index(gene.object)] = (*place, *turned)
     present = rng.random(len(poses)) < 0.85
     present[rng.integers(len(poses))] = True
     return kit, poses, present
@@ -151,10 +152,10 @@ class Judge:
 
     def contacts(self, kit, poses, present, *, margin: float = 0.0) -> list[tuple[str, str, float, float]]:
         """Touching pairs (first, second, distance [m], z of the normal from first to second) of the present boxes."""
-        absent = {name for name, here in zip(self.task.box_names, present, strict=True) if not here}
+        absent = {name for name, here in zip(self.task.object_names, present, strict=True) if not here}
         self.model.geom_margin[:] = margin
         self.data.qpos[:] = poses.ravel()
-        self.data.mocap_pos[self.ids.kit_mocap] = kit
+        self.data.mocap_pos[self.ids.kit_mocaps[0]] = kit
         mujoco.mj_forward(self.model, self.data)
         self.model.geom_margin[:] = 0
         found = []

@@ -29,16 +29,16 @@ class PlainEpisode:
         if task.subgoals:
             raise ValueError(f"task {task.name} has subgoals, which are not followed here")
         self.task = task
-        self.model, _ = compile_scene(task, task.box_names)
+        self.model, _ = compile_scene(task, task.object_names)
         self.data = mujoco.MjData(self.model)
         self.scales = timing(task)
-        self.sizes = {box.name: box.size for box in task.boxes}
+        self.sizes = {box.name: box.edge for box in task.objects}
         self.steps = 0
 
     def run(self, tree: Tree, layout: World) -> float:
         """Fitness of one episode in a layout (one state, NumPy)."""
         mujoco.mj_resetData(self.model, self.data)
-        self.kit = np.array(layout.kit, float)
+        self.kit = np.array(layout.kits[0], float)
         self.data.mocap_pos[0] = self.kit
         self.data.qpos[:] = layout.poses.reshape(-1)
         self.held, self.gripper_open = None, True
@@ -103,7 +103,7 @@ class PlainEpisode:
 
     def is_clear(self, name: str) -> bool:
         position, size = self.position(name), self.sizes[name]
-        for other in self.task.box_names:
+        for other in self.task.object_names:
             offset = self.position(other) - position
             if other != name and abs(offset[:2]).max() < size and 0.6 * size < offset[2] < 1.3 * size:
                 return False
@@ -149,11 +149,11 @@ class PlainEpisode:
         return self.body_qpos(name)[:3]
 
     def body_qpos(self, name: str) -> np.ndarray:
-        i = self.task.box_names.index(name)
+        i = self.task.object_names.index(name)
         return self.data.qpos[7 * i : 7 * i + 7]
 
     def body_qvel(self, name: str) -> np.ndarray:
-        i = self.task.box_names.index(name)
+        i = self.task.object_names.index(name)
         return self.data.qvel[6 * i : 6 * i + 6]
 
     def in_world(self, frame: str, position: tuple[float, float, float]) -> np.ndarray:
@@ -174,10 +174,10 @@ class PlainEpisode:
                 tops.append(table.top)
         kit = self.task.kit
         offset = abs(goal[:2] - self.kit[:2])
-        if (offset < half + kit.size / 2).all():
-            on_wall = (offset + half > kit.size / 2 - kit.wall_thickness).any()
+        if (offset < half + kit.size[0] / 2).all():
+            on_wall = (offset + half > kit.size[0] / 2 - kit.wall_thickness).any()
             tops.append(self.kit[2] + kit.thickness / 2 + (kit.wall_height if on_wall else 0))
-        for other in self.task.box_names:
+        for other in self.task.object_names:
             if other != name and (abs(goal[:2] - self.position(other)[:2]) < half + self.sizes[other] / 2).all():
                 tops.append(self.position(other)[2] + self.sizes[other] / 2)
         return max(tops)

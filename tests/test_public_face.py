@@ -40,8 +40,8 @@ FACES = {
         "sample_layouts",
     ],
     "bt_jax.tasks": [
-        "Box", "Episode", "GeneSettings", "Kit", "Layout", "Subgoal", "Table", "Target", "Task", "Weights", "load_task",
-        "task_from_dict", "task_names", "task_of_folder", "with_goal_of", "with_subgoal", "with_targets",
+        "Episode", "GeneSettings", "Kit", "Layout", "Object", "Slot", "Subgoal", "Table", "Target", "Task", "Weights",
+        "load_task", "task_from_dict", "task_names", "task_of_folder", "with_goal_of", "with_subgoal", "with_targets",
     ],
     "bt_jax.experiments": [
         "EXPERIMENTS", "Experiment", "PublishedCurve", "VariantResult", "perform", "published_curves",
@@ -88,6 +88,6 @@ def test_a_notebook_draws_trees_and_tables_tasks():
     assert bt_jax.parse_tree(repr(tree)) == tree
     assert tree._repr_svg_() == bt_jax.to_svg(tree)
     task = bt_jax.load_task("stack")
-    assert repr(task) == "<Task stack: 3 boxes, 2 targets>"
+    assert repr(task) == "<Task stack: 3 objects, 2 targets>"
     assert "GreenBox at (0, 0, 0.1) in YellowBox" in str(task)
     assert "<td>GreenBox at (0, 0, 0.1) in YellowBox</td>" in task._repr_html_()

@@ -87,7 +87,7 @@ class Words:
     def place(self, thing: str, position: Vec3, frame: str) -> str:
         """Say where `thing` is with its centre at `position` [m] in `frame`: "on top of YellowBox". If the task does not
         have the thing or the frame, say it in numbers."""
-        if thing not in self.task.box_names or frame not in self.task.frames:
+        if thing not in self.task.object_names or frame not in self.task.frames:
             return f"at {_numbers(position)} cm from {frame}"
         if frame == self.task.kit.name:
             return self._in_kit(thing, position)
@@ -106,7 +106,7 @@ class Words:
         return right, away
 
     def _by_box(self, thing: str, position: Vec3, frame: str) -> str:
-        size, other = self.task.size(thing), self.task.size(frame)
+        size, other = self.task.edge(thing), self.task.edge(frame)
         right, away = self._seen(position)
         above = position[2] - (size + other) / 2
         level = position[2] - (size - other) / 2
@@ -124,7 +124,7 @@ class Words:
         return f"{self._offset(right, away, size)} {frame}" + (raised if abs(level) >= LEVEL * size else "")
 
     def _in_kit(self, thing: str, position: Vec3) -> str:
-        kit, size = self.task.kit, self.task.size(thing)
+        kit, size = self.task.kit, self.task.edge(thing)
         right, away = self._seen(position)
         raised = position[2] - (kit.thickness + size) / 2
         height = f", {_length(raised)} up" if raised >= LEVEL * size else ""
@@ -143,7 +143,7 @@ class Words:
 
     def _on_table(self, thing: str, position: Vec3) -> str:
         """Say a place in the robot's frame by the table that is there."""
-        size = self.task.size(thing)
+        size = self.task.edge(thing)
         point = [a + b for a, b in zip(position, self.task.robot_position, strict=True)]
         for table in self.task.tables:
             offset = [a - b for a, b in zip(point, table.position, strict=True)]
@@ -189,7 +189,7 @@ def differences(one: Task, other: Task) -> list[str]:
     words, theirs = Words(one), {target.object: target for target in other.targets}
     ours = {target.object: target for target in one.targets}
     said = []
-    for name in one.box_names:
+    for name in one.object_names:
         target = ours.get(name)
         if target == theirs.get(name):
             continue

@@ -24,6 +24,7 @@ class Geometry:
 
     above_least: float = 0.6  # of the mean size: the least height of a cube over the one that it rests on
     above_most: float = 1.3  # and the largest
+    upright: float = 0.97  # cosine of the inclination up to which an object counts as upright: 14 degrees
     seated: float = 0.1  # of its size: how far below the lowest table's top a cube may be, and still be within reach
 
 

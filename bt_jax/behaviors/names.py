@@ -19,7 +19,7 @@ def subgoal_conditions(task: Task, *, source: str | None = None) -> dict[str, tu
         found: dict[Behavior, None] = {}
         for j, text in enumerate(subgoal.conditions):
             try:
-                found |= dict.fromkeys(_condition(text.replace("{box}", name), task) for name in task.box_names)
+                found |= dict.fromkeys(_condition(text.replace("{box}", name), task) for name in task.object_names)
             except UserError as error:
                 where = f"{source or f'task {task.name}'}, key subgoals[{i}].conditions[{j}]"
                 raise UserError(f"{where}: {error}") from error
@@ -40,14 +40,18 @@ def check_names(leaf: Behavior, task: Task) -> None:
     """Raise UserError if a leaf names an object, frame or subgoal that the task does not have."""
     if leaf.body is not None:
         _check_tree(leaf.body, task)
-    objects = (*task.box_names, NOTHING) if leaf.name == "holding" else task.box_names
-    if leaf.object is not None and leaf.object not in objects:
+    if leaf.object is not None and leaf.object not in (*task.instances, *([NOTHING] if leaf.name == "holding" else [])):
+        objects = [*task.kinds, *([NOTHING] if leaf.name == "holding" else [])]
         raise UserError(f"{leaf}: task {task.name} has no object '{leaf.object}'; use one of {', '.join(objects)}")
     if leaf.frame is not None and (leaf.frame not in task.frames or leaf.frame == leaf.object):
-        frames = [frame for frame in task.frames if frame != leaf.object]
+        frames = [frame for frame in task.frames if frame != leaf.object and not _is_instance(task, frame)]
         raise UserError(f"{leaf}: task {task.name} has no frame '{leaf.frame}'; use one of {', '.join(frames)}")
     if leaf.name == "reached" and leaf.args[0] not in [subgoal.name for subgoal in task.subgoals]:
         raise UserError(f"{leaf}: task {task.name} has no such subgoal; add it under subgoals")
+
+
+def _is_instance(task: Task, name: str) -> bool:
+    return name in task.object_names and bool(task.thing(name).part)
 
 
 def _check_tree(tree: Tree, task: Task) -> None:

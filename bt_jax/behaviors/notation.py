@@ -181,10 +181,15 @@ class Parser:
             if numbers != [part for part in parts[:1] if isinstance(part, int)]:
                 name.fail(f"{name.text} takes one number, before its children; write it there, or delete {numbers[-1]}")
             return inner_node(name, [part for part in parts if not isinstance(part, int)], next(iter(numbers), None))
-        wanted = iter(SIGNATURES[name.text].arguments)
+        wanted = iter(SIGNATURES[name.text].arguments + SIGNATURES[name.text].optional)
 
         def argument() -> Argument:
-            return self.node() if next(wanted, None) == "tree" else self.argument()
+            match next(wanted, None):
+                case "tree":
+                    return self.node()
+                case "turn" if self.at_number():
+                    return self.number("a turn in degrees, as 90")
+            return self.argument()
 
         arguments = tuple(self.items(argument))
         try:
@@ -246,12 +251,12 @@ class Parser:
         x, y, z = numbers
         return x, y, z
 
-    def number(self) -> float:
+    def number(self, remedy: str = "positions in metres, as (0, 0, 0.1)") -> float:
         token = self.next()
         try:
             value = float(token.text) + 0.0
         except ValueError:
             value = math.nan
         if not math.isfinite(value):
-            token.fail(f"'{token.text}' is not a number; write positions in metres, as (0, 0, 0.1)")
+            token.fail(f"'{token.text}' is not a number; write {remedy}")
         return value

@@ -1,12 +1,14 @@
 """The leaves of trees for pick-and-place: conditions, actions and genes.
 
 A behavior is a name with arguments, written as `pick(YellowBox)` or `at(GreenBox, (0, 0, 0.1), YellowBox)`. Positions are
-metres in the named frame and mean the centre of the object.
+metres in the named frame and mean the centre of the object. Where a fourth argument follows, as in
+`at(Plate, (0, 0, 0.02), Tray, 90)`, the object is turned by so many degrees about the vertical of that frame.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
@@ -32,10 +34,11 @@ class Signature:
     kind: Kind
     arguments: tuple[str, ...]
     cost: float = 0.0
+    optional: tuple[str, ...] = ()  # further arguments, behind the others
 
 
 SIGNATURES: dict[str, Signature] = {
-    "at": Signature(Kind.CONDITION, ("object", "position", "frame")),
+    "at": Signature(Kind.CONDITION, ("object", "position", "frame"), optional=("turn",)),
     "holding": Signature(Kind.CONDITION, ("object",)),
     "gripper": Signature(Kind.CONDITION, ("opening",)),
     "reachable": Signature(Kind.CONDITION, ("object",)),
@@ -44,8 +47,8 @@ SIGNATURES: dict[str, Signature] = {
     "open_gripper": Signature(Kind.ACTION, (), cost=2.0),
     "close_gripper": Signature(Kind.ACTION, (), cost=2.0),
     "pick": Signature(Kind.ACTION, ("object",), cost=20.0),
-    "place": Signature(Kind.ACTION, ("object", "position", "frame"), cost=20.0),
-    "move": Signature(Kind.GENE, ("object", "position", "frame"), cost=40.0),
+    "place": Signature(Kind.ACTION, ("object", "position", "frame"), cost=20.0, optional=("turn",)),
+    "move": Signature(Kind.GENE, ("object", "position", "frame"), cost=40.0, optional=("turn",)),
     "subtask": Signature(Kind.GENE, ("name", "tree")),
 }
 
@@ -66,13 +69,20 @@ class Behavior:
     def __post_init__(self) -> None:
         if self.name not in SIGNATURES:
             raise UserError(f"unknown behavior '{self.name}'; use one of {', '.join(SIGNATURES)}")
-        wanted = SIGNATURES[self.name].arguments
-        if len(self.args) != len(wanted):
-            raise UserError(f"{self.name} takes ({', '.join(wanted)}), found {len(self.args)} arguments; fix the call")
-        for argument, value in zip(wanted, self.args, strict=True):
+        signature = SIGNATURES[self.name]
+        wanted = signature.arguments + signature.optional
+        if not len(signature.arguments) <= len(self.args) <= len(wanted):
+            takes = ", ".join([*signature.arguments, *(f"[{name}]" for name in signature.optional)])
+            raise UserError(f"{self.name} takes ({takes}), found {len(self.args)} arguments; fix the call")
+        for argument, value in zip(wanted, self.args, strict=False):
             if not isinstance(value, ARGUMENT_TYPES.get(argument, str)):
                 raise UserError(f"{self.name}: {argument} cannot be {value!r}; write it as in {EXAMPLES[argument]}")
-        for argument, value in zip(wanted, self.args, strict=True):
+        if self.turn is not None:
+            if not math.isfinite(self.turn):
+                raise UserError(f"{self.name}: {self.turn} is not a turn; write degrees about the vertical, as 90")
+            args = (*self.args[:-1], round(float(self.turn) % 360, 6))
+            object.__setattr__(self, "args", args)
+        for argument, value in zip(wanted, self.args, strict=False):
             if argument == "position" and not _is_position(value):
                 raise UserError(
                     f"{self.name}: {value} is not a position; write three numbers in metres, as (0, 0, 0.1)"
@@ -95,8 +105,8 @@ class Behavior:
         return SIGNATURES[self.name].cost
 
     def _argument(self, name: str) -> Argument | None:
-        wanted = SIGNATURES[self.name].arguments
-        return self.args[wanted.index(name)] if name in wanted else None
+        wanted = SIGNATURES[self.name].arguments + SIGNATURES[self.name].optional
+        return self.args[wanted.index(name)] if name in wanted[: len(self.args)] else None
 
     @property
     def object(self) -> str | None:
@@ -112,6 +122,12 @@ class Behavior:
     def frame(self) -> str | None:
         value = self._argument("frame")
         return value if isinstance(value, str) else None
+
+    @property
+    def turn(self) -> float | None:
+        """Degrees about the vertical of the frame; None where the behavior does not say."""
+        value = self._argument("turn")
+        return value if isinstance(value, int | float) else None
 
     @property
     def body(self) -> Tree | None:
@@ -170,15 +186,17 @@ class Behavior:
 
 
 Tree = Node[Behavior]
-Argument = str | tuple[float, float, float] | Tree
+Argument = str | float | tuple[float, float, float] | Tree
 ARGUMENT_TYPES: dict[str, type | tuple[type, ...]] = {
     "position": tuple,
+    "turn": (int, float),
     "tree": (Behavior, Control, ExtendedNode),
 }  # others are names
 EXAMPLES = {
     **dict.fromkeys(("object", "position", "frame"), "at(Box, (0, 0, 0.1), Frame)"),
     **dict.fromkeys(("name", "tree"), "subtask(unstack, Sequence(...))"),
     "opening": "gripper(open)",
+    "turn": "at(Box, (0, 0, 0.1), Frame, 90)",
     "subgoal": "reached(unstacked)",
 }
 
@@ -198,4 +216,4 @@ def expand(tree: Tree) -> Tree:
 def _argument_text(value: Argument) -> str:
     if isinstance(value, tuple):
         return f"({', '.join(np.format_float_positional(x, trim='-') for x in value)})"
-    return str(value)
+    return np.format_float_positional(value, trim="-") if isinstance(value, int | float) else str(value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 
 import numpy as np
@@ -177,7 +178,9 @@ def _survey(console: Console, semantics: LeafSemantics, physics: Physics, tree: 
     )
     failures = np.flatnonzero(~solved)
     for k in failures[:LISTED]:
-        away = [f"{t.object} {1000 * d:.0f} mm" for t, d in zip(task.targets, result.distance[0, k], strict=True)]
+        away = [
+            f"{t.object} {1000 * d:.0f} mm" for t, d in zip(task.targets, result.misses.distance[0, k], strict=True)
+        ]
         ending = Ending(int(result.ending[0, k])).name
         console.print(f"[red]✗[/] seed {seeds[k]}: {ending} at tick {result.ticks[0, k]}, {', '.join(away)} off")
     if len(failures) > LISTED:
@@ -231,7 +234,10 @@ def _verdict(task: Task, playback: Playback) -> Text:
     """Say how an episode ended."""
     word, style = ("yes", "bold green") if playback.solved else ("no", "bold red")
     parts: list[str | tuple[str, str]] = [f"ending     {playback.ending.name} at tick {len(playback.ticks)}\n"]
-    for target, distance in zip(task.targets, playback.distance, strict=True):
-        mark = ("✓", "green") if distance < task.episode.tolerance else ("✗", "red")
-        parts += ["target     ", mark, f" {target.object} {1000 * distance:.1f} mm from its place in {target.frame}\n"]
+    misses = playback.misses
+    for target, distance, turn, met in zip(task.targets, misses.distance, misses.turn, misses.met, strict=True):
+        mark = ("✓", "green") if met else ("✗", "red")
+        turned = "" if target.turn is None else f", turned {math.degrees(turn):.1f} degrees off"
+        place = target.slot or f"its place in {target.frame}"
+        parts += ["target     ", mark, f" {target.object} {1000 * distance:.1f} mm from {place}{turned}\n"]
     return Text.assemble(*parts, f"fitness    {playback.fitness:.1f}\nsolved     ", (word, style))

@@ -14,28 +14,28 @@ RELEASED = 1.5  # of the mean size: how high over what it is put on a box may be
 def supports(action: Action, thing: str, task: Task) -> tuple[str, ...]:
     """Return the frames of what a box is put on, when it is released: the boxes under it, or else the kit, or else the
     robot's, in which the tables are fixed."""
-    here, size = action.handled(task.robot_frame), task.size(thing)
+    here, size = action.handled(task.robot_frame), task.edge(thing)
     boxes = tuple(
         name
-        for name in task.box_names
+        for name in task.object_names
         if name != thing
         and name in action.poses
-        and rests_on(here, action.origin(name, task.robot_frame), size, task.size(name), above_most=RELEASED)
+        and rests_on(here, action.origin(name, task.robot_frame), size, task.edge(name), above_most=RELEASED)
     )
     if boxes:
         return boxes
     if task.kit.name in action.poses:
         x, y, z = action.handled(task.kit.name)
-        if max(abs(x), abs(y)) < task.kit.size / 2 and abs(z) < RELEASED * size:
+        if max(abs(x), abs(y)) < task.kit.size[0] / 2 and abs(z) < RELEASED * size:
             return (task.kit.name,)
     return (task.robot_frame,)
 
 
 def is_under(box: str, action: Action, task: Task) -> bool:
     """Return whether another box stands on this one at the moment of an action."""
-    here, size = action.origin(box, task.robot_frame), task.size(box)
+    here, size = action.origin(box, task.robot_frame), task.edge(box)
     return any(
-        rests_on(action.origin(other, task.robot_frame), here, task.size(other), size)
-        for other in task.box_names
+        rests_on(action.origin(other, task.robot_frame), here, task.edge(other), size)
+        for other in task.object_names
         if other != box
     )

@@ -61,16 +61,16 @@ class RecordedTask:
     @staticmethod
     def of(task: Task) -> RecordedTask:
         """Return what is recorded of a task."""
-        return RecordedTask(task.name, {box.name: box.size for box in task.boxes}, task)
+        return RecordedTask(task.name, {box.name: box.edge for box in task.objects}, task)
 
     def difference(self, task: Task) -> str | None:
         """Return how the boxes of a task differ, as part of a sentence, or None."""
-        for box in task.boxes:
+        for box in task.objects:
             known = self.boxes.get(box.name)
             if known is None:
                 return f"task {task.name} has a {box.name} and {self.name} has none"
-            if abs(known - box.size) > 1e-6:
-                return f"{box.name} measures {known:g} m in task {self.name} and {box.size:g} m in {task.name}"
+            if abs(known - box.edge) > 1e-6:
+                return f"{box.name} measures {known:g} m in task {self.name} and {box.edge:g} m in {task.name}"
         return None
 
 
@@ -87,7 +87,7 @@ class Frames:
     @staticmethod
     def of(task: Task) -> Frames:
         """Return the frames of a task: the kit's, the boxes' and the robot's, which is the default."""
-        names = (task.kit.name, *task.box_names, task.robot_frame)
+        names = (task.kit.name, *task.object_names, task.robot_frame)
         return Frames(names, task.robot_frame, task.robot_frame, RecordedTask.of(task))
 
     @property

@@ -97,7 +97,7 @@ def _recorded(info: Mapping[str, Any], source: Path) -> RecordedTask | None:
     except UserError as error:
         raise UserError(f"{error}, or remove the keys task and boxes") from None
     for box, size in found.boxes.items():
-        if (complaint := BOUNDS["boxes.size"].complaint(size)) is not None:
+        if (complaint := BOUNDS["objects.size"].complaint(size)) is not None:
             raise UserError(f"{source}, key boxes.{box}: {complaint}")
     return RecordedTask(found.task, found.boxes)
 

@@ -7,7 +7,7 @@ import math
 
 from bt_jax.tasks import Table, Target, Task
 from bt_jax.tasks.support import kit_origin, resolve
-from bt_jax.tasks.task import Vec3
+from bt_jax.tasks.things import Vec3
 
 __all__ = ["Extent", "box_at", "kit_extent", "kit_tables", "place_extents", "stacked_below", "start_extents"]
 
@@ -43,7 +43,7 @@ def kit_tables(task: Task) -> list[Table]:
 
 def kit_extent(task: Task, table: Table) -> Extent:
     """Return what the kit fills on a table."""
-    half = task.kit.size / 2
+    half = task.kit.size[0] / 2
     top = table.top + task.kit.thickness + task.kit.wall_height
     return Extent(table.position[0], table.position[1], half, half, table.top, top)
 
@@ -51,12 +51,12 @@ def kit_extent(task: Task, table: Table) -> Extent:
 def stacked_below(task: Task, name: str) -> float:
     """Return the height of what is below a box in the stack of the layouts."""
     stack = task.layout.stack
-    return sum(map(task.size, stack[: stack.index(name)]), 0.0) if name in stack else 0.0
+    return sum(map(task.edge, stack[: stack.index(name)]), 0.0) if name in stack else 0.0
 
 
 def start_extents(task: Task, name: str, kit_table: Table) -> list[Extent]:
     """Return where a box may start while the kit is on a table: at its fixed place, or around each other table's middle."""
-    size = task.size(name)
+    size = task.edge(name)
     for fixed in task.layout.fixed:
         if fixed.object == name:
             return [box_at(_plus(task.robot_position, fixed.position), size)]
@@ -77,12 +77,12 @@ def start_extents(task: Task, name: str, kit_table: Table) -> list[Extent]:
 
 def place_extents(task: Task, place: Target, kit_table: Table) -> list[Extent]:
     """Return what a box may fill once it is at a place, while the kit is on a table."""
-    size = task.size(place.object)
+    size = task.edge(place.object)
     root, offset = resolve(task, place)
-    if root not in task.box_names:
+    if root not in task.object_names:
         origin = kit_origin(task, kit_table) if root == task.kit.name else task.robot_position
         return [box_at(_plus(origin, offset), size)]
-    found, wider, half = [], (size - task.size(root)) / 2, task.size(root) / 2
+    found, wider, half = [], (size - task.edge(root)) / 2, task.edge(root) / 2
     for start in start_extents(task, root, kit_table):
         bottom = start.bottom + half + offset[2] - size / 2
         x, y = start.x + offset[0], start.y + offset[1]

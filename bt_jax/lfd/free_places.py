@@ -11,7 +11,7 @@ from bt_jax.behaviors import gene_pool
 from bt_jax.lfd.extents import Extent, box_at, kit_extent, kit_tables, place_extents, start_extents
 from bt_jax.tasks import Table, Target, Task
 from bt_jax.tasks.support import kit_origin, resolve
-from bt_jax.tasks.task import Vec3
+from bt_jax.tasks.things import Vec3
 
 __all__ = ["free_places"]
 
@@ -37,7 +37,7 @@ def free_places(task: Task, boxes: Iterable[str]) -> dict[str, Target]:
 
 def _in_kit(task: Task, carried: list[Extent], name: str) -> Iterator[Target]:
     """Yield the gene pool's places for a box in the kit at which it can lie there."""
-    low, inner = (task.kit.thickness + task.size(name)) / 2, task.kit.inner
+    low, inner = (task.kit.thickness + task.edge(name)) / 2, task.kit.inner[0]
     for gene in gene_pool(task).leaves:
         if gene.name == "move" and gene.object == name and gene.frame == task.kit.name and gene.position is not None:
             place = Target(name, gene.position, task.kit.name)
@@ -48,7 +48,7 @@ def _in_kit(task: Task, carried: list[Extent], name: str) -> Iterator[Target]:
 
 def _on_tables(task: Task, carried: list[Extent], name: str) -> Iterator[Target]:
     """Yield the places of a lattice on every table."""
-    size = task.size(name)
+    size = task.edge(name)
     for table in task.tables:
         across, along = (_lattice(edge, size, task.genes.gap) for edge in table.size[:2])
         for x in across:
@@ -79,18 +79,18 @@ def _inside(carried: list[Extent], place: Target, middle: tuple[float, float], h
 def _carried(task: Task, name: str) -> list[Extent]:
     """Return what a box and those whose targets are in its frame fill, from its centre. A box that has a target itself is
     alone until it is there."""
-    found = [box_at((0.0, 0.0, 0.0), task.size(name))]
+    found = [box_at((0.0, 0.0, 0.0), task.edge(name))]
     for target in task.targets:
         root, offset = resolve(task, target)
         if root == name:
-            found.append(box_at(offset, task.size(target.object)))
+            found.append(box_at(offset, task.edge(target.object)))
     return found
 
 
 def _taken(task: Task, name: str, table: Table, others: Iterable[Target]) -> list[Extent]:
     """Return what may be filled while the kit is on a table, apart from a box and those in its frame: by boxes where they
     start, at their targets, and at their own free places."""
-    found = [extent for other in task.box_names if other != name for extent in start_extents(task, other, table)]
+    found = [extent for other in task.object_names if other != name for extent in start_extents(task, other, table)]
     for target in task.targets:
         found += place_extents(task, target, table) if resolve(task, target)[0] != name else []
     for place in others:

@@ -146,7 +146,7 @@ def _check_scene(demonstrations: Demonstrations, task: Task) -> None:
             raise UserError(
                 f"the demonstrations have a frame '{name}' that task {task.name} has not; use one of {known}"
             )
-    for name in (task.robot_frame, *task.box_names):
+    for name in (task.robot_frame, *task.object_names):
         if name not in frames.names:
             raise UserError(f"the demonstrations lack the frame {name} of task {task.name}; record them in that task")
     if frames.robot != task.robot_frame:
@@ -177,7 +177,7 @@ def _usable(demonstrations: Demonstrations, task: Task) -> Demonstrations:
     problems = list(demonstrations.problems)
     for d, one in enumerate(demonstrations):
         picked = [action.nearest(demonstrations.frames.objects) for action in one.actions if action.kind == "pick"]
-        wrong = next((name for name in picked if name not in task.box_names), None)
+        wrong = next((name for name in picked if name not in task.object_names), None)
         if wrong is None:
             chosen |= {
                 Instance(len(good), m.index): f for m, f in demonstrations.chosen.items() if m.demonstration == d

@@ -77,7 +77,7 @@ class Obstacles:
             return False
         lower, upper = target_of(action), target_of(condition)
         (root, a), (other, b) = resolve(self.task, lower), resolve(self.task, upper)
-        reach = (self.task.size(lower.object) + self.task.size(upper.object)) / 2 - TOUCH
+        reach = (self.task.edge(lower.object) + self.task.edge(upper.object)) / 2 - TOUCH
         return root == other and a[2] < b[2] and max(abs(a[0] - b[0]), abs(a[1] - b[1])) < reach
 
     def _meaning(self, reached: Behavior) -> tuple[Behavior, ...]:
@@ -85,28 +85,30 @@ class Obstacles:
 
     def _asides(self, sure: frozenset[str], possible: frozenset[str]) -> tuple[Behavior, ...]:
         """Return that boxes are at their free places, the highest first; possible obstacles as far as there are places."""
-        for name in self.task.box_names:
+        for name in self.task.object_names:
             if name in sure and name not in self._free:
                 raise UserError(
                     f"task {self.task.name}: no place is free in all layouts to put {name} out of the way; make the kit or "
                     "a table larger"
                 )
-        found = [name for name in self.task.box_names if name in sure | possible and name in self._free]
+        found = [name for name in self.task.object_names if name in sure | possible and name in self._free]
         found.sort(key=lambda name: start_height(self.task, name), reverse=True)
         return tuple(condition_of(self._free[name]) for name in found)
 
     @functools.cached_property
     def _free(self) -> Mapping[str, Target]:
         """Free places for all boxes that may have to be put out of the way."""
-        found = frozenset(self._roots).union(*(above(self.task, name) for name in self.task.box_names))
+        found = frozenset(self._roots).union(*(above(self.task, name) for name in self.task.object_names))
         for target in self.task.targets:
             found = found.union(*self._in_the_way(target))
-        return free_places(self.task, [name for name in self.task.box_names if name in found])
+        return free_places(self.task, [name for name in self.task.object_names if name in found])
 
     @functools.cached_property
     def _roots(self) -> frozenset[str]:
         """The boxes without a target in whose frames others have theirs."""
-        return frozenset(resolve(self.task, target)[0] for target in self.task.targets) & frozenset(self.task.box_names)
+        return frozenset(resolve(self.task, target)[0] for target in self.task.targets) & frozenset(
+            self.task.object_names
+        )
 
     def _in_the_way(self, place: Target) -> tuple[frozenset[str], frozenset[str]]:
         """Return the boxes that must be moved for a placement in all layouts, and in some."""
@@ -115,7 +117,7 @@ class Obstacles:
 
     def _filling(self, place: Target, fills: Callable[[Task, str, Target], bool]) -> frozenset[str]:
         """Return the boxes that fill a place, and what stands on them, but for the box that it is for."""
-        found = [name for name in self.task.box_names if name != place.object and fills(self.task, name, place)]
+        found = [name for name in self.task.object_names if name != place.object and fills(self.task, name, place)]
         return frozenset().union(found, *(above(self.task, name) for name in found)) - {place.object}
 
     def _must_move(self, root: str, target: Target) -> bool:
@@ -126,6 +128,6 @@ class Obstacles:
         of, (x, y, _) = resolve(self.task, target)
         if of != root:
             return False
-        beside = max(abs(x), abs(y)) > (self.task.size(root) + self.task.size(target.object)) / 2 - TOUCH
-        raised = any(root in above(self.task, name) for name in self.task.box_names)
+        beside = max(abs(x), abs(y)) > (self.task.edge(root) + self.task.edge(target.object)) / 2 - TOUCH
+        raised = any(root in above(self.task, name) for name in self.task.object_names)
         return (beside and raised) or (not self.certain and not possible <= sure)

@@ -32,10 +32,10 @@ def fills(task: Task, name: str, place: Target) -> bool:
     root, offset = resolve(task, place)
     stack, fixed = task.layout.stack, [one.object for one in task.layout.fixed]
     if name in stack and root in stack:
-        rise = start_height(task, name) - start_height(task, root) + (task.size(name) - task.size(root)) / 2
-        thing = box_at((0.0, 0.0, rise), task.size(name))
-        return name != root and _in_the_way(thing, box_at(offset, task.size(place.object)))
-    exact = name in fixed and (root in fixed or root not in task.box_names)
+        rise = start_height(task, name) - start_height(task, root) + (task.edge(name) - task.edge(root)) / 2
+        thing = box_at((0.0, 0.0, rise), task.edge(name))
+        return name != root and _in_the_way(thing, box_at(offset, task.edge(place.object)))
+    exact = name in fixed and (root in fixed or root not in task.object_names)
     return exact and name != root and _may_overlap(task, name, place)
 
 
@@ -45,14 +45,14 @@ def may_fill(task: Task, name: str, place: Target) -> bool:
     stack, fixed = task.layout.stack, [one.object for one in task.layout.fixed]
     if name == root or (name in stack and root in stack):
         return fills(task, name, place)
-    if root not in task.box_names or root in fixed or name in fixed:
+    if root not in task.object_names or root in fixed or name in fixed:
         return _may_overlap(task, name, place)
     # Both are somewhere on the tables, apart by the layout's spacing.
-    size = task.size(place.object)
-    reach = (size + task.size(name)) / 2 - TOUCH
+    size = task.edge(place.object)
+    reach = (size + task.edge(name)) / 2 - TOUCH
     near = math.hypot(abs(x) + reach, abs(y) + reach) > task.layout.spacing
-    bottom = start_height(task, root) + task.size(root) / 2 + z - size / 2
-    return near and start_height(task, name) + task.size(name) > bottom + TOUCH
+    bottom = start_height(task, root) + task.edge(root) / 2 + z - size / 2
+    return near and start_height(task, name) + task.edge(name) > bottom + TOUCH
 
 
 def may_start_at(task: Task, place: Target) -> bool:

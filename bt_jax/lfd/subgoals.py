@@ -26,7 +26,7 @@ def derive_subgoal(name: str, demonstrations: Demonstrations, goal: Sequence[Beh
             return subgoal
     freed = [
         Behavior("clear", (box,))
-        for box in task.box_names
+        for box in task.object_names
         if all(is_under(box, one.actions[0], task) and not is_under(box, one.actions[-1], task)
                for one in demonstrations)
     ]  # fmt: skip
@@ -56,7 +56,7 @@ def _holds(condition: Behavior, action: Action, task: Task) -> bool:
             return condition.args[0] == OPEN
         case "reachable":
             lowest = min(table.top for table in task.tables) - task.robot_position[2]
-            return is_reachable(float(action.origin(name, task.robot_frame)[2]), lowest, task.size(name))
+            return is_reachable(float(action.origin(name, task.robot_frame)[2]), lowest, task.edge(name))
         case "clear":
             return not is_under(name, action, task)
     raise ValueError(f"{condition} is no condition of the scene")

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 
 import numpy as np
 from jaxtyping import Bool, Int, Int32
@@ -32,9 +33,9 @@ from bt_jax.behaviors import (
     check_names,
     subgoal_conditions,
 )
-from bt_jax.behaviors.geometry import GEOMETRY
 from bt_jax.encoding.interpret import DECORATED
 from bt_jax.encoding.tick import Status
+from bt_jax.mjx_env.predicates import graspable, in_own_target, is_clear, is_upright, reachable, turn_error
 from bt_jax.mjx_env.world import Array, World, distances, frames, namespace, to_world
 from bt_jax.tasks import Task
 
@@ -45,9 +46,10 @@ __all__ = [
     "Selection",
     "command_of",
     "holding_subgoals",
-    "reachable",
+    "pickable",
     "subgoals_by_sight",
     "subgoals_of",
+    "taken_by",
 ]
 
 # An outcome is subgoals << SUBGOAL_BITS | command << COMMAND_BITS | status, with one bit for each subgoal that it reaches.
@@ -80,8 +82,9 @@ class Selection:
 class LeafSemantics:
     """What the leaves of a vocabulary mean in a task.
 
-    Commands, the actions that the world can be asked for, are numbered: open_gripper, close_gripper, `pick` of each box,
-    then `place` at each of the places (object, position, frame) that the leaves name.
+    Commands, the actions that the world can be asked for, are numbered: open_gripper, close_gripper, `pick` of each object
+    and each part, then `place` at each of the places (object, position, frame, turn) that the leaves name. A name of a part
+    means any of its instances; which one a `pick` takes, says `taken_by`.
     """
 
     task: Task
@@ -108,10 +111,41 @@ class LeafSemantics:
         atoms = [atom for leaf in self.vocabulary.leaves for atom in _atoms(leaf)]
         return tuple(dict.fromkeys(Behavior("at", atom.args) for atom in atoms if atom.position is not None))
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What leaves may call an object: every object, then every part."""
+        return tuple(self.task.instances)
+
+    @property
+    def num_picks(self) -> int:
+        return len(self.names)
+
     @functools.cached_property
-    def place_object(self) -> np.ndarray:
-        """Index of the box of each place, int[n]."""
-        return np.array([self.task.box_names.index(place.object) for place in self.places], int)
+    def members(self) -> np.ndarray:
+        """Which objects each of the names stands for, bool[names, B]."""
+        names = self.task.object_names
+        return np.array([[name in self.task.instances[one] for name in names] for one in self.names], bool)
+
+    @functools.cached_property
+    def place_name(self) -> np.ndarray:
+        """Index in `names` of what each place is for, int[n]."""
+        return np.array([self.names.index(str(place.object)) for place in self.places], int)
+
+    @functools.cached_property
+    def place_turn(self) -> np.ndarray:
+        """How each place wants an object to be turned in its frame, radians, NaN where it does not say, float32[n]."""
+        turns = [math.nan if place.turn is None else math.radians(place.turn) for place in self.places]
+        return np.array(turns, np.float32)
+
+    @property
+    def turns(self) -> bool:
+        """Whether any place says how an object should be turned."""
+        return not bool(np.isnan(self.place_turn).all())
+
+    @functools.cached_property
+    def symmetry(self) -> np.ndarray:
+        """The angle about the vertical after which each object looks alike, radians, 0 for any angle, float32[B]."""
+        return np.array([math.radians(thing.symmetry) for thing in self.task.objects], np.float32)
 
     @functools.cached_property
     def place_frame(self) -> np.ndarray:
@@ -126,14 +160,14 @@ class LeafSemantics:
     @functools.cached_property
     def commands(self) -> tuple[Behavior, ...]:
         """The action behind each command."""
-        picks = [Behavior("pick", (name,)) for name in self.task.box_names]
+        picks = [Behavior("pick", (name,)) for name in self.names]
         places = [Behavior("place", place.args) for place in self.places]
         return (Behavior("open_gripper"), Behavior("close_gripper"), *picks, *places)
 
     @functools.cached_property
     def conditions(self) -> tuple[Behavior, ...]:
         """Every condition whose status is computed; `_condition_values` has one column for each."""
-        names = self.task.box_names
+        names = self.names
         return (
             *self.places,
             *(Behavior("holding", (name,)) for name in (*names, NOTHING)),
@@ -226,17 +260,19 @@ class LeafSemantics:
         """Return the outcomes of all conditions, then of all commands, those at some of the places only. An action succeeds
         if its postconditions hold, fails if its preconditions do not, and otherwise runs."""
         xp = namespace(world.poses)
-        conditions, place_object = self._condition_values(world, places), self.place_object[places]
-        left_out = len(self.places) - len(place_object)
+        conditions, place_name = self._condition_values(world, places), self.place_name[places]
+        left_out = len(self.places) - len(place_name)
         named = {name: np.array(columns) - left_out for name, columns in self._named.items()}
         holding, can_hold = (conditions[:, named[name]] for name in ("holding", "clear"))
         holding, empty = holding[:, :-1], holding[:, -1:]
         opened, closed = world.gripper_open[:, None], ~world.gripper_open[:, None]
         can_pick = opened & can_hold & conditions[:, named["reachable"]]
-        at = conditions[:, : len(place_object)]
+        if not self._picks_are_plain:
+            can_pick = opened & self.any_of(pickable(self, world))
+        at = conditions[:, : len(place_name)]
         done = xp.concatenate([opened & empty, closed, holding, at & empty], axis=1)
         always = xp.ones((conditions.shape[0], 2), bool)
-        possible = xp.concatenate([always, can_pick, holding[:, place_object]], axis=1)
+        possible = xp.concatenate([always, can_pick, holding[:, place_name]], axis=1)
         numbers = np.arange(len(self.commands), dtype=np.int32)
         others = len(self.commands) - len(self.places)
         numbers = np.concatenate([numbers[:others], numbers[others:][places]])
@@ -258,23 +294,86 @@ class LeafSemantics:
     def _scene_values(self, world: World, places: np.ndarray | slice = ALL) -> Bool[Array, "S conditions"]:
         """Return the values of all conditions but `reached`, those at some of the places only."""
         xp = namespace(world.poses)
-        place_object = self.place_object[places]
-        goal = to_world(frames(world, self.task), self.place_frame[places], self.place_position[places])
-        away = distances(world.poses[:, place_object, :3], goal)
-        boxes = np.arange(len(self.task.boxes), dtype=np.int8)
-        holding = world.held[:, None] == np.append(boxes, np.int8(-1))[None]
+        objects = np.arange(len(self.task.objects), dtype=np.int8)
+        held = world.held[:, None] == objects[None]
         gripper = xp.stack([world.gripper_open, ~world.gripper_open], axis=1)
-        carried = world.held[:, None] == place_object.astype(np.int8)[None]
         return xp.concatenate(
             [
-                (away < np.float32(self.task.episode.tolerance)) & ~carried,
-                holding,
+                self._at(world, places),
+                self.any_of(held),
+                (world.held < 0)[:, None],
                 gripper,
-                reachable(world, self.task),
-                ~xp.any(_rests_on(world, self.task), axis=-2),
+                self.any_of(reachable(world, self.task)),
+                self.any_of(is_clear(world, self.task)),
             ],
             axis=1,
         )
+
+    def any_of(self, values: Bool[Array, "S B"]) -> Bool[Array, "S names"]:
+        """Return for each name whether the value is true of any object that it stands for."""
+        parts = self.members[len(self.task.objects) :]
+        if not len(parts):
+            return values
+        return namespace(values).concatenate([values, *(values[:, own].any(axis=1, keepdims=True) for own in parts)], 1)
+
+    def _at(self, world: World, places: np.ndarray | slice) -> Bool[Array, "S places"]:
+        """Return whether what each of the places is for stands there, any instance of a part, and turned as it says."""
+        xp = namespace(world.poses)
+        name, frame = self.place_name[places], self.place_frame[places]
+        poses_of_frames = frames(world, self.task)
+        goal = to_world(poses_of_frames, frame, self.place_position[places])
+        tolerance = np.float32(self.task.episode.tolerance)
+        upright = None if self.task.all_cubes else is_upright(world, self.task)
+        found = xp.zeros(goal.shape[:-1], bool)
+        for turn in range(int(self.members.sum(axis=1).max())):
+            # The first, second, ... object of each name; the last one again where a name has fewer.
+            own = self._instances[name, turn]
+            there = distances(world.poses[:, own, :3], goal) < tolerance
+            there = there & (world.held[:, None] != own.astype(np.int8)[None])
+            if upright is not None:
+                there = there & upright[:, own]
+            if self.turns:
+                wanted = self.place_turn[places][None]
+                error = turn_error(
+                    world.poses[:, own, 3:], poses_of_frames[:, frame, 3:], wanted, self.symmetry[own][None]
+                )
+                most = np.float32(math.radians(self.task.episode.turn_tolerance))
+                there = there & (np.isnan(wanted) | (xp.abs(error) < most))
+            found = found | there
+        return found
+
+    @functools.cached_property
+    def _instances(self) -> np.ndarray:
+        """The objects that each name stands for, the last one repeated, int[names, most]."""
+        of_names = [np.flatnonzero(own) for own in self.members]
+        most = max(map(len, of_names))
+        return np.array([np.pad(own, (0, most - len(own)), mode="edge") for own in of_names])
+
+    @functools.cached_property
+    def _picks_are_plain(self) -> bool:
+        """Whether whatever is clear and within reach can be picked: the gripper takes every object in every position, and
+        no part leaves a choice."""
+        return self.task.all_cubes and not self.task.finger_room and len(self.names) == len(self.task.objects)
+
+
+def pickable(semantics: LeafSemantics, world: World) -> Bool[Array, "S B"]:
+    """Return which objects an open and empty gripper can take by the name of their part, or by their own if they have none:
+    clear, within reach, graspable, and no instance that stands in a target of its part already."""
+    task = semantics.task
+    return is_clear(world, task) & reachable(world, task) & graspable(world, task) & ~in_own_target(world, task)
+
+
+def taken_by(semantics: LeafSemantics, world: World, pick: Int32[Array, " S"]) -> Int32[Array, " S"]:
+    """Return which object a `pick` takes in each state, given as an index of `LeafSemantics.names`: of a part, the pickable
+    instance that is nearest to the robot, the first of several."""
+    xp = namespace(world.poses)
+    if len(semantics.names) == len(semantics.task.objects):
+        return pick
+    x, y, _ = semantics.task.robot_position
+    away = (world.poses[..., 0] - np.float32(x)) ** 2 + (world.poses[..., 1] - np.float32(y)) ** 2
+    candidates = xp.asarray(semantics.members)[pick] & pickable(semantics, world)
+    nearest = xp.argmin(xp.where(candidates, away, np.float32(np.inf)), axis=1)
+    return xp.where(pick < len(semantics.task.objects), pick, nearest).astype(np.int32)
 
 
 def subgoals_by_sight(task: Task, world: World) -> Bool[Array, "S G"]:
@@ -301,26 +400,6 @@ def _subgoal_columns(task: Task) -> tuple[LeafSemantics, list[np.ndarray]]:
     meanings = subgoal_conditions(task).values()
     semantics = LeafSemantics(task, Vocabulary.of(condition for meaning in meanings for condition in meaning))
     return semantics, [np.array([semantics._columns[condition] for condition in meaning]) for meaning in meanings]
-
-
-def reachable(world: World, task: Task) -> Bool[Array, "S B"]:
-    """Return which boxes the gripper reaches: those not below the lowest table's top, so not on the floor."""
-    sizes = np.array([[box.size for box in task.boxes]], np.float32)
-    lowest = np.float32(min(table.top for table in task.tables))
-    return world.poses[..., 2] > lowest - np.float32(GEOMETRY.seated) * sizes
-
-
-def _rests_on(world: World, task: Task) -> Bool[Array, "S B B"]:
-    """Return at [s, i, j] whether box i stands over box j, close enough to rest on it; a held box rests on nothing."""
-    xp = namespace(world.poses)
-    sizes = np.array([box.size for box in task.boxes], np.float32)
-    middle = ((sizes[:, None] + sizes[None, :]) / 2)[None]
-    offset = world.poses[..., :, None, :3] - world.poses[..., None, :, :3]
-    least, most = np.float32(GEOMETRY.above_least), np.float32(GEOMETRY.above_most)
-    above = (offset[..., 2] > least * middle) & (offset[..., 2] < most * middle)
-    over = xp.max(xp.abs(offset[..., :2]), axis=-1) < middle
-    held = world.held[..., None] == np.arange(len(sizes), dtype=np.int8)[None]
-    return above & over & ~held[..., :, None] & ~held[..., None, :]
 
 
 def _selection(places: np.ndarray | slice, groups: list[tuple[np.ndarray, Tree, np.ndarray]]) -> Selection:

@@ -1,6 +1,6 @@
 """The idealized gripper: what a command does to a state before gravity and contacts take over, and after.
 
-`pick` takes the box rigidly and lifts it; `place` carries it over the pose and lowers it until it is there, or until it
+`pick` takes the object rigidly and lifts it; `place` carries it over the pose and lowers it until it is there, or until it
 touches something, and lets go; `open_gripper` drops what is held.
 """
 
@@ -12,14 +12,20 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
-from bt_jax.mjx_env.scene.surfaces import Surfaces, box_surfaces, fixed_surfaces, support_height
-from bt_jax.mjx_env.semantics import LeafSemantics, subgoals_by_sight
-from bt_jax.mjx_env.world import Array, World, frames, namespace, rotate, snap
+from bt_jax.mjx_env.semantics import LeafSemantics, subgoals_by_sight, taken_by, turn_error
+from bt_jax.mjx_env.surfaces import (
+    fixed_surfaces,
+    joined,
+    object_surfaces,
+    standing_extents,
+    support_height,
+)
+from bt_jax.mjx_env.world import Array, World, frames, namespace, rotate, snap, turned_about_vertical
 from bt_jax.tasks import Task
 
 __all__ = ["LIFT", "Released", "act", "reach", "settled_world"]
 
-LIFT = 1.0  # height by which a picked box is raised, in its own sizes
+LIFT = 1.0  # height by which a picked object is raised, in its longest edges
 
 
 @jax.tree_util.register_dataclass
@@ -27,22 +33,23 @@ LIFT = 1.0  # height by which a picked box is raised, in its own sizes
 class Released:
     """A state in mid-command: what has to settle."""
 
-    world: World  # the held box, if any, at its new pose; nothing has moved otherwise
-    poses: Float32[Array, "S B 7"]  # where every box starts to fall from
-    present: Bool[Array, "S B"]  # boxes that gravity and contacts act on: all but the held one
-    box: Int32[Array, " S"]  # the box that was taken or let go, -1 where none
+    world: World  # the held object, if any, at its new pose; nothing has moved otherwise
+    poses: Float32[Array, "S B 7"]  # where every object starts to fall from
+    present: Bool[Array, "S B"]  # objects that gravity and contacts act on: all but the held one
+    box: Int32[Array, " S"]  # the object that was taken or let go, -1 where none
 
 
 def act(semantics: LeafSemantics, world: World, command: Int32[Array, " S"]) -> Released:
     """Carry out one command in each state, up to the moment when the gripper lets go or has lifted."""
-    task, count = semantics.task, len(semantics.task.boxes)
+    task, count = semantics.task, len(semantics.task.objects)
     xp = namespace(world.poses)
-    boxes = np.arange(count, dtype=np.int8)[None]
-    held = world.held[:, None] == boxes
-    pick, place = command - 2, command - 2 - count
-    is_pick, is_place = (pick >= 0) & (pick < count), place >= 0
-    picked = is_pick[:, None] & (pick.astype(np.int8)[:, None] == boxes)
-    lift = np.array([[box.size for box in task.boxes]], np.float32) * np.float32(LIFT)
+    objects = np.arange(count, dtype=np.int8)[None]
+    held = world.held[:, None] == objects
+    pick, place = command - 2, command - 2 - semantics.num_picks
+    is_pick, is_place = (pick >= 0) & (pick < semantics.num_picks), place >= 0
+    taken = taken_by(semantics, world, xp.where(is_pick, pick, 0)).astype(np.int8)
+    picked = is_pick[:, None] & (taken[:, None] == objects)
+    lift = np.array([[thing.edge for thing in task.objects]], np.float32) * np.float32(LIFT)
     raised = xp.concatenate([world.poses[..., :2], (world.poses[..., 2] + lift)[..., None], world.poses[..., 3:]], -1)
     poses = xp.where(picked[..., None], raised, world.poses)
     if semantics.places:
@@ -51,16 +58,16 @@ def act(semantics: LeafSemantics, world: World, command: Int32[Array, " S"]) -> 
         poses = xp.where(carried[..., None], goal, poses)
     opens = (command == 0) | is_place
     closes = (command == 1) | is_pick
-    held_after = xp.where(is_pick, pick.astype(np.int8), xp.where(opens, np.int8(-1), world.held))
-    handled = xp.where(is_pick, pick, xp.where(opens, world.held.astype(np.int32), np.int32(-1)))
+    held_after = xp.where(is_pick, taken, xp.where(opens, np.int8(-1), world.held))
+    handled = xp.where(is_pick, taken.astype(np.int32), xp.where(opens, world.held.astype(np.int32), np.int32(-1)))
     after = World(
-        kit=world.kit,
+        kits=world.kits,
         poses=poses,
         held=held_after.astype(np.int8),
         gripper_open=(world.gripper_open | opens) & ~closes,
         reached=world.reached,
     )
-    return Released(after, poses, held_after[:, None] != boxes, handled.astype(np.int32))
+    return Released(after, poses, held_after[:, None] != objects, handled.astype(np.int32))
 
 
 def reach(world: World, subgoals: Int32[Array, " S"]) -> World:
@@ -78,30 +85,32 @@ def settled_world(task: Task, released: Released, poses: Float32[Array, "S B 7"]
 
 
 def _release_pose(semantics: LeafSemantics, world: World, place: Int32[Array, " S"]) -> Float32[Array, "S B 7"]:
-    """Return where the gripper lets go of the held box: the goal, or over what is in the way of lowering it there. The
-    box keeps its orientation. The poses are the same for all boxes of a state; only that of the held one is used."""
+    """Return where the gripper lets go of the held object: the goal, or over what is in the way of lowering it there. It is
+    turned about the vertical, the shorter way, where the place says how it should lie, and keeps its orientation otherwise.
+    The poses are those of all objects of a state as if each were held; only that of the held one is used."""
     task = semantics.task
     xp = namespace(world.poses)
     rows = np.arange(world.held.shape[0])
     frame = frames(world, task)[rows, xp.asarray(semantics.place_frame)[place]]
     goal = frame[:, :3] + rotate(frame[:, 3:], xp.asarray(semantics.place_position)[place])
-    sizes = xp.asarray(np.array([box.size for box in task.boxes], np.float32))
-    half = sizes[xp.maximum(world.held, 0)] / 2
-    fixed, movable = fixed_surfaces(task, world.kit), box_surfaces(task, world.poses)
-    surfaces = Surfaces(
-        centre=xp.concatenate([fixed.centre, movable.centre], axis=1),
-        half=xp.concatenate([fixed.half, movable.half], axis=1),
-        top=xp.concatenate([fixed.top, movable.top], axis=1),
-    )
+    held = xp.maximum(world.held, 0)
+    turns = world.poses[..., 3:]
+    if semantics.turns:
+        wanted = xp.asarray(semantics.place_turn)[place]
+        error = turn_error(turns[rows, held], frame[:, 3:], wanted, xp.asarray(semantics.symmetry)[held])
+        turned = turned_about_vertical(turns, xp.broadcast_to(-error[:, None], turns.shape[:-1]))
+        turns = xp.where(xp.isnan(wanted)[:, None, None], turns, turned)
+    half = standing_extents(task, turns)[rows, held]
+    surfaces = joined(fixed_surfaces(task, world.kits), object_surfaces(task, world.poses))
     usable = xp.concatenate(
         [
-            xp.ones(fixed.top.shape, bool),
-            world.held[:, None] != np.arange(len(task.boxes), dtype=np.int8)[None],
+            xp.ones((rows.size, surfaces.top.shape[1] - len(task.objects)), bool),
+            world.held[:, None] != np.arange(len(task.objects), dtype=np.int8)[None],
         ],
         axis=1,
     )
-    support = support_height(surfaces, goal[:, :2], half, usable)
-    height = xp.maximum(goal[:, 2], support + half)
+    support = support_height(surfaces, goal[:, :2], half[:, :2], usable)
+    height = xp.maximum(goal[:, 2], support + half[:, 2])
     position = xp.concatenate([goal[:, :2], height[:, None]], axis=-1)
     position = xp.broadcast_to(position[:, None], (*world.poses.shape[:-1], 3))
-    return xp.concatenate([position, world.poses[..., 3:]], axis=-1)
+    return xp.concatenate([position, turns], axis=-1)

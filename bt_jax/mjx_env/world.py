@@ -23,18 +23,22 @@ __all__ = [
     "concatenate",
     "distances",
     "frames",
+    "headings",
     "namespace",
     "rotate",
     "row_names",
     "snap",
     "take",
     "to_world",
+    "turned_about_vertical",
+    "uprightness",
     "world_keys",
 ]
 
 Array: TypeAlias = Any  # NumPy's or JAX's, and a function returns the kind it was given, which no union can say
 
 POSITION_GRID = 1e-4  # metres
+STEEP = 0.7  # sine of the inclination from which an axis says nothing about the heading
 ROTATION_GRID = 1e-3  # of a quaternion's components: about 0.1 mm at the corner of a 0.1 m cube
 
 
@@ -43,9 +47,9 @@ ROTATION_GRID = 1e-3  # of a quaternion's components: about 0.1 mm at the corner
 class World:
     """A batch of S states at rest. Positions are metres in the world frame, quaternions (w, x, y, z)."""
 
-    kit: Float32[Array, "*S 3"]  # origin of the kit's frame, whose axes are the world's
-    poses: Float32[Array, "*S B 7"]  # of the boxes' centres: position, quaternion
-    held: Int8[Array, "*S"]  # index of the box in the gripper, or -1
+    kits: Float32[Array, "*S T 3"]  # origins of the kits' frames, whose axes are the world's
+    poses: Float32[Array, "*S B 7"]  # of the objects' centres: position, quaternion
+    held: Int8[Array, "*S"]  # index of the object in the gripper, or -1
     gripper_open: Bool[Array, "*S"]  # the gripper
     reached: Bool[Array, "*S G"]  # subgoals that have held
 
@@ -59,7 +63,7 @@ def take(world: World, index: int | slice | Array) -> World:
     """Return the states at `index` along the first dimension."""
     # Written out: walking a pytree takes longer than the rest for the few states of one tick.
     return World(
-        world.kit[index], world.poses[index], world.held[index], world.gripper_open[index], world.reached[index]
+        world.kits[index], world.poses[index], world.held[index], world.gripper_open[index], world.reached[index]
     )
 
 
@@ -86,15 +90,13 @@ def rotate(quaternion: Float32[Array, "*S 4"], vector: Float32[Array, "*#S 3"]) 
 
 
 def frames(world: World, task: Task) -> Float32[Array, "*S F 7"]:
-    """Return the poses of all frames of the task in the world, in the order of `task.frames`: boxes, kit, robot."""
+    """Return the poses of all frames of the task in the world, in the order of `task.frames`: objects, kits, robot."""
     xp = namespace(world.poses)
     upright = xp.asarray([1, 0, 0, 0], np.float32)
-    batch = world.kit.shape[:-1]
-    kit = xp.concatenate([world.kit, xp.broadcast_to(upright, (*batch, 4))], axis=-1)
+    batch = world.kits.shape[:-2]
+    kits = xp.concatenate([world.kits, xp.broadcast_to(upright, (*world.kits.shape[:-1], 4))], axis=-1)
     robot = xp.concatenate([xp.asarray(task.robot_position, np.float32), upright])
-    return xp.concatenate(
-        [world.poses, kit[..., None, :], xp.broadcast_to(robot, (*batch, 1, 7))], axis=-2, dtype=np.float32
-    )
+    return xp.concatenate([world.poses, kits, xp.broadcast_to(robot, (*batch, 1, 7))], axis=-2, dtype=np.float32)
 
 
 def to_world(
@@ -104,6 +106,29 @@ def to_world(
     poses = frame_poses[..., frame, :]
     points = namespace(frame_poses).asarray(position.reshape((1,) * (poses.ndim - 2) + position.shape), np.float32)
     return poses[..., :3] + rotate(poses[..., 3:], points)
+
+
+def uprightness(quaternion: Float32[Array, "*S 4"]) -> Float32[Array, "*S"]:
+    """Return the cosine of the angle between the own z axis and the vertical: 1 upright, 0 lying, -1 upside down."""
+    return 1 - 2 * (quaternion[..., 1] ** 2 + quaternion[..., 2] ** 2)
+
+
+def headings(quaternion: Float32[Array, "*S 4"]) -> Float32[Array, "*S"]:
+    """Return the angle about the vertical, radians, of the own x axis, or of the y axis less a right angle where the x axis
+    is steep."""
+    xp = namespace(quaternion)
+    w, x, y, z = (quaternion[..., i] for i in range(4))
+    along_x = xp.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
+    along_y = xp.arctan2(2 * (w * z - x * y), 1 - 2 * (x * x + z * z))
+    steep = xp.abs(x * z - w * y) > np.float32(STEEP / 2)
+    return xp.where(steep, along_y, along_x)
+
+
+def turned_about_vertical(quaternion: Float32[Array, "*S 4"], angle: Float32[Array, "*S"]) -> Float32[Array, "*S 4"]:
+    """Return quaternions (wxyz) turned by angles, radians, about the world's vertical."""
+    c, s = namespace(quaternion).cos(angle / 2), namespace(quaternion).sin(angle / 2)
+    w, x, y, z = (quaternion[..., i] for i in range(4))
+    return namespace(quaternion).stack([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w], axis=-1)
 
 
 def snap(poses: Float32[Array, "*S 7"]) -> Float32[Array, "*S 7"]:
@@ -123,7 +148,7 @@ def world_keys(world: World) -> Int32[np.ndarray, "S n"]:
     grid = np.array([POSITION_GRID] * 3 + [ROTATION_GRID] * 4)
     return np.concatenate(
         [
-            np.rint(world.kit / POSITION_GRID).astype(np.int32),
+            np.rint(world.kits / POSITION_GRID).astype(np.int32).reshape(count, -1),
             np.rint(world.poses / grid).astype(np.int32).reshape(count, -1),
             world.held[:, None].astype(np.int32),
             world.gripper_open[:, None].astype(np.int32),

@@ -1,13 +1,15 @@
 from bt_jax.tasks.changes import with_goal_of, with_subgoal, with_targets
 from bt_jax.tasks.files import load_task, task_from_dict, task_names, task_of_folder
-from bt_jax.tasks.task import Box, Episode, GeneSettings, Kit, Layout, Subgoal, Table, Target, Task, Weights
+from bt_jax.tasks.task import Episode, GeneSettings, Layout, Subgoal, Target, Task, Weights
+from bt_jax.tasks.things import Kit, Object, Slot, Table
 
 __all__ = [
-    "Box",
     "Episode",
     "GeneSettings",
     "Kit",
     "Layout",
+    "Object",
+    "Slot",
     "Subgoal",
     "Table",
     "Target",

@@ -37,22 +37,30 @@ def _metres(low: float, high: float) -> Bound:
 
 NOISE = _metres(0.0, 0.1)  # of a person who demonstrates
 POSITION, LENGTH, GAP = _metres(-10.0, 10.0), _metres(0.0005, 2.0), _metres(0.0, 2.0)
+TURN = Bound(-360.0, 360.0, "degrees")
 TICKS, COST = Bound(1.0, 10_000.0, "ticks"), Bound(0.0, 1e6)
 BOUNDS: Mapping[str, Bound] = MappingProxyType(
     {  # key of a task, without the numbers of list entries
         "tables.position": POSITION,
         "tables.size": _metres(0.005, 10.0),
-        "kit.size": _metres(0.005, 2.0),
-        "kit.thickness": LENGTH,
-        "kit.wall_height": LENGTH,
-        "kit.wall_thickness": LENGTH,
-        "boxes.size": _metres(0.005, 2.0),
-        "boxes.color": Bound(0.0, 1.0, slip=("of 255", 1 / 255)),
-        "boxes.density": Bound(10.0, 25_000.0, "kg/m³", ("g/cm³", 1000.0)),  # foam to osmium
+        "kits.position": POSITION,
+        "kits.slots.position": POSITION,
+        "kits.slots.turn": TURN,
+        "kits.grid": Bound(1.0, 20.0),
+        "kits.size": _metres(0.005, 2.0),
+        "kits.thickness": LENGTH,
+        "kits.wall_height": LENGTH,
+        "kits.wall_thickness": LENGTH,
+        "objects.size": _metres(0.005, 2.0),
+        "objects.color": Bound(0.0, 1.0, slip=("of 255", 1 / 255)),
+        "objects.density": Bound(10.0, 25_000.0, "kg/m³", ("g/cm³", 1000.0)),  # foam to osmium
         "targets.position": POSITION,
+        "targets.turn": TURN,
         "layout.spacing": GAP,
         "layout.margin": GAP,
+        "layout.turn": Bound(0.0, 180.0, "degrees"),
         "layout.fixed.position": POSITION,
+        "layout.fixed.turn": TURN,
         "genes.gap": GAP,
         "genes.grid": Bound(0.0, 20.0),
         "genes.pitch": GAP,
@@ -61,13 +69,16 @@ BOUNDS: Mapping[str, Bound] = MappingProxyType(
         "episode.success_ticks": TICKS,
         "episode.action_ticks": TICKS,
         "episode.tolerance": _metres(0.0001, 1.0),
+        "episode.turn_tolerance": Bound(0.01, 45.0, "degrees"),
         "weights.distance": COST,
         "weights.node": COST,
         "weights.timeout": COST,
         "weights.failure": COST,
         "weights.subgoal": COST,
+        "weights.turn": COST,
         "robot_position": POSITION,
         "gripper_opening": _metres(0.005, 2.0),
+        "finger_room": GAP,
     }
 )
 
@@ -82,7 +93,7 @@ def out_of_bounds(thing: Any) -> Iterator[tuple[str, str]]:
 
 def numbers(value: Any, key: str, name: str) -> Iterator[tuple[str, str, float]]:
     """Yield the key, the key without the numbers of list entries, and the value of every number."""
-    if isinstance(value, int | float):
+    if isinstance(value, int | float) and not isinstance(value, bool):
         yield key, name, float(value)
     elif isinstance(value, tuple):
         for i, item in enumerate(value):

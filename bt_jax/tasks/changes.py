@@ -12,7 +12,7 @@ from bt_jax.tasks.task import Subgoal, Target, Task
 
 __all__ = ["not_taken_over", "with_goal_of", "with_subgoal", "with_targets"]
 
-SCENE = ("boxes", "tables", "kit", "robot_frame", "robot_position", "gripper_opening")
+SCENE = ("objects", "tables", "kits", "robot_frame", "robot_position", "gripper_opening", "finger_room")
 WORTH = ("episode", "weights", "subgoals", "subgoal_reward")
 
 

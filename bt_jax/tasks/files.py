@@ -17,6 +17,7 @@ from bt_jax._util.json_files import read_json
 from bt_jax._util.yaml_files import read_yaml
 from bt_jax.tasks.checks import check, check_support
 from bt_jax.tasks.task import Task
+from bt_jax.tasks.written import WrittenTask, merged
 
 __all__ = ["load_task", "task_from_dict", "task_names", "task_of_folder"]
 
@@ -25,6 +26,7 @@ SUBGOALS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {"unstacked": ("holding(nothing)", "reachable({box})", "clear({box})")}  # every box rests on a table or in the kit
 )
 
+BASES = FOLDER / "bases"  # what tasks extend, and no tasks themselves
 BEFORE: Mapping[str, str] = MappingProxyType({"subgoal_reward": "seen"})  # key -> what holds where it is not kept
 
 EXAMPLES: Mapping[str, str] = MappingProxyType(
@@ -37,8 +39,6 @@ EXAMPLES: Mapping[str, str] = MappingProxyType(
         "frame": "KittingBox",
         "conditions": "[clear(YellowBox)]",
         "tables": "[{name: Left, position: [-0.4, 0, 0.35], size: [0.6, 0.6, 0.7]}]",
-        "kit": "{name: KittingBox, size: 0.4}",
-        "boxes": "[{name: YellowBox, size: 0.05, color: [0.9, 0.7, 0.1]}]",
         "targets": "[{object: YellowBox, position: [0, 0, 0.03], frame: KittingBox}]",
     }
 )
@@ -88,9 +88,28 @@ def task_from_dict(data: Any, *, source: str, kept: bool = False) -> Task:
     data.pop("extends", None)
     if isinstance(data.get("subgoals"), list | tuple):
         data["subgoals"] = [_subgoal(entry, source) for entry in data["subgoals"]]
-    task = decode(data, Task, source, examples=EXAMPLES)
-    check(task, source)
+    episode = data.get("episode")
+    written = decode(_without_keywords(data), WrittenTask, source, examples=EXAMPLES)
+    task, keys = written.task(source, ticks_given=isinstance(episode, Mapping) and "max_ticks" in episode)
+    check(task, source, keys)
     return task
+
+
+def _without_keywords(data: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return a task's mapping with `takes` for the `for` of its slots, which no field can be called."""
+    if not isinstance(kits := data.get("kits"), list | tuple):
+        return data
+
+    def renamed(slot: Any) -> Any:
+        return (
+            {"takes" if key == "for" else key: value for key, value in slot.items()} if isinstance(slot, dict) else slot
+        )
+
+    def of_kit(kit: Any) -> Any:
+        slots = kit.get("slots") if isinstance(kit, dict) else None
+        return {**kit, "slots": [renamed(slot) for slot in slots]} if isinstance(slots, list | tuple) else kit
+
+    return {**data, "kits": [of_kit(kit) for kit in kits]}
 
 
 def _subgoal(entry: Any, source: str) -> Any:
@@ -124,27 +143,24 @@ def _is_file(path: Path) -> bool:
     return False
 
 
+def _base(name: str, path: Path) -> Path:
+    """Return the file that a task extends: a task or a base of the package, or a file beside it."""
+    own = [folder / f"{name}.yaml" for folder in (FOLDER, BASES)]
+    return next((file for file in own if _is_file(file)), path.parent / name)
+
+
 def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     data = read_yaml(path)
     if not isinstance(data, dict):
-        raise UserError(f"{path} must be a mapping with keys such as boxes and targets; see bt_jax/tasks/stack.yaml")
+        raise UserError(f"{path} must be a mapping with keys such as objects and targets; see bt_jax/tasks/stack.yaml")
     if "extends" not in data:
         return data
     path = path.resolve()
-    base = _find(data["extends"]) if str(data["extends"]) in task_names() else path.parent / str(data["extends"])
-    base = base.resolve()
+    base = _base(str(data["extends"]), path).resolve()
     if not _is_file(base) or base in (*seen, path):
         raise UserError(
             f"{path}, key extends: '{data['extends']}' is not another task; name one of {', '.join(task_names())}"
         )
     inherited = _read(base, (*seen, path))
     inherited.pop("description", None)  # it describes the base
-    return _merge(inherited, data)
-
-
-def _merge(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
-    merged = dict(base)
-    for key, value in over.items():
-        both_maps = isinstance(value, dict) and isinstance(base.get(key), dict)
-        merged[key] = _merge(base[key], value) if both_maps else value
-    return merged
+    return merged(inherited, data)

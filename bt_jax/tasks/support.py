@@ -5,9 +5,11 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+from collections import Counter
 from collections.abc import Iterator
 
-from bt_jax.tasks.task import Table, Target, Task, Vec3
+from bt_jax.tasks.task import Target, Task
+from bt_jax.tasks.things import Object, Table, Vec3
 
 __all__ = ["kit_origin", "resolve", "unsupported"]
 
@@ -24,8 +26,8 @@ class _Top:
     half_y: float
     z: float
 
-    def is_under(self, x: float, y: float, half: float) -> bool:
-        return abs(x - self.x) < self.half_x + half and abs(y - self.y) < self.half_y + half
+    def is_under(self, x: float, y: float, half_x: float, half_y: float) -> bool:
+        return abs(x - self.x) < self.half_x + half_x and abs(y - self.y) < self.half_y + half_y
 
 
 def unsupported(task: Task) -> Iterator[tuple[int, float]]:
@@ -37,26 +39,27 @@ def unsupported(task: Task) -> Iterator[tuple[int, float]]:
     places = [resolve(task, target) for target in task.targets]
     for i, target in enumerate(task.targets):
         root, (x, y, z) = places[i]
-        half = task.size(target.object) / 2
-        placed = {
-            other.object: _Top(at[0], at[1], task.size(other.object) / 2, task.size(other.object) / 2, at[2])
+        half_x, half_y, half = task.thing(target.object).half_at(target.turn)
+        placed = [
+            (other.object, at, task.thing(other.object).half_at(other.turn))
             for other, (of, at) in zip(task.targets, places, strict=True)
             if of == root and other is not target
-        }
-        tops = [*_tops(task, root), *(dataclasses.replace(top, z=top.z + top.half_x) for top in placed.values())]
-        loose = [box.size for box in task.boxes if box.name not in (target.object, root, *placed)]
-        if len(loose) > COMBINED or (root in task.box_names and z - half <= -task.size(root) / 2):
+        ]
+        tops = [*_tops(task, root), *(_Top(at[0], at[1], a, b, at[2] + c) for _, at, (a, b, c) in placed)]
+        used = Counter([target.object, root, *(name for name, _, _ in placed)])
+        loose = [thing.height for thing in task.objects if not _is_used(thing, used)]
+        if len(loose) > COMBINED or (root in task.object_names and z - half <= -task.thing(root).height / 2):
             continue
         stacks = {sum(some) for count in range(len(loose) + 1) for some in itertools.combinations(loose, count)}
-        heights = [top.z + stack + half for top in tops if top.is_under(x, y, half) for stack in stacks]
+        heights = [top.z + stack + half for top in tops if top.is_under(x, y, half_x, half_y) for stack in stacks]
         nearest = min(heights, key=lambda height: abs(height - z))
         if abs(nearest - z) > task.episode.tolerance:
             yield i, target.position[2] + nearest - z
 
 
 def resolve(task: Task, target: Target) -> tuple[str, Vec3]:
-    """Return where a target is in the frame that its chain of boxes begins with, and that frame: one without a target."""
-    targets = {other.object: other for other in task.targets}
+    """Return where a target is in the frame that its chain of objects begins with, and that frame: one without a target."""
+    targets = {other.object: other for other in task.targets if other.object in task.object_names}
     x, y, z = target.position
     while (below := targets.get(target.frame)) is not None:
         target = below
@@ -64,15 +67,22 @@ def resolve(task: Task, target: Target) -> tuple[str, Vec3]:
     return target.frame, (x, y, z)
 
 
+def _is_used(thing: Object, used: Counter[str]) -> bool:
+    """Return whether an object has a target, or is one of as many instances as targets of its part; counts it."""
+    name = thing.name if used[thing.name] else thing.part
+    used[name] -= 1
+    return used[name] >= 0
+
+
 def _tops(task: Task, frame: str) -> Iterator[_Top]:
-    """Yield everything but boxes with a target to stand on, in a frame, for every table that the kit may be on."""
-    if frame in task.box_names:
-        half = task.size(frame) / 2
-        yield from (_Top(0.0, 0.0, half, half, half), _Top(0.0, 0.0, math.inf, math.inf, -half))
+    """Yield everything but objects with a target to stand on, in a frame, for every table that a kit may be on."""
+    if frame in task.object_names:
+        x, y, z = task.thing(frame).half_at(None)
+        yield from (_Top(0.0, 0.0, x, y, z), _Top(0.0, 0.0, math.inf, math.inf, -z))
         return
     for table in task.tables:
         if task.layout.kit in ("random", table.name):
-            x, y, z = task.robot_position if frame == task.robot_frame else kit_origin(task, table)
+            x, y, z = task.robot_position if frame == task.robot_frame else kit_origin(task, table, frame)
             for top in _world_tops(task, table):
                 yield dataclasses.replace(top, x=top.x - x, y=top.y - y, z=top.z - z)
 
@@ -81,11 +91,15 @@ def _world_tops(task: Task, kit_table: Table) -> Iterator[_Top]:
     yield _Top(0.0, 0.0, math.inf, math.inf, task.floor)
     for table in task.tables:
         yield _Top(table.position[0], table.position[1], table.size[0] / 2, table.size[1] / 2, table.top)
-    x, y, z = kit_origin(task, kit_table)
-    half = task.kit.size / 2
-    yield _Top(x, y, half, half, z + task.kit.thickness / 2)
-    yield _Top(x, y, half, half, z + task.kit.thickness / 2 + task.kit.wall_height)
+    for kit in task.kits:
+        x, y, z = kit_origin(task, kit_table, kit.name)
+        yield _Top(x, y, *kit.half, z + kit.plate)
+        yield _Top(x, y, *kit.half, z + kit.rim)
 
 
-def kit_origin(task: Task, table: Table) -> Vec3:
-    return table.position[0], table.position[1], table.top + task.kit.thickness / 2
+def kit_origin(task: Task, table: Table, kit: str | None = None) -> Vec3:
+    """Return where the frame of a kit (default: the first) is in the world, if the kits that do not name their table stand
+    on `table`."""
+    one = task.kits[0 if kit is None else task.kit_names.index(kit)]
+    own = next((other for other in task.tables if other.name == one.table), table)
+    return own.position[0] + one.position[0], own.position[1] + one.position[1], own.top + one.thickness / 2

@@ -6,100 +6,62 @@ All lengths are metres, all positions are in the named frame, all frames have th
 from __future__ import annotations
 
 import dataclasses
+import functools
 from html import escape
 from typing import Any, Literal
 
 from bt_jax._util.errors import UserError
+from bt_jax.tasks.things import Kit, Object, Table, Vec3
 
 __all__ = [
-    "Box",
     "Episode",
     "GeneSettings",
-    "Kit",
     "Layout",
     "Subgoal",
-    "Table",
     "Target",
     "Task",
-    "Vec3",
     "Weights",
 ]
-
-Vec3 = tuple[float, float, float]
-
-
-@dataclasses.dataclass(frozen=True)
-class Table:
-    """A fixed block; boxes and the kit stand on its top. `position` is its centre in the world."""
-
-    name: str
-    position: Vec3
-    size: Vec3
-
-    @property
-    def top(self) -> float:
-        return self.position[2] + self.size[2] / 2
-
-
-@dataclasses.dataclass(frozen=True)
-class Kit:
-    """An open box: a square plate with four walls standing on its edge. Its frame is at the plate's centre."""
-
-    name: str = "KittingBox"
-    size: float = 0.4
-    thickness: float = 0.005
-    wall_height: float = 0.04
-    wall_thickness: float = 0.005
-
-    @property
-    def inner(self) -> float:
-        """Half the width between opposite walls."""
-        return self.size / 2 - self.wall_thickness
-
-
-@dataclasses.dataclass(frozen=True)
-class Box:
-    """A cube that the robot can move. `size` is the edge, `color` is RGB in 0..1."""
-
-    name: str
-    size: float
-    color: Vec3
-    density: float = 1000.0
-
-    @property
-    def mass(self) -> float:
-        """In kilograms."""
-        return self.density * self.size**3
 
 
 @dataclasses.dataclass(frozen=True)
 class Target:
-    """`object` should end with its centre at `position` in `frame`."""
+    """`object` should end with its centre at `position` in `frame`, turned by `turn` degrees about the frame's vertical;
+    any turn will do where none is given. The name of a part stands for any of its instances. `slot`: the slot that position
+    and turn are those of, if any, as in "TrayA.a1"."""
 
     object: str
     position: Vec3
     frame: str
+    turn: float | None = None
+    slot: str = ""
 
     def __str__(self) -> str:
-        return f"{self.object} at ({', '.join(f'{x:g}' for x in self.position)}) in {self.frame}"
+        if self.slot:
+            return f"{self.object} in {self.slot}"
+        turned = "" if self.turn is None else f", turned by {self.turn:g} degrees"
+        return f"{self.object} at ({', '.join(f'{x:g}' for x in self.position)}) in {self.frame}{turned}"
 
 
 @dataclasses.dataclass(frozen=True)
 class Layout:
-    """How an episode starts. `kit` names a table or is "random"; `stack` lists boxes from the bottom up that start as
-    one stack, `fixed` names boxes that always start at the same place in the robot's frame, and the others start at random
-    places on the tables without the kit, centres at least `spacing` apart and `margin` away from the table's edge."""
+    """How an episode starts. `kit` names the table of the kits that do not name theirs, or is "random"; `stack` lists boxes
+    from the bottom up that start as one stack, `fixed` names objects that always start at the same place in the robot's
+    frame, and the others start at random places on the tables without a kit, centres at least `spacing` apart and `margin`
+    away from the table's edge, turned by up to `turn` degrees to either side."""
 
     kit: str = "random"
     stack: tuple[str, ...] = ()
     spacing: float = 0.15
     margin: float = 0.125
+    turn: float = 0.0
     fixed: tuple[Target, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
 class GeneSettings:
-    """Where the `move` genes may place a box: beside and on every other box, and on a grid in the kit."""
+    """Where the `move` genes may place an object: beside and on every other one, in the slots of every kit, and on a grid in
+    a kit without slots."""
 
     gap: float = 0.02
     grid: int = 3
@@ -109,23 +71,27 @@ class GeneSettings:
 
 @dataclasses.dataclass(frozen=True)
 class Episode:
-    """When an episode ends, and how far an object may be from where it should be."""
+    """When an episode ends, how far [m] an object may be from where it should be, and by how much [degrees] it may be turned
+    from how it should lie."""
 
     max_ticks: int = 15
     success_ticks: int = 2
     action_ticks: int = 5
     tolerance: float = 0.03
+    turn_tolerance: float = 10.0
 
 
 @dataclasses.dataclass(frozen=True)
 class Weights:
-    """Costs in the fitness (paper, equation 1): per metre of distance, per node, and per bad ending."""
+    """Costs in the fitness (paper, equation 1): per metre of distance, per node, and per bad ending; and per radian of a
+    wrong turn."""
 
     distance: float = 1000.0
     node: float = 10.0
     timeout: float = 30.0
     failure: float = 50.0
     subgoal: float = 500.0
+    turn: float = 100.0
 
 
 SubgoalReward = Literal["seen", "ticked"]
@@ -151,8 +117,8 @@ class Task:
     name: str
     description: str
     tables: tuple[Table, ...]
-    kit: Kit
-    boxes: tuple[Box, ...]
+    kits: tuple[Kit, ...]
+    objects: tuple[Object, ...]
     targets: tuple[Target, ...]
     layout: Layout = Layout()
     genes: GeneSettings = GeneSettings()
@@ -163,6 +129,7 @@ class Task:
     robot_frame: str = "base_link"
     robot_position: Vec3 = (0.0, 1.0, 0.05)
     gripper_opening: float = 0.2
+    finger_room: float = 0.0
 
     @property
     def title(self) -> str:
@@ -170,15 +137,46 @@ class Task:
         return f"{self.name}: {self.description}" if self.description else self.name
 
     @property
-    def box_names(self) -> tuple[str, ...]:
-        return tuple(box.name for box in self.boxes)
+    def object_names(self) -> tuple[str, ...]:
+        return tuple(thing.name for thing in self.objects)
 
-    def size(self, name: str) -> float:
-        """Return the edge of a box, metres. Raise UserError if there is no such box."""
-        for box in self.boxes:
-            if box.name == name:
-                return box.size
-        raise UserError(f"there is no box '{name}'; choose one of {', '.join(self.box_names)}")
+    @functools.cached_property
+    def instances(self) -> dict[str, tuple[str, ...]]:
+        """The objects that a name in a leaf stands for: every object for itself, and a part for all its instances."""
+        parts = dict.fromkeys(thing.part for thing in self.objects if thing.part)
+        return {
+            **{thing.name: (thing.name,) for thing in self.objects},
+            **{part: tuple(thing.name for thing in self.objects if thing.part == part) for part in parts},
+        }
+
+    @functools.cached_property
+    def all_cubes(self) -> bool:
+        return all(thing.is_cube for thing in self.objects)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """What there is to move, interchangeable instances once: the objects of no part, and the parts, as listed."""
+        return tuple(dict.fromkeys(thing.part or thing.name for thing in self.objects))
+
+    def thing(self, name: str) -> Object:
+        """Return an object, or for a part its first instance. Raise UserError if there is no such object or part."""
+        found = self.instances.get(name)
+        if found is None:
+            raise UserError(f"there is no box '{name}'; choose one of {', '.join(self.kinds)}")
+        return self.objects[self.object_names.index(found[0])]
+
+    def edge(self, name: str) -> float:
+        """Return the longest edge of an object, metres. Raise UserError if there is no such object."""
+        return self.thing(name).edge
+
+    @property
+    def kit(self) -> Kit:
+        """The first kit."""
+        return self.kits[0]
+
+    @property
+    def kit_names(self) -> tuple[str, ...]:
+        return tuple(kit.name for kit in self.kits)
 
     @property
     def floor(self) -> float:
@@ -187,8 +185,8 @@ class Task:
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """Frames in the order of their index: boxes, then the kit, then the robot."""
-        return (*self.box_names, self.kit.name, self.robot_frame)
+        """Frames in the order of their index: objects, then kits, then the robot."""
+        return (*self.object_names, *self.kit_names, self.robot_frame)
 
     @property
     def right(self) -> Vec3:
@@ -209,16 +207,22 @@ class Task:
         edges = [(table.position[axis], table.size[axis] / 2) for table in self.tables]
         return min(middle - half for middle, half in edges), max(middle + half for middle, half in edges)
 
+    def _counted(self) -> list[str]:
+        """Return what there is to move, with its measures, and how many of each part."""
+        counts = {name: len(self.instances[name]) for name in self.kinds}
+        shown = {name: f"{counts[name]} {name}" if self.thing(name).part else name for name in self.kinds}
+        return [f"{shown[name]} ({self.thing(name).measures})" for name in self.kinds]
+
     def _summary(self) -> list[tuple[str, str]]:
         """Return what a person wants to see of a task, as rows of a heading and a text."""
         return [
-            ("boxes", ", ".join(f"{box.name} ({1000 * box.size:g} mm)" for box in self.boxes)),
+            ("objects", ", ".join(self._counted())),
             *(("target", str(target)) for target in self.targets),
             *(("subgoal", f"{subgoal.name}: {', '.join(subgoal.conditions)}") for subgoal in self.subgoals),
         ]
 
     def __repr__(self) -> str:
-        return f"<Task {self.name}: {len(self.boxes)} boxes, {len(self.targets)} targets>"
+        return f"<Task {self.name}: {len(self.objects)} objects, {len(self.targets)} targets>"
 
     def __str__(self) -> str:
         return "\n".join([self.title, *(f"  {heading:8} {text}" for heading, text in self._summary())])

@@ -15,9 +15,9 @@ from bt_jax.behaviors import Behavior, Vocabulary
 from bt_jax.lfd.demonstration import END_EFFECTOR_HEIGHT, Action, Demonstration, Pose
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.physics.settler import Settler
-from bt_jax.mjx_env.scene.surfaces import box_surfaces, fixed_surfaces, overlaps
 from bt_jax.mjx_env.semantics import LeafSemantics, reachable
 from bt_jax.mjx_env.skills import act, settled_world
+from bt_jax.mjx_env.surfaces import fixed_surfaces, object_surfaces, overlaps, surface_names
 from bt_jax.mjx_env.world import World, frames, to_world
 from bt_jax.tasks import Task
 
@@ -73,7 +73,7 @@ class Teleoperation:
     def held(self) -> str | None:
         """The object in the gripper."""
         held = int(self._now.world.held[0])
-        return None if held < 0 else self.task.box_names[held]
+        return None if held < 0 else self.task.object_names[held]
 
     @property
     def actions(self) -> tuple[Action, ...]:
@@ -98,12 +98,12 @@ class Teleoperation:
 
     def pick(self, name: str) -> None:
         """Take an object and lift it. Raise UserError if that is not possible."""
-        if name not in self.task.box_names:
-            raise UserError(f"there is no object '{name}' to pick; use one of {', '.join(self.task.box_names)}")
+        if name not in self.task.object_names:
+            raise UserError(f"there is no object '{name}' to pick; use one of {', '.join(self.task.object_names)}")
         if self.held is not None:
             raise UserError(f"the gripper holds {self.held}; release it before you pick {name}")
         world = self._now.world
-        index = self.task.box_names.index(name)
+        index = self.task.object_names.index(name)
         pick = Behavior("pick", (name,))
         semantics = LeafSemantics(self.task, Vocabulary.of([*pick.preconditions, pick]))
         conditions = semantics.outcomes(world)[0, 0] & 3
@@ -133,7 +133,7 @@ class Teleoperation:
         index = np.array([self.task.frames.index(frame)])
         in_world = to_world(frames(self._now.world, self.task), index, np.asarray([position], np.float32))
         goal = np.asarray(in_world[0, 0], float)
-        size = self.task.boxes[self.task.box_names.index(self.held)].size
+        size = self.task.objects[self.task.object_names.index(self.held)].edge
         goal[2] = max(goal[2], self.task.floor + size / 2)
         low, high = self._reach
         if not np.all((goal >= low) & (goal <= high)):
@@ -144,14 +144,13 @@ class Teleoperation:
         """Return what is below the held object. Raise UserError if nothing is held."""
         centre, world, task = self._carried(), self._now.world, self.task
         held = int(world.held[0])
-        half = np.float32(task.boxes[held].size / 2)
-        fixed, boxes = fixed_surfaces(task, world.kit), box_surfaces(task, world.poses)
-        names = [None, *(table.name for table in task.tables)]
-        names += [task.kit.name] * (fixed.top.shape[1] - len(names)) + list(task.box_names)
+        half = np.float32(task.objects[held].edge / 2)
+        fixed, boxes = fixed_surfaces(task, world.kits), object_surfaces(task, world.poses)
+        names = [None, *surface_names(task)[1:], *task.object_names]
         tops = np.concatenate([fixed.top[0], boxes.top[0]])
-        xy, reach = centre[None, :2].astype(np.float32), np.array([half])
+        xy, reach = centre[None, :2].astype(np.float32), np.full((1, 2), half)
         under = np.concatenate([overlaps(fixed, xy, reach)[0], overlaps(boxes, xy, reach)[0]])
-        under[len(names) - len(task.boxes) + held] = False
+        under[len(names) - len(task.objects) + held] = False
         foot = np.concatenate([np.full(fixed.top.shape[1], -np.inf), 2 * world.poses[0, :, 2] - boxes.top[0]])
         sunk = under & (tops > centre[2] - half + 2 * half * SUNK) & (foot < centre[2] + half - 2 * half * SUNK)
         best = int(np.argmax(np.where(under, tops, -np.inf)))
@@ -174,7 +173,7 @@ class Teleoperation:
         after, released = self._done(LeafSemantics(self.task, Vocabulary.of([action])), self._now.world, action)
         known, now = (reachable(world, self.task)[0] for world in (self._now.world, after))
         if np.any(known & ~now):
-            raise UserError(self._lost(self.task.box_names[int(np.argmax(known & ~now))]))
+            raise UserError(self._lost(self.task.object_names[int(np.argmax(known & ~now))]))
         let_go = self._end_effector(self._now.world, released[held, :3].astype(float), moved=held)
         self._push(_Snapshot(after, None, (*self.actions, Action("place", let_go))))
 

@@ -21,7 +21,7 @@ NONE = -1
 def goals_of(task: Task, vocabulary: Vocabulary[Behavior]) -> Goals:
     """Return the targets of a task, then its subgoals, and the groups of leaves: the genes of each box, and one group of
     those that concern several."""
-    names = task.box_names
+    names = task.object_names
     guards = {leaf.args[0]: vocabulary.token(leaf) for leaf in vocabulary.leaves if leaf.name == "reached"}
     group = [NONE] * FIRST_LEAF + [_group(leaf, names) for leaf in vocabulary.leaves]
     return Goals(
@@ -46,8 +46,7 @@ def _group(leaf: Behavior, names: tuple[str, ...]) -> int:
 def measured(evaluation: Evaluation, task: Task, shape: tuple[int, int]) -> Measured:
     """Return what the episodes of R times P trees tell the search; `shape` is (R, P)."""
     assert evaluation.trace is not None
-    met = evaluation.distance < task.episode.tolerance
-    achieved = np.concatenate([met, evaluation.reached], axis=-1).mean(axis=1, dtype=np.float32)
+    achieved = np.concatenate([evaluation.misses.met, evaluation.reached], axis=-1).mean(axis=1, dtype=np.float32)
     return Measured(
         fitness=evaluation.fitness.reshape(shape),
         solved=evaluation.solved.all(axis=1).reshape(shape),

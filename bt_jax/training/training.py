@@ -122,7 +122,7 @@ class Training:
         """Return the fitness, and what was achieved: the targets within the tolerance at the end, in every layout, as
         bits, above them the number of subgoals missed in the worst."""
         result, shape = self._evaluation(trees), trees.tokens.shape[:2]
-        met = (result.distance < self.task.episode.tolerance).all(axis=1)
+        met = result.misses.met.all(axis=1)
         achieved = (result.subgoals_missed.max(axis=1) << met.shape[1]) | met @ (1 << np.arange(met.shape[1]))
         return result.fitness.reshape(shape), achieved.astype(np.int32).reshape(shape)
 

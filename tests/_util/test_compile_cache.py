@@ -102,7 +102,7 @@ def test_an_executable_that_calls_lapack_is_loaded_by_a_new_process(tmp_path):
 
 def test_the_key_says_all_of_a_static_argument():
     task = load_task("stack")
-    other = dataclasses.replace(task, boxes=(*task.boxes[:1], dataclasses.replace(task.boxes[1], density=999.0)))
+    other = dataclasses.replace(task, objects=(*task.objects[:1], dataclasses.replace(task.objects[1], density=999.0)))
     assert _described(task) == _described(load_task("stack"))
     assert _described(task) != _described(other)
     assert _described(1) != _described(True)

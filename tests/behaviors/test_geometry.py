@@ -17,10 +17,10 @@ TASK = load_task("yumi_stack")
 AT = Behavior("at", ("YellowBox", (0.0, 0.0, 0.03), "KittingBox"))
 ASKED = (
     AT,
-    *(Behavior(name, (box,)) for name in ("clear", "reachable") for box in TASK.box_names),
+    *(Behavior(name, (box,)) for name in ("clear", "reachable") for box in TASK.object_names),
 )
 SEMANTICS = LeafSemantics(TASK, Vocabulary.of(ASKED))
-SIZES = [box.size for box in TASK.boxes]
+SIZES = [box.edge for box in TASK.objects]
 LOWEST = min(table.top for table in TASK.tables)
 # Millimetres, and a part of one, so that no difference of two comes near to a limit: the simulation computes in 32 bits.
 NEAR = st.integers(-70, 70).map(lambda millimetres: millimetres / 1000)
@@ -40,7 +40,7 @@ def test_the_simulation_means_the_same_for_random_states(boxes, kit, held):
     assume(abs(math.dist(boxes[0], origin + AT.position) - TASK.episode.tolerance) > 1e-5)
     upright = np.tile([1.0, 0, 0, 0], (len(SIZES), 1))
     world = World(
-        kit=origin[None].astype(np.float32),
+        kits=origin[None, None].astype(np.float32),
         poses=np.concatenate([boxes, upright], axis=1)[None].astype(np.float32),
         held=np.array([held], np.int8),
         gripper_open=np.array([held < 0]),
@@ -49,7 +49,7 @@ def test_the_simulation_means_the_same_for_random_states(boxes, kit, held):
     outcomes = SEMANTICS.outcomes(world)[0, 0]
     found = {leaf: int(outcomes[SEMANTICS.vocabulary.token(leaf)]) == Status.SUCCESS for leaf in ASKED}
     assert found[AT] == (held != 0 and is_at(boxes[0], origin + AT.position, TASK.episode.tolerance))
-    for i, box in enumerate(TASK.box_names):
+    for i, box in enumerate(TASK.object_names):
         covers = [
             rests_on(boxes[j], boxes[i], SIZES[j], SIZES[i]) for j in range(len(SIZES)) if i != j and held not in (i, j)
         ]

@@ -25,7 +25,7 @@ class FollowingLink(SimulatedTime):
     def __init__(self, task: Task, boxes: dict[str, RigidTransform], robot: RobotModel = YUMI) -> None:
         super().__init__()
         self.robot, self.arms = robot, robot.arm_names
-        self.boxes, self.size = dict(boxes), task.boxes[0].size
+        self.boxes, self.size = dict(boxes), task.objects[0].edge
         self.joints = {arm: robot.home[arm].copy() for arm in self.arms}
         self.paths: dict[str, tuple[float, Trajectory] | None] = dict.fromkeys(self.arms)
         self.motions = dict.fromkeys(self.arms, 0)

@@ -37,9 +37,9 @@ def observe(task: Task, world: World, time: float = 0.0, unknown: tuple[str, ...
     """A state, a batch of one, as a robot that sees everything knows it; without the objects in `unknown`."""
     poses = {
         name: RigidTransform.from_components(pose[:3], Rotation.from_quat(pose[3:], scalar_first=True))
-        for name, pose in zip(task.box_names, world.poses[0].astype(float), strict=True)
+        for name, pose in zip(task.object_names, world.poses[0].astype(float), strict=True)
     }
-    poses[task.kit.name] = RigidTransform.from_translation(world.kit[0].astype(float))
+    poses[task.kit.name] = RigidTransform.from_translation(world.kits[0, 0].astype(float))
     base = RigidTransform.from_translation(task.robot_position).inv()
     held = int(world.held[0])
     opening = task.gripper_opening * float(world.gripper_open[0])
@@ -47,7 +47,7 @@ def observe(task: Task, world: World, time: float = 0.0, unknown: tuple[str, ...
         time=time,
         poses={name: base * pose for name, pose in poses.items() if name not in unknown},
         opening={"left": opening, "right": opening},
-        holding=None if held < 0 else task.box_names[held],
+        holding=None if held < 0 else task.object_names[held],
     )
 
 
@@ -165,5 +165,5 @@ class IdealCell:
     def move(self, name, position):
         """As a person does."""
         poses = self.skills.world.poses.copy()
-        poses[0, self.task.box_names.index(name), :3] = position
+        poses[0, self.task.object_names.index(name), :3] = position
         self.skills.world = dataclasses.replace(self.skills.world, poses=poses)

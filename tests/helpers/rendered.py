@@ -34,7 +34,7 @@ class MarkedScene:
         root, markers = ET.fromstring(build_mjcf(TASK)), marker_scene(TASK)
         root.find("asset").extend(ET.fromstring(f"<asset>{markers.assets_xml}</asset>"))
         root.find(f"worldbody/body[@name='{KIT}']").extend(ET.fromstring(f"<body>{markers.kit_xml}</body>"))
-        for name in TASK.box_names:
+        for name in TASK.object_names:
             root.find(f".//geom[@name='{name}']").set("material", f"{name}_markers")
         world = root.find("worldbody")
         world.append(ET.fromstring(PLACEMENT.mjcf("cell")))
@@ -74,7 +74,7 @@ def fresh_scene() -> MarkedScene:
     scene = marked_scene()
     scene.data.qpos[:] = scene.model.qpos0
     for name, (x, y, turn) in zip(
-        TASK.box_names, [(0.28, 0.2, 0.4), (0.32, 0.27, 1.9), (0.3, -0.24, -0.7)], strict=True
+        TASK.object_names, [(0.28, 0.2, 0.4), (0.32, 0.27, 1.9), (0.3, -0.24, -0.7)], strict=True
     ):
         scene.put(name, upright(x, y, turn=turn))
     return scene

@@ -60,7 +60,7 @@ def walk(semantics: LeafSemantics, physics: Physics, *, seed: int, count: int, s
     worlds, releases = [world], []
     for _ in range(steps):
         released = act(semantics, world, random_commands(semantics, world, rng))
-        settled = physics.settle(released.world.kit, released.poses, released.present & (released.box >= 0)[:, None])
+        settled = physics.settle(released.world.kits, released.poses, released.present & (released.box >= 0)[:, None])
         world = settled_world(task, released, np.asarray(settled.poses))
         worlds.append(world)
         releases.append(released)
@@ -118,7 +118,7 @@ def train(*arguments: object, **options) -> subprocess.CompletedProcess:
 
 
 def sized(task: Task) -> np.ndarray:
-    return np.array([box.size for box in task.boxes], np.float32)
+    return np.array([box.edge for box in task.objects], np.float32)
 
 
 def assert_same(a, b) -> None:

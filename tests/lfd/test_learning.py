@@ -115,7 +115,7 @@ def test_learning_is_deterministic_and_loses_nothing(seed, count):
     lesson = learn(shown, RESTACK)
     assert learn(shown, RESTACK) == lesson
     assert [len(steps) for steps in lesson.steps] == [len(one.actions) for one in shown]
-    assert {place.object for place in lesson.placements} == set(RESTACK.box_names)
+    assert {place.object for place in lesson.placements} == set(RESTACK.object_names)
     assert violations(lesson.tree) == []
 
 
@@ -132,7 +132,7 @@ def test_several_goals_are_alternatives():
 
 def test_contradicting_orders_are_named():
     """No demonstration contradicts itself, and no two each other, but all three together do."""
-    places = [Target(box, (0.133 * i, 0.0, 0.052), "KittingBox") for i, box in enumerate(STACK3.box_names)]
+    places = [Target(box, (0.133 * i, 0.0, 0.052), "KittingBox") for i, box in enumerate(STACK3.object_names)]
     pairs = [(0, 1), (1, 2), (2, 0)]
     shown = [demonstrations(STACK3, [places[a], places[b]], count=4, seed=a) for a, b in pairs]
     mixed = Demonstrations(shown[0].frames, tuple(one for each in shown for one in each))
@@ -142,7 +142,7 @@ def test_contradicting_orders_are_named():
 
 def with_pick_of(task, name):
     """A demonstration that picks what it must not."""
-    frames = (task.kit.name, *task.box_names, task.robot_frame)
+    frames = (task.kit.name, *task.object_names, task.robot_frame)
     poses = {frame: Pose((0.0, 0.0, 0.12) if frame == name else (1.0, 1.0, 1.0)) for frame in frames}
     return dataclasses.replace(one_demonstration(task), actions=(Action("pick", poses), Action("place", poses)))
 

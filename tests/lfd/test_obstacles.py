@@ -48,11 +48,11 @@ def in_world(task, world, place):
     """What a box fills at a place in one layout."""
     index = np.array([task.frames.index(place.frame)])
     centre = to_world(frames(world, task), index, np.array([place.position], np.float32))[0, 0]
-    return box_at(tuple(map(float, centre)), task.size(place.object))
+    return box_at(tuple(map(float, centre)), task.edge(place.object))
 
 
 def at_start(task, world, name):
-    return box_at(tuple(map(float, world.poses[0, task.box_names.index(name), :3])), task.size(name))
+    return box_at(tuple(map(float, world.poses[0, task.object_names.index(name), :3])), task.edge(name))
 
 
 def asides(task):
@@ -178,7 +178,7 @@ def test_free_places_are_free_in_every_layout(seed):
         world = sample_layouts(task, [seed, layout], 1)
         for place in places:
             filled = in_world(task, world, place)
-            others = [at_start(task, world, name) for name in task.box_names if name != place.object]
+            others = [at_start(task, world, name) for name in task.object_names if name != place.object]
             others += [in_world(task, world, other) for other in places if other != place]
             for other in others:
                 assert filled.gap(other) > task.genes.gap - 1e-3
@@ -190,13 +190,13 @@ def test_what_stands_on_a_box_and_fills_a_place_in_a_layout_is_foreseen(seed):
     task = generated(seed)
     for layout in range(3):
         world = sample_layouts(task, [seed, layout], 1)
-        starts = {name: at_start(task, world, name) for name in task.box_names}
-        centres = {name: world.poses[0, i, :3].tolist() for i, name in enumerate(task.box_names)}
-        for name in task.box_names:
+        starts = {name: at_start(task, world, name) for name in task.object_names}
+        centres = {name: world.poses[0, i, :3].tolist() for i, name in enumerate(task.object_names)}
+        for name in task.object_names:
             direct = {
                 other
-                for other in task.box_names
-                if other != name and rests_on(centres[other], centres[name], task.size(other), task.size(name))
+                for other in task.object_names
+                if other != name and rests_on(centres[other], centres[name], task.edge(other), task.edge(name))
             }
             assert direct <= above(task, name)
             assert bool(direct) == bool(above(task, name))
@@ -204,7 +204,7 @@ def test_what_stands_on_a_box_and_fills_a_place_in_a_layout_is_foreseen(seed):
             if target.frame in [other.object for other in task.targets]:
                 continue  # its frame is moved before it
             goal = in_world(task, world, target)
-            for name in set(task.box_names) - {target.object}:
+            for name in set(task.object_names) - {target.object}:
                 filled = starts[name].gap(goal) < -2e-3 and starts[name].top > goal.bottom + 2e-3
                 assert not filled or may_fill(task, name, target)
                 assert filled or not fills(task, name, target)
@@ -228,7 +228,7 @@ def test_a_box_is_cleared_by_moving_what_is_on_it():
 
 
 def test_boxes_beyond_those_of_a_task_make_no_difference_to_a_plan():
-    stack = tuple(with_boxes(STACK3, 5).box_names[3:])
+    stack = tuple(with_boxes(STACK3, 5).object_names[3:])
     task = with_boxes(STACK3, 5)
     other = dataclasses.replace(task, layout=dataclasses.replace(task.layout, stack=stack))
     assert plan_task(other) == plan_task(STACK3)

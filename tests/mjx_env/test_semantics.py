@@ -26,11 +26,11 @@ class Oracle:
 
     def __init__(self, task, world):
         self.task = task
-        self.poses, self.kit = world.poses[0].astype(float), world.kit[0].astype(float)
+        self.poses, self.kit = world.poses[0].astype(float), world.kits[0, 0].astype(float)
         self.held, self.gripper_open, self.reached = int(world.held[0]), bool(world.gripper_open[0]), world.reached[0]
 
     def index(self, name):
-        return self.task.box_names.index(name)
+        return self.task.object_names.index(name)
 
     def frame(self, name):
         upright = np.array([1.0, 0, 0, 0])

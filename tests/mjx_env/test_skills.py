@@ -28,7 +28,7 @@ def each(semantics, world, index):
 def test_pick_lifts_one_box_and_nothing_else(stack):
     semantics, worlds = stack
     world = take(worlds, (worlds.held < 0) & worlds.gripper_open)
-    for box, name in enumerate(semantics.task.box_names):
+    for box, name in enumerate(semantics.task.object_names):
         released = each(semantics, world, command(semantics, "pick", (name,)))
         lift = np.zeros_like(world.poses)
         lift[:, box, 2] = sized(semantics.task)[box] * LIFT
@@ -45,7 +45,7 @@ def test_place_goes_to_the_goal_or_onto_what_is_in_the_way(stack):
     assert len(world.held) > 5
     position = (0.0, 0.0, 0.055)
     released = each(semantics, world, command(semantics, "place", ("YellowBox", position, "KittingBox")))
-    goal = world.kit + np.float32(position)
+    goal = world.kits[:, 0] + np.float32(position)
     np.testing.assert_allclose(released.poses[:, 0, :2], goal[:, :2], atol=1e-6)
     np.testing.assert_array_equal(released.poses[:, 0, 3:], world.poses[:, 0, 3:])
     np.testing.assert_array_equal(released.poses[:, 1:], world.poses[:, 1:])
@@ -84,7 +84,7 @@ def test_the_gripper_opens_and_closes(stack):
     assert (closed.box == -1).all()
     for released in (opened, closed):
         np.testing.assert_array_equal(released.poses, worlds.poses)
-        np.testing.assert_array_equal(released.world.kit, worlds.kit)
+        np.testing.assert_array_equal(released.world.kits, worlds.kits)
 
 
 def test_numpy_and_jax_agree(stack):

@@ -70,8 +70,10 @@ def test_frames_are_boxes_kit_and_robot():
     assert found.shape == (len(world.held), len(task.frames), 7)
     assert found.dtype == np.float32
     np.testing.assert_array_equal(found[:, :3], world.poses)
-    np.testing.assert_array_equal(found[:, 3, :3], world.kit)
-    np.testing.assert_array_equal(found[:, 4, :3], np.broadcast_to(np.float32(task.robot_position), world.kit.shape))
+    np.testing.assert_array_equal(found[:, 3:4, :3], world.kits)
+    np.testing.assert_array_equal(
+        found[:, 4, :3], np.broadcast_to(np.float32(task.robot_position), found[:, 4, :3].shape)
+    )
     np.testing.assert_array_equal(found[:, 3:, 3:], np.broadcast_to([1, 0, 0, 0], (len(found), 2, 4)))
     as_jax = jax.tree.map(jnp.asarray, world)
     np.testing.assert_array_equal(frames(as_jax, task), found)

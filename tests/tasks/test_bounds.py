@@ -8,12 +8,18 @@ from bt_jax._util.errors import UserError
 from bt_jax.tasks import load_task, task_names
 from bt_jax.tasks.bounds import BOUNDS, numbers, out_of_bounds
 from bt_jax.tasks.task import Target
+from bt_jax.tasks.things import Slot
 
 
 def test_every_number_of_a_task_has_a_bound():
     task = load_task("stack")
-    fixed = (Target("YellowBox", (0.0, 0.0, 0.0), "base_link"),)
-    task = dataclasses.replace(task, layout=dataclasses.replace(task.layout, fixed=fixed))
+    fixed = (Target("YellowBox", (0.0, 0.0, 0.0), "base_link", 90.0),)
+    task = dataclasses.replace(
+        task,
+        layout=dataclasses.replace(task.layout, fixed=fixed),
+        kits=(dataclasses.replace(task.kit, slots=(Slot("a1", (0.0, 0.0)),), grid=(1, 1)),),
+        targets=(dataclasses.replace(task.targets[0], turn=90.0),),
+    )
     assert {name for _, name, _ in numbers(task, "", "")} == set(BOUNDS)
 
 

@@ -184,8 +184,8 @@ def test_numbers_and_names_are_those_of_yaml_1_2_in_any_encoding_with_a_mark(tmp
     path = tmp_path / "mine.yaml"
     path.write_bytes(LETTERS.replace("\n", newline).encode(encoding))
     task = load_task(path)
-    assert task.box_names == ("No", "Y")
-    assert task.boxes[0].size == 0.1
+    assert task.object_names == ("No", "Y")
+    assert task.objects[0].edge == 0.1
     assert (task.episode.max_ticks, task.episode.tolerance, task.targets[0].position[2]) == (10, 0.005, 0.052)
 
 

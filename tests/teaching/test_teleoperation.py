@@ -65,7 +65,7 @@ def test_a_box_is_stacked_and_the_recording_says_where():
     demonstration = hand.demonstration("mine")
     assert [action.kind for action in demonstration.actions] == ["pick", "place"]
     np.testing.assert_allclose(demonstration.actions[1].handled("GreenBox"), (0, 0, 0.11), atol=1e-5)
-    blue, green = (hand.world.poses[0, TASK.box_names.index(name), :3] for name in ("BlueBox", "GreenBox"))
+    blue, green = (hand.world.poses[0, TASK.object_names.index(name), :3] for name in ("BlueBox", "GreenBox"))
     np.testing.assert_allclose(blue - green, (0, 0, 0.1), atol=2e-3)
 
 

@@ -30,14 +30,14 @@ STACK3 = load_task("stack3")
 
 def renamed(task, names):
     """The same boxes under other names."""
-    new = dict(zip(task.box_names, names, strict=True))
-    boxes = tuple(dataclasses.replace(box, name=new[box.name]) for box in task.boxes)
+    new = dict(zip(task.object_names, names, strict=True))
+    boxes = tuple(dataclasses.replace(box, name=new[box.name]) for box in task.objects)
     targets = tuple(
         dataclasses.replace(target, object=new[target.object], frame=new.get(target.frame, target.frame))
         for target in task.targets
     )
     layout = dataclasses.replace(task.layout, stack=tuple(new[name] for name in task.layout.stack))
-    return dataclasses.replace(task, boxes=boxes, targets=targets, layout=layout)
+    return dataclasses.replace(task, objects=boxes, targets=targets, layout=layout)
 
 
 def test_the_search_is_told_which_box_a_gene_moves_and_which_are_wanted():
@@ -46,10 +46,10 @@ def test_the_search_is_told_which_box_a_gene_moves_and_which_are_wanted():
     vocabulary = vocabulary.extended([parse_tree("subtask(one, place(GreenBox, (0, 0, 0.1), BlueBox))")])
     goals = goals_of(task, vocabulary)
     groups = {str(leaf): goals.group[vocabulary.token(leaf)] for leaf in vocabulary.leaves}
-    assert groups["move(GreenBox, (0, 0, 0.1), YellowBox)"] == task.box_names.index("GreenBox")
+    assert groups["move(GreenBox, (0, 0, 0.1), YellowBox)"] == task.object_names.index("GreenBox")
     assert groups["open_gripper"] == groups["reached(unstacked)"] == -1
-    assert groups["subtask(one, place(GreenBox, (0, 0, 0.1), BlueBox))"] == task.box_names.index("GreenBox")
-    assert [task.box_names[i] for i in goals.concerns[:-1]] == [target.object for target in task.targets]
+    assert groups["subtask(one, place(GreenBox, (0, 0, 0.1), BlueBox))"] == task.object_names.index("GreenBox")
+    assert [task.object_names[i] for i in goals.concerns[:-1]] == [target.object for target in task.targets]
     assert goals.concerns[-1] == -1
     assert str(vocabulary.leaf(int(goals.guard[-1]))) == "reached(unstacked)"
 
@@ -87,7 +87,7 @@ def test_where_the_targets_are_is_not_known_to_the_search():
 
 
 def in_the_kit(places):
-    targets = [Target(name, place, "KittingBox") for name, place in zip(STACK3.box_names, places, strict=True)]
+    targets = [Target(name, place, "KittingBox") for name, place in zip(STACK3.object_names, places, strict=True)]
     return dataclasses.replace(STACK3, targets=tuple(targets))
 
 

@@ -71,8 +71,8 @@ def test_another_task_brings_its_targets_and_starts_and_nothing_else(on_top):
     assert (changed.targets, changed.layout) == (task.targets, task.layout)
     assert (changed.name, changed.subgoals, changed.weights) == (RESTACK.name, RESTACK.subgoals, RESTACK.weights)
     both = Changes(task=STACK, target_from=on_top).applied(config).task
-    assert {target.object for target in both.targets} == set(STACK.box_names)
-    with pytest.raises(UserError, match=r"other values for boxes, tables, kit, .+ than restack; evolve a new tree"):
+    assert {target.object for target in both.targets} == set(STACK.object_names)
+    with pytest.raises(UserError, match=r"other values for objects, tables, kits, .+ than restack; evolve a new tree"):
         Changes(task=load_task("yumi_stack")).applied(config)
 
 
@@ -84,7 +84,7 @@ def test_a_task_with_another_scene_or_an_impossible_goal_is_refused():
             {"tables": tables, "layout": layout},
             "stack has other values for tables than stack; evolve a new tree for it",
         ),
-        ({"kit": dataclasses.replace(STACK.kit, size=0.3)}, "other values for kit than"),
+        ({"kits": (dataclasses.replace(STACK.kit, size=(0.3, 0.3)),)}, "other values for kits than"),
         ({"robot_position": (0.0, 1.1, 0.05)}, "other values for robot_position than"),
         ({"layout": layout}, "stack, key layout.kit: there is no table"),
     ):

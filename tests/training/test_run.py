@@ -117,8 +117,8 @@ def test_a_checkpoint_with_other_behaviors_is_refused_and_nothing_changes(done, 
 
 
 def test_no_folder_is_made_for_a_task_that_cannot_be_simulated(tmp_path):
-    pills = tuple(dataclasses.replace(box, size=0.0003) for box in CONFIG.task.boxes)
-    task = dataclasses.replace(CONFIG.task, boxes=pills)
+    pills = tuple(dataclasses.replace(box, size=(0.0003,) * 3) for box in CONFIG.task.objects)
+    task = dataclasses.replace(CONFIG.task, objects=pills)
     config = dataclasses.replace(CONFIG, task=task, settings=Settings(backend="mujoco"))
     with pytest.raises(UserError, match=r"MuJoCo cannot simulate the task stack .*mjMINVAL.*; change the sizes"):
         TrainingRun(RunFolder(tmp_path / "run"), config)

@@ -154,8 +154,8 @@ class GripperControls:
             await self._release()
         elif key in "+=-":
             teaching.change_step(-1 if key == "-" else 1)
-        elif key.isdecimal() and 1 <= int(key) <= len(self.studio.edited.task.boxes):
-            await self._pick(self.studio.edited.task.box_names[int(key) - 1])
+        elif key.isdecimal() and 1 <= int(key) <= len(self.studio.edited.task.objects):
+            await self._pick(self.studio.edited.task.object_names[int(key) - 1])
 
     async def _clicked(self, name: str) -> None:
         if self.page.step == "demonstrate" and self.teaching.session is not None:
@@ -207,7 +207,7 @@ class GripperControls:
         self.picks.clear()
         self._pick_buttons = []
         with self.picks:
-            for number, box in enumerate(self.studio.edited.task.boxes, start=1):
+            for number, box in enumerate(self.studio.edited.task.objects, start=1):
                 pick = button(
                     f"{number} {box.name}",
                     f"demonstrate-pick-{box.name}",
@@ -220,13 +220,13 @@ class GripperControls:
         self.over.clear()
         self._over_buttons = {}
         with self.over:
-            for frame in (*self.studio.edited.task.box_names, self.studio.edited.task.kit.name):
+            for frame in (*self.studio.edited.task.object_names, self.studio.edited.task.kit.name):
                 carry = self._guard(functools.partial(self.teaching.carry_over, frame))
                 text = f"outline title='Carry straight over {frame}'"
                 self._over_buttons[frame] = button(
                     self._called(frame), f"demonstrate-over-{frame}", "vertical_align_bottom", carry, more=text
                 )
-        numbers = " ".join(str(number) for number in range(1, min(10, len(self.studio.edited.task.boxes) + 1)))
+        numbers = " ".join(str(number) for number in range(1, min(10, len(self.studio.edited.task.objects) + 1)))
         self.pad.props(f'data-teach-keys="{" ".join(MOVES)} {numbers} + = - r"')
         self._posed = None
         self.refresh()
@@ -239,7 +239,7 @@ class GripperControls:
             self.landing.set_text("The gripper is empty: pick an object, or finish.")
             self.clear()
             return
-        pose = np.array(session.world.poses[0, session.task.box_names.index(held)])
+        pose = np.array(session.world.poses[0, session.task.object_names.index(held)])
         self.landing.set_text(_landing_sentence(held, landing, drop=float(pose[2] - landing.position[2])))
         if bad:
             self.clear()

@@ -11,7 +11,7 @@ from nicegui.element import Element
 from bt_jax._util.errors import UserError
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.dialogs import ask
-from bt_jax.tasks import Box, Task
+from bt_jax.tasks import Object, Task
 
 __all__ = [
     "MOST",
@@ -49,7 +49,7 @@ def heading(text: str) -> ui.label:
     return ui.label(text).classes("part-heading").props("role=heading aria-level=2")
 
 
-def css_color(box: Box) -> str:
+def css_color(box: Object) -> str:
     """Return the colour of a box."""
     red, green, blue = (round(255 * part) for part in box.color)
     return f"rgb({red} {green} {blue})"

@@ -187,10 +187,10 @@ class _Run:
         """Show fields for the place of the chosen box."""
         self.numbers.clear()
         self.fields, player, task = None, self.studio.playing.player, self.studio.edited.task
-        if self.hand.value not in task.box_names or player is None:
+        if self.hand.value not in task.object_names or player is None:
             return
         name = self.hand.value
-        others = [other for other in task.box_names if other != name]
+        others = [other for other in task.object_names if other != name]
         references = [*(table.name for table in task.tables), task.kit.name, *others]
         with self.numbers:
             spot = spot_at(task, player.world, name)
@@ -222,7 +222,7 @@ class _Run:
         self.hint.set_visibility(player is not None)
         self.tree.show(studio.playing.tree if player is None else player.tree, studio.edited.task)
         self.targets.clear()
-        names = list(studio.edited.task.box_names)
+        names = list(studio.edited.task.object_names)
         if self.hand.options != names or (player is None and self.hand.value is not None):
             self.hand.set_options(names, value=None)
             self._take()

@@ -22,7 +22,7 @@ from bt_jax.app.widgets.holder_line import holder_line
 from bt_jax.app.widgets.place_fields import PlaceFields
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.world import World
-from bt_jax.tasks import Box, Task, load_task, task_names
+from bt_jax.tasks import Object, Task, load_task, task_names
 
 __all__ = ["build"]
 
@@ -135,7 +135,7 @@ class _Task:
         self.undo.set_enabled(studio.edited.can_undo)
         self.redo.set_enabled(studio.edited.can_redo)
         targets = {target.object: target for target in task.targets}
-        shape = (self.side, task.boxes, tuple(targets))
+        shape = (self.side, task.objects, tuple(targets))
         if shape != self.shape:
             self.shape = shape
             self._build_rows(targets)
@@ -158,14 +158,14 @@ class _Task:
         self.fields, self.words = {}, {}
         self.rows.clear()
         with self.rows:
-            for box in self.studio.edited.task.boxes:
+            for box in self.studio.edited.task.objects:
                 with ui.element("div").classes("task-row").props(f"data-testid=task-row-{box.name}"):
                     if self.side == "start":
                         self._start_row(box)
                     else:
                         self._target_row(box, box.name in targets)
 
-    def _start_row(self, box: Box) -> None:
+    def _start_row(self, box: Object) -> None:
         task = self.studio.edited.task
         with ui.row().classes("items-center gap-2 no-wrap"):
             _name(box)
@@ -173,7 +173,7 @@ class _Task:
                 box.name, [table.name for table in task.tables], spot_at(task, self.studio.edited.start, box.name)
             )
 
-    def _target_row(self, box: Box, has_target: bool) -> None:
+    def _target_row(self, box: Object, has_target: bool) -> None:
         task, name = self.studio.edited.task, box.name
         with ui.row().classes("items-center gap-2 no-wrap"):
             _name(box)
@@ -188,7 +188,7 @@ class _Task:
             ):
                 ui.tooltip(hint)
         with ui.row().classes("items-center gap-2 no-wrap task-numbers"):
-            others = [other for other in task.box_names if other != name]
+            others = [other for other in task.object_names if other != name]
             references = [task.kit.name, *others, *(table.name for table in task.tables)]
             self._fields(name, references, spot_of_target(task, self.studio.edited.start, name))
 
@@ -210,7 +210,7 @@ class _Task:
 
     async def _add(self, name: str) -> None:
         """Add a target where the box is now."""
-        index = self.studio.edited.task.box_names.index(name)
+        index = self.studio.edited.task.object_names.index(name)
         await self._target(name, lambda task, start: np.asarray(start.poses[0, index, :3], float))
 
     async def _drop(self, dragged: str, name: str, position: Float[np.ndarray, "3"]) -> None:
@@ -327,6 +327,6 @@ class _Task:
         self.page.say(f"{what}: now {'; '.join(said)}.", "success")
 
 
-def _name(box: Box) -> None:
+def _name(box: Object) -> None:
     ui.element("span").classes("task-chip").style(f"background: {css_color(box)}")
     ui.label(box.name).classes("task-box")

@@ -83,9 +83,10 @@ class DemonstrationDraft:
         try:
             data = json.loads(text)
             task, start = task_from_dict(data["task"], source="its task", kept=True), data["start"]
-            boxes = len(task.boxes)
+            boxes = len(task.objects)
+            kits = start["kits"] if "kits" in start else start["kit"]  # an older draft has the only one
             world = World(
-                kit=np.array(start["kit"], np.float32).reshape(1, 3),
+                kits=np.array(kits, np.float32).reshape(1, len(task.kits), 3),
                 poses=np.array(start["poses"], np.float32).reshape(1, boxes, 7),
                 held=np.array(start["held"], np.int8).reshape(1),
                 gripper_open=np.array(start["gripper_open"], bool).reshape(1),
@@ -104,7 +105,7 @@ def _is_plausible(world: World) -> bool:
     """Whether a demonstration may begin in a state: its numbers are in their bounds, and the gripper holds nothing."""
     lengths = np.linalg.norm(world.poses[..., 3:].astype(float), axis=-1)
     return bool(
-        _within(world.kit, POSITION.low, POSITION.high)
+        _within(world.kits, POSITION.low, POSITION.high)
         and _within(world.poses[..., :3], POSITION.low, POSITION.high)
         and _within(lengths, 1 - NOT_UNIT, 1 + NOT_UNIT)
         and np.all(world.held == -1)

@@ -89,7 +89,7 @@ class EditedTask:
 
 def same_things(one: Task, other: Task) -> bool:
     """Whether two tasks have the same boxes and frames, so that a tree of one can run in the other."""
-    return (one.boxes, one.frames) == (other.boxes, other.frames)
+    return (one.objects, one.frames) == (other.objects, other.frames)
 
 
 def same_goal(one: Task, other: Task) -> bool:

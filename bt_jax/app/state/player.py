@@ -12,7 +12,7 @@ from bt_jax.behaviors import Tree, Vocabulary, expand
 from bt_jax.encoding.drawing.svg import node_ids
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import leaves
-from bt_jax.mjx_env.episodes.fitness import target_distances
+from bt_jax.mjx_env.episodes.fitness import target_misses
 from bt_jax.mjx_env.episodes.playback import EpisodeState, Tick
 from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.mjx_env.physics.protocol import Physics
@@ -86,7 +86,7 @@ class Player:
     @property
     def distances(self) -> dict[str, float]:
         """Distance of the object of each target from where it should be, metres."""
-        away = target_distances(self.task, self.world)[0]
+        away = target_misses(self.task, self.world).distance[0]
         return {target.object: float(x) for target, x in zip(self.task.targets, away, strict=True)}
 
     def tick(self) -> Snapshot:

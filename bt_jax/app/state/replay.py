@@ -48,8 +48,8 @@ def _replay_steps(demonstration: Demonstration, frames: Frames, task: Task, phys
     names, count = handled(demonstration, frames), len(demonstration.actions)
     for i, (action, name) in enumerate(zip(demonstration.actions, names, strict=True)):
         world, sentence = world_of(action, task), f"{i + 1} of {count}: {described(action, name, task)}"
-        index = task.box_names.index(name)
-        up = np.array([0, 0, CARRY * task.boxes[index].size], np.float32)
+        index = task.object_names.index(name)
+        up = np.array([0, 0, CARRY * task.objects[index].edge], np.float32)
         if action.kind == "pick":
             yield ReplayStep(world, sentence)
             yield ReplayStep(_held(world, index, up), sentence)
@@ -70,10 +70,10 @@ def handled(demonstration: Demonstration, frames: Frames) -> list[str]:
 
 def world_of(action: Action, task: Task) -> World:
     """Return the state during an action, a batch of one (NumPy) with an open, empty gripper."""
-    poses = np.array([_pose(action, name, task) for name in task.box_names], np.float32)
-    kit = _pose(action, task.kit.name, task)[:3].astype(np.float32)
+    poses = np.array([_pose(action, name, task) for name in task.object_names], np.float32)
+    kits = np.array([_pose(action, name, task)[:3] for name in task.kit_names], np.float32)
     return World(
-        kit=kit[None],
+        kits=kits[None],
         poses=poses[None],
         held=np.array([-1], np.int8),
         gripper_open=np.array([True]),

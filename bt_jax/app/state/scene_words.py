@@ -29,7 +29,7 @@ def box_words(task: Task, world: World) -> dict[str, BoxWords]:
     words = Words(task)
     where = dict(zip(task.frames, np.asarray(frames(world, task)[0, :, :3], float), strict=True))
     found = {}
-    for index, name in enumerate(task.box_names):
+    for index, name in enumerate(task.object_names):
         if world.held[0] == index:
             found[name] = BoxWords(f"{name} is in the gripper", "the gripper")
             continue
@@ -46,7 +46,7 @@ def target_words(task: Task, world: World) -> list[str]:
     sentences = []
     for target in task.targets:
         name = target.object
-        away = float(np.linalg.norm(ends[name] - world.poses[0, task.box_names.index(name), :3]))
+        away = float(np.linalg.norm(ends[name] - world.poses[0, task.object_names.index(name), :3]))
         now = "it is there" if away < task.episode.tolerance else f"it is {100 * away:.0f} cm away"
         sentences.append(f"{name} should be {words.place(name, target.position, target.frame)}: {now}")
     return sentences
@@ -55,12 +55,12 @@ def target_words(task: Task, world: World) -> list[str]:
 def gripper_words(task: Task, world: World) -> str:
     """Say what is in the gripper."""
     held = int(world.held[0])
-    return f"the gripper holds {task.box_names[held]}" if held >= 0 else "the gripper is empty"
+    return f"the gripper holds {task.object_names[held]}" if held >= 0 else "the gripper is empty"
 
 
 def _frame(task: Task, world: World, name: str, where: Mapping[str, Float[np.ndarray, "3"]]) -> str:
     """Return the frame in which the place of a box is said: what it stands on, or that of the robot for a table."""
-    others = {box: where[box] for box in task.box_names if box != name}
+    others = {box: where[box] for box in task.object_names if box != name}
     return next(iter(carriers(task, world, name, where[name], others)), task.robot_frame)
 
 

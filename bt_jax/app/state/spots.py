@@ -33,7 +33,7 @@ class Spot:
     def point(self, task: Task, name: str, where: Mapping[str, Point]) -> Point:
         """Return the centre of the box `name` in the world; `where` are the `origins`."""
         offset = self.right * np.array(task.right) + self.away * np.array(task.away)
-        half = task.size(name) / 2
+        half = task.edge(name) / 2
         return where[self.reference] + offset + np.array([0, 0, self.up + half])
 
     def frame(self, task: Task) -> str:
@@ -45,18 +45,18 @@ def origins(task: Task, world: World, *, ended: bool) -> dict[str, Point]:
     """Return the world positions of the references: the middles of the tables' tops, of the kit's floor, and of the boxes'
     tops, as they are in `world` (a batch of one), or with `ended` once all targets are met."""
     found = {table.name: np.array([*table.position[:2], table.top]) for table in task.tables}
-    found[task.kit.name] = np.add(world.kit[0], (0.0, 0.0, task.kit.thickness / 2))
-    centres = {name: np.asarray(world.poses[0, i, :3], float) for i, name in enumerate(task.box_names)}
+    found[task.kit.name] = np.add(world.kits[0, 0], (0.0, 0.0, task.kit.thickness / 2))
+    centres = {name: np.asarray(world.poses[0, i, :3], float) for i, name in enumerate(task.object_names)}
     if ended:
         centres |= goals(task, world)
-    for box in task.boxes:
-        found[box.name] = np.add(centres[box.name], (0.0, 0.0, box.size / 2))
+    for box in task.objects:
+        found[box.name] = np.add(centres[box.name], (0.0, 0.0, box.edge / 2))
     return found
 
 
 def spot_at(task: Task, world: World, name: str) -> Spot:
     """Return where a box is now, from the middle of the nearest table."""
-    centre = np.asarray(world.poses[0, task.box_names.index(name), :3], float)
+    centre = np.asarray(world.poses[0, task.object_names.index(name), :3], float)
     return _relative(task, name, centre, _table(task, centre).name, origins(task, world, ended=False))
 
 
@@ -70,7 +70,7 @@ def spot_of_target(task: Task, world: World, name: str) -> Spot:
 
 def _relative(task: Task, name: str, centre: Point, reference: str, where: Mapping[str, Point]) -> Spot:
     offset = centre - where[reference]
-    half = task.size(name) / 2
+    half = task.edge(name) / 2
     right, away = float(offset @ np.array(task.right)), float(offset @ np.array(task.away))
     return Spot(reference, right, away, float(offset[2]) - half)
 

@@ -158,7 +158,7 @@ class Teaching:
             if session.held is None:
                 raise UserError("the gripper holds nothing; pick an object first")
             height = float(session.position(frame)[2])
-            low = OVER * next(box.size for box in session.task.boxes if box.name == session.held)
+            low = OVER * next(box.edge for box in session.task.objects if box.name == session.held)
             session.move_to((0.0, 0.0, max(height, low)), frame)
             self._done("carry", session.position(session.task.robot_frame).tolist())
 

@@ -25,8 +25,8 @@ from bt_jax.app.widgets.context import PageContext
 from bt_jax.behaviors import Behavior, Vocabulary
 from bt_jax.mjx_env.render.choreography import Shot, Stage
 from bt_jax.mjx_env.scene.mjcf import compile_scene
-from bt_jax.mjx_env.scene.surfaces import fixed_surfaces
 from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.mjx_env.surfaces import fixed_surfaces
 from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Task
 
@@ -135,7 +135,7 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
             shot, self._cue = playing.player.now.shots[-1], playing.cue
         else:
             shot, self._cue = _at_rest(self.studio.edited.task, world), None
-        kit = [*_plain(np.asarray(world.kit)[0]), 1, 0, 0, 0]
+        kit = [*_plain(np.asarray(world.kits)[0, 0]), 1, 0, 0, 0]
         self._call("show", {**_state(shot), "kit": kit}, glide)
         self._show_targets()
 
@@ -206,7 +206,7 @@ def _model(task: Task) -> dict[str, Any]:
     low, high = _extent(task)
     return {
         "geoms": [_geom(model, i) for i in range(model.ngeom)],
-        "boxes": [{"name": box.name, "size": box.size, "color": box.color} for box in task.boxes],
+        "boxes": [{"name": box.name, "size": box.edge, "color": box.color} for box in task.objects],
         "kit": task.kit.name,
         "tables": tops[1 : 1 + count],
         "kit_parts": tops[1 + count :],
@@ -233,7 +233,7 @@ def _extent(task: Task) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]
     """Return the lowest and highest corner of what is in view [m]: the upper part of the tables, and a stack on them."""
     middles, halves = (np.array([getattr(t, key) for t in task.tables]) for key in ("position", "size"))
     low, high = (middles - halves / 2).min(axis=0), (middles + halves / 2).max(axis=0)
-    unit = max(box.size for box in task.boxes)
+    unit = max(box.edge for box in task.objects)
     low[2] = max(low[2], high[2] - 2.5 * unit)
     high[2] += 4 * unit
     return low, high

@@ -73,7 +73,7 @@ def sight_table(task: Task, seen: Observation) -> Table:
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
     for title in ("object", "x mm", "y mm", "z mm", "turned", "seen", ""):
         table.add_column(title, justify="left" if title in ("object", "") else "right")
-    for name in (*task.box_names, task.kit.name):
+    for name in (*task.object_names, task.kit.name):
         why = "; ".join(finding.text for finding in seen.findings if finding.about == name)
         if name == seen.holding:
             why = "; ".join(filter(None, ["in the hand", why]))
@@ -85,14 +85,14 @@ def sight_table(task: Task, seen: Observation) -> Table:
         else:
             table.add_row(name, "", "", "", "", age, why or "unknown", style="yellow")
     for finding in seen.findings:
-        if finding.about not in (*task.box_names, task.kit.name):
+        if finding.about not in (*task.object_names, task.kit.name):
             table.add_row(finding.about or "picture", "", "", "", "", "", finding.text, style="yellow")
     return table
 
 
 def doubts(task: Task, seen: Observation) -> list[str]:
     """Return what is not known, or is wrong with the picture, each a line."""
-    unknown = [name for name in (*task.box_names, task.kit.name) if name not in (*seen.poses, seen.holding)]
+    unknown = [name for name in (*task.object_names, task.kit.name) if name not in (*seen.poses, seen.holding)]
     told = {finding.about for finding in seen.findings}
     return [
         *(finding.text for finding in seen.findings),

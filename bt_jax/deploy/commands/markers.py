@@ -59,7 +59,7 @@ def sheet_pages(task: Task, paper: str = "a4") -> Iterator[Figure]:
     if paper not in PAGES:
         raise UserError(f"paper '{paper}' is unknown; use one of {', '.join(PAGES)}")
     width, height = PAGES[paper]
-    colors = {box.name: tint(box.color) for box in task.boxes}
+    colors = {box.name: tint(box.color) for box in task.objects}
     for stickers in _pages(task_markers(task), width, height):
         page, paint = _blank(width, height, f"{task.name}: markers")
         for marker, left, top in stickers:

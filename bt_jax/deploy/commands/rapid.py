@@ -45,7 +45,7 @@ def rapid_module(task: Task | None = None, *, gripper_mass: float | None = None)
     text = importlib.resources.files("bt_jax.deploy.commands").joinpath(f"{MODULE}.mod").read_text(encoding="ascii")
     return string.Template(text).substitute(
         gripper_mass=f"{YUMI.arms[0].gripper.total_mass if gripper_mass is None else gripper_mass:g}",
-        part_mass=f"{max(box.mass for box in task.boxes):.3f}",
+        part_mass=f"{max(box.mass for box in task.objects):.3f}",
         egm_speed=f"{math.degrees(EGM_SPEED):g}",
     )
 

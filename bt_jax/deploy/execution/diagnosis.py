@@ -31,7 +31,7 @@ class Diagnosis:
     def take(self, seen: Observation) -> str:
         """Take note of what is seen now. Return what has made it wrong for too long, "" if nothing has."""
         self._seen_at.update(dict.fromkeys(seen.poses, seen.time))
-        objects = (*self.task.box_names, self.task.kit.name)
+        objects = (*self.task.object_names, self.task.kit.name)
         self._seen_at = dict.fromkeys(objects, seen.time) | self._seen_at
         self._hidden = [name for name in objects if name not in (*seen.poses, seen.holding)]
         self._findings = tuple(

@@ -21,7 +21,7 @@ class LineOfSight:
 
     def __init__(self, robot: RobotModel, task: Task) -> None:
         self._model, here = CollisionModel(robot), RigidTransform.identity()
-        held = Box((0, 0, 0), (max(box.size for box in task.boxes),) * 3)
+        held = Box((0, 0, 0), (max(box.edge for box in task.objects),) * 3)
         for arm in robot.arms:
             for shape in arm.shapes:
                 name = arm.link_name(shape.link)

@@ -57,7 +57,7 @@ class Movements:
         background: PlanningProcess | None,
     ) -> None:
         self.robot, self.link, self.planner = robot, link, Planner(robot, task)
-        self.sizes = {box.name: box.size for box in task.boxes}
+        self.sizes = {box.name: box.edge for box in task.objects}
         self.seen = Observation(-math.inf, {}, {}, None)  # nothing, yet
         self.known: dict[str, RigidTransform] = {}
         self.carried: dict[str, Carried] = {}

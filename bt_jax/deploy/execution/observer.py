@@ -62,7 +62,7 @@ class Observer:
         self.grasp = grasp or GraspSettings()
         self.robot, self.link, self.perception, self.grasped = robot, link, perception, grasped
         self._line_of_sight = LineOfSight(robot, task)
-        self._sizes = {box.name: box.size for box in task.boxes}
+        self._sizes = {box.name: box.edge for box in task.objects}
         self._before: dict[str, float] = {}
         self._taken: dict[str, float] = {}  # box -> when it was grasped last [s]
         self._trail: deque[tuple[float, dict[str, Joints]]] = deque()  # of the joints of all arms

@@ -21,6 +21,7 @@ from bt_jax.deploy.link.safety import Rejected, check_setpoint
 from bt_jax.deploy.planning.feasibility import load_share
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import prefix
+from bt_jax.tasks import task_from_dict
 
 __all__ = ["home_clear", "leaves_known", "payload_allowed", "ports_free", "priority_allowed", "ran_in_twin"]
 
@@ -59,7 +60,7 @@ def ran_in_twin(equipment: Equipment) -> str:
         raise UserError(f"{equipment.twin_log} is not of the twin; run this tree there and give the log of that")
     if start.get("digest") != program.digest:
         raise UserError(f"{equipment.twin_log} is of another tree; run this one in the twin")
-    if start.get("task") != program.task.to_dict():
+    if task_from_dict(start.get("task"), source=str(equipment.twin_log), kept=True) != program.task:
         raise UserError(f"{equipment.twin_log} is of another task; run this one in the twin")
     if end["kind"] != "end" or end["exit_code"] != 0 or start.get("dry") is not False:
         raise UserError(f"the run in {equipment.twin_log} did not succeed; look into it with replay and fix the tree")

@@ -265,7 +265,7 @@ def _findings(equipment: Equipment) -> str:
 def _markers(equipment: Equipment) -> str:
     task = opened(equipment.program).task
     poses = opened(equipment.perception).poses(equipment.now())
-    missing = [name for name in (*task.box_names, task.kit.name) if name not in poses]
+    missing = [name for name in (*task.object_names, task.kit.name) if name not in poses]
     if missing:
         raise UserError(f"{', '.join(missing)} cannot be seen; put it in view, with its markers uncovered")
     return f"{len(poses)} objects"
@@ -275,7 +275,7 @@ def _reach(equipment: Equipment) -> str:
     task, now = opened(equipment.program).task, equipment.now()
     openings = {arm.name: arm.gripper.opening for arm in equipment.robot.arms}
     seen = Observation(now, opened(equipment.perception).poses(now), openings, None)
-    away = [name for name in task.box_names if not equipment.reachable(name, seen)]
+    away = [name for name in task.object_names if not equipment.reachable(name, seen)]
     if away:
         raise UserError(f"no arm can grasp {', '.join(away)}; move it nearer to the robot's middle")
-    return ", ".join(task.box_names)
+    return ", ".join(task.object_names)

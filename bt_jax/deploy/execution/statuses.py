@@ -41,7 +41,7 @@ class Statuses:
         self.task, self.seen, self.context = task, seen, context
         self.undecided: list[Behavior] = []
         self.ticked: set[str] = set()
-        self._sizes = {box.name: box.size for box in task.boxes}
+        self._sizes = {box.name: box.edge for box in task.objects}
         self._lowest = min(table.top for table in task.tables) - task.robot_position[2]
 
     def __call__(self, leaf: Behavior, _: int) -> Status:

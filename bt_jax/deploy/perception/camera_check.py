@@ -64,8 +64,8 @@ def _lying(task: Task, poses: Mapping[str, RigidTransform]) -> list[tuple[float,
     if kit is not None and (table := table_under(task, kit.translation + base)) is not None:
         error = kit.translation[2] + base[2] - table.top - task.kit.thickness / 2
         found.append((float(error), kit.rotation.as_matrix()[:2, 2]))
-    boxes = {box.name: finite[box.name] for box in task.boxes if box.name in finite}
-    for box in task.boxes:
+    boxes = {box.name: finite[box.name] for box in task.objects if box.name in finite}
+    for box in task.objects:
         pose = boxes.get(box.name)
         on_another = pose is not None and any(
             stands_on(task, box.name, other, boxes, above_most=math.inf) for other in boxes
@@ -77,7 +77,7 @@ def _lying(task: Task, poses: Mapping[str, RigidTransform]) -> list[tuple[float,
             continue
         in_kit = kit is not None and is_over_kit(task, kit, pose.translation)
         floor = table.top + (task.kit.thickness if in_kit else 0.0)
-        error = float(pose.translation[2] + base[2] - floor - box.size / 2)
+        error = float(pose.translation[2] + base[2] - floor - box.edge / 2)
         if abs(error) < AWAY:
             found.append((error, level(pose).rotation.as_matrix()[:2, 2]))
     return found

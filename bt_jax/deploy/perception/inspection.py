@@ -119,7 +119,7 @@ class Inspection:
         for body, pose in poses.items():
             if body != self._task.kit.name and lean(pose) > TILTED:
                 yield "leans", Finding(body, f"{body} is tilted by {math.degrees(lean(pose)):.0f} degrees")
-        if all(name in poses for name in self._task.box_names):  # else it may be the one that is missing
+        if all(name in poses for name in self._task.object_names):  # else it may be the one that is missing
             yield from self._covered(picture, poses)
 
     def _softness(self, picture: Picture) -> float:

@@ -73,13 +73,13 @@ def task_markers(task: Task) -> tuple[Marker, ...]:
 
     Raise UserError if the dictionary has too few.
     """
-    needed = len(FACES) * len(task.boxes) + 4
+    needed = len(FACES) * len(task.objects) + 4
     available = len(marker_dictionary().bytesList)
     if needed > available:
         most = (available - 4) // len(FACES)
-        raise UserError(f"{len(task.boxes)} boxes need {needed} markers of {available}; use at most {most} boxes")
-    faces = [(box, face) for box in task.boxes for face in FACES]
-    boxes = [_on_box(number, box.name, box.size, face) for number, (box, face) in enumerate(faces)]
+        raise UserError(f"{len(task.objects)} boxes need {needed} markers of {available}; use at most {most} boxes")
+    faces = [(box, face) for box in task.objects for face in FACES]
+    boxes = [_on_box(number, box.name, box.edge, face) for number, (box, face) in enumerate(faces)]
     return (*boxes, *_on_kit(task, len(boxes)))
 
 
@@ -111,11 +111,11 @@ def _on_box(number: int, box: str, edge: float, face: str) -> Marker:
 def _on_kit(task: Task, first: int) -> list[Marker]:
     """Return the markers of the kit: in the corners between the walls, as large as its middle place leaves free."""
     kit = task.kit
-    edge = max(box.size for box in task.boxes)
-    sticker = 0.9 * (kit.inner - edge / 2)
+    edge = max(box.edge for box in task.objects)
+    sticker = 0.9 * (kit.inner[0] - edge / 2)
     if sticker <= 0:
-        raise UserError("the kit leaves no room for markers beside a box in its middle; make kit.size larger")
-    offset, quiet = kit.inner - sticker / 2, QUIET["kit"]
+        raise UserError("the kit leaves no room for markers beside a box in its middle; make the kit larger")
+    offset, quiet = kit.inner[0] - sticker / 2, QUIET["kit"]
     corners = {"left_front": (-1, -1), "right_front": (1, -1), "left_back": (-1, 1), "right_back": (1, 1)}
     return [
         Marker(

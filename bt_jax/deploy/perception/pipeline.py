@@ -34,7 +34,7 @@ class Perception:
         self.camera, self.camera_pose = camera, camera_pose
         table = min(table.top for table in task.tables) - task.robot_position[2]
         self._kit = task.kit.name
-        self._lowest = {box.name: table + LEVEL * box.size for box in task.boxes}
+        self._lowest = {box.name: table + LEVEL * box.edge for box in task.objects}
         self.detector = Detector(task_markers(task))
         self.tracker = Tracker(settings)
         self.image = -math.inf

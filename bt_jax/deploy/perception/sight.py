@@ -46,15 +46,15 @@ class Sight:
         self, poses: Mapping[str, RigidTransform], own: str, around: float
     ) -> Iterator[tuple[RigidTransform, Float[np.ndarray, " 3"]]]:
         """Return the cuboids that may hide a marker of the body `own`: their poses and half their edges [m]."""
-        for box in self._task.boxes:
+        for box in self._task.objects:
             if box.name in poses and box.name != own:
-                yield poses[box.name], np.full(3, box.size / 2 + around)
+                yield poses[box.name], np.full(3, box.edge / 2 + around)
         kit = self._task.kit
         if kit.name in poses:
-            middle, high = kit.inner + kit.wall_thickness / 2, kit.wall_height / 2
+            middle, high = kit.inner[0] + kit.wall_thickness / 2, kit.wall_height / 2
             for x, y in ((-1, 0), (1, 0), (0, -1), (0, 1)):
                 wall = RigidTransform.from_translation([x * middle, y * middle, kit.thickness / 2 + high])
-                along = kit.inner + kit.wall_thickness
+                along = kit.inner[0] + kit.wall_thickness
                 halves = [kit.wall_thickness / 2 if x else along, along if x else kit.wall_thickness / 2, high]
                 yield poses[kit.name] * wall, np.array(halves) + around
 

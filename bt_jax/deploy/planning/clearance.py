@@ -171,12 +171,12 @@ class CellClearance:
 
     def _add_movable(self) -> None:
         kit = self.task.kit
-        half, high = kit.size / 2, kit.thickness / 2 + kit.wall_height / 2
+        half, high = kit.size[0] / 2, kit.thickness / 2 + kit.wall_height / 2
         edge = half - kit.wall_thickness / 2
-        walls = [Box((0, 0, 0), (kit.size, kit.size, kit.thickness))]
-        walls += [Box((s * edge, 0, high), (kit.wall_thickness, kit.size, kit.wall_height)) for s in (-1, 1)]
-        walls += [Box((0, s * edge, high), (kit.size, kit.wall_thickness, kit.wall_height)) for s in (-1, 1)]
-        cubes = {box.name: Box((0, 0, 0), (box.size,) * 3) for box in self.task.boxes}
+        walls = [Box((0, 0, 0), (kit.size[0], kit.size[0], kit.thickness))]
+        walls += [Box((s * edge, 0, high), (kit.wall_thickness, kit.size[0], kit.wall_height)) for s in (-1, 1)]
+        walls += [Box((0, s * edge, high), (kit.size[0], kit.wall_thickness, kit.wall_height)) for s in (-1, 1)]
+        cubes = {box.name: Box((0, 0, 0), (box.edge,) * 3) for box in self.task.objects}
         for name, solids in {kit.name: walls, **{name: [cube] for name, cube in cubes.items()}}.items():
             part = _Part("thing", name)
             self._things[name] = [self._add(part, name, self.robot.body, solid) for solid in solids]

@@ -18,10 +18,10 @@ def check_scale(robot: RobotModel, task: Task) -> None:
     or farther from every arm's base than the arm is long."""
     remedy = "choose a task at the robot's scale" + (f", such as {robot.example}" if robot.example else "")
     opening = max(arm.gripper.opening for arm in robot.arms)
-    for box in task.boxes:
-        if not box.size <= opening + SLACK:
+    for box in task.objects:
+        if not box.edge <= opening + SLACK:
             raise UserError(
-                f"{box.name} of task {task.name} is {1000 * box.size:.0f} mm wide, and the grippers of {robot.name} open "
+                f"{box.name} of task {task.name} is {1000 * box.edge:.0f} mm wide, and the grippers of {robot.name} open "
                 f"{1000 * opening:.0f} mm; {remedy}"
             )
     lowest, highest = np.array(robot.workspace)
@@ -43,7 +43,7 @@ def load_share(robot: RobotModel, task: Task, gripper_mass: float | None = None)
     worst = 0.0
     for arm in robot.arms:
         gripper = arm.gripper.total_mass if gripper_mass is None else gripper_mass
-        for box in task.boxes:
+        for box in task.objects:
             mass = gripper + box.mass
             if not (gripper >= 0 and mass <= arm.payload):
                 raise UserError(

@@ -141,7 +141,7 @@ class Planner:
 
     def spots(self, box: str, poses: Mapping[str, RigidTransform], near: Point) -> Iterator[Point]:
         """Yield free places for a box on the tables, the nearest to `near` first; `box` itself is not in its own way."""
-        size = next(b.size for b in self.task.boxes if b.name == box)
+        size = self.task.edge(box)
         base = np.array(self.task.robot_position)
         found = []
         for table in self.task.tables:
@@ -157,7 +157,7 @@ class Planner:
     def _apart(self, spot: Point, name: str, pose: RigidTransform, size: float) -> bool:
         away = pose.inv().apply(spot)[:2] if name == self.task.kit.name else spot[:2] - pose.translation[:2]
         if name == self.task.kit.name:
-            return bool(np.abs(away).max() > self.task.kit.size / 2 + size)
+            return bool(np.abs(away).max() > self.task.kit.size[0] / 2 + size)
         return bool(np.linalg.norm(away) > 2 * size)
 
     def _reach(

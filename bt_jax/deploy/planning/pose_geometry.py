@@ -57,12 +57,12 @@ def stands_on(
 ) -> bool:
     """Does a box stand over another one, close enough to rest on it? `above_most` as for `rests_on`."""
     places = poses[upper].translation, poses[lower].translation
-    return upper != lower and rests_on(*places, task.size(upper), task.size(lower), above_most=above_most)
+    return upper != lower and rests_on(*places, task.edge(upper), task.edge(lower), above_most=above_most)
 
 
 def is_over_kit(task: Task, kit: RigidTransform, place: Point) -> bool:
     """Is a place over the plate of a kit at `kit`, or below it?"""
-    return bool(np.all(np.abs(kit.inv().apply(place)[:2]) < task.kit.size / 2))
+    return bool(np.all(np.abs(kit.inv().apply(place)[:2]) < task.kit.size[0] / 2))
 
 
 def table_under(task: Task, place: Point) -> Table | None:

@@ -22,7 +22,7 @@ from bt_jax.deploy.twin.rendered_camera import CameraPlacement, cell_camera
 from bt_jax.deploy.twin.settings import Realism
 from bt_jax.deploy.twin.simulated_robot import CellModel
 from bt_jax.mjx_env.scene.mjcf import build_mjcf
-from bt_jax.mjx_env.scene.placement import draw_kit_table, draw_places
+from bt_jax.mjx_env.scene.placement import draw_kit_table, draw_poses
 from bt_jax.tasks import Task
 
 __all__ = ["CAMERA", "FILM", "STRANGER", "TwinScene", "box_poses", "build_scene", "solved", "target_distances"]
@@ -80,12 +80,11 @@ def build_scene(
     realism = realism or Realism()
     rng = np.random.default_rng(seed)
     table = task.tables[draw_kit_table(task, rng)]
-    index = task.tables.index(table)
     kit = np.array([*table.position[:2], table.top + task.kit.thickness / 2])
-    places = draw_places(task, rng, index)
-    turns = rng.uniform(-np.pi, np.pi, len(task.boxes))
+    places = draw_poses(task, rng, table)[:, :3]
+    turns = rng.uniform(-np.pi, np.pi, len(task.objects))
     for name in task.layout.stack:
-        turns[task.box_names.index(name)] = 0.0
+        turns[task.object_names.index(name)] = 0.0
     installed = cell_camera(task, width=realism.width, height=realism.height)
     camera = dataclasses.replace(
         installed, pose=_shifted(installed.pose, np.array(realism.camera_moved), np.array(realism.camera_turned))
@@ -93,7 +92,7 @@ def build_scene(
     files, text = _mjcf(robot, task, kit, camera, stranger)
     model = mujoco.MjModel.from_xml_string(text, files)
     qpos = model.qpos0.copy()
-    for name, place, turn in zip(task.box_names, places, turns, strict=True):
+    for name, place, turn in zip(task.object_names, places, turns, strict=True):
         at = model.jnt_qposadr[model.body(name).jntadr[0]]
         qpos[at : at + 7] = [*place, *Rotation.from_euler("z", turn).as_quat(scalar_first=True)]
     for arm in robot.arms:
@@ -144,7 +143,7 @@ def _mjcf(
     body = _found(root, f"worldbody/body[@name='{task.kit.name}']")
     body.set("pos", " ".join(map(repr, map(float, kit))))
     body.extend(ET.fromstring(f"<body>{markers.kit_xml}</body>"))
-    for box in task.boxes:
+    for box in task.objects:
         _found(root, f".//geom[@name='{box.name}']").set("material", f"{box.name}_markers")
     _found(root, "worldbody").append(ET.fromstring(camera.mjcf(CAMERA)))
     _found(root, "worldbody").append(ET.fromstring(_film_camera(task)))
@@ -156,9 +155,9 @@ def _mjcf(
 
 def _stranger(root: ET.Element, task: Task, markers: str) -> ET.Element:
     """Return a body like a box, with the markers of the one of that name, or narrower and without any if it is ""."""
-    box = next((box for box in task.boxes if box.name == markers), task.boxes[0])
+    box = next((box for box in task.objects if box.name == markers), task.objects[0])
     body = copy.deepcopy(_found(root, f".//body[@name='{box.name}']"))
-    geom, half = _found(body, "geom"), box.size / 2 * (1 if markers else NARROWER)
+    geom, half = _found(body, "geom"), box.edge / 2 * (1 if markers else NARROWER)
     body.set("name", STRANGER)
     body.set("pos", f"2 0.5 {task.floor + half!r}")
     geom.set("name", STRANGER)
@@ -190,7 +189,7 @@ def _film_camera(task: Task) -> str:
 def box_poses(scene: TwinScene, qpos: Qpos) -> dict[str, RigidTransform]:
     """Return the true poses of the boxes in the world, from a state of the model."""
     poses = {}
-    for name in scene.task.box_names:
+    for name in scene.task.object_names:
         at = scene.model.jnt_qposadr[scene.model.body(name).jntadr[0]]
         poses[name] = RigidTransform.from_components(
             qpos[at : at + 3], Rotation.from_quat(qpos[at + 3 : at + 7], scalar_first=True)

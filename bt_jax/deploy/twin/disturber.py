@@ -109,7 +109,7 @@ class Disturber:
         box = self.trigger.descended_on(moment)
         if box is not None:
             self.controller.put(
-                box, RigidTransform.from_translation([*OFF, self.scene.task.floor + self.scene.task.size(box) / 2])
+                box, RigidTransform.from_translation([*OFF, self.scene.task.floor + self.scene.task.edge(box) / 2])
             )
         return box
 
@@ -119,29 +119,29 @@ class Disturber:
         if box is None or moment.shown.seen.holding != box or not self.trigger.lasted(moment, CARRIED):
             return None
         pose = moment.boxes[box]
-        lowest = min(table.top for table in self.scene.task.tables) + self.scene.task.size(box) / 2
+        lowest = min(table.top for table in self.scene.task.tables) + self.scene.task.edge(box) / 2
         below = [*pose.translation[:2], max(pose.translation[2] - 0.07, lowest)]
         self.controller.put(box, RigidTransform.from_components(below, pose.rotation))
         return box
 
     def add_beside(self, moment: Moment) -> str | None:
         """Put an unknown object where a finger will go, as soon as the hand is on its way."""
-        return self._add(moment, lambda box: np.array([self.scene.task.size(box), 0, 0]))
+        return self._add(moment, lambda box: np.array([self.scene.task.edge(box), 0, 0]))
 
     def add_on(self, moment: Moment) -> str | None:
         """Put an unknown object on the box that the hand is on its way to."""
-        return self._add(moment, lambda box: np.array([0, 0, self.scene.task.size(box)]))
+        return self._add(moment, lambda box: np.array([0, 0, self.scene.task.edge(box)]))
 
     def add_twin(self, moment: Moment) -> str | None:
         """Put an object with the markers of one of the boxes on a table."""
         if not self.trigger.due(moment):
             return None
-        size = self.scene.task.size(self.scene.task.box_names[0])
+        size = self.scene.task.edge(self.scene.task.object_names[0])
         for table in self.scene.task.tables:
             for x, y in ((0.05, 0.0), (-0.05, 0.0), (0.0, 0.05), (0.0, -0.05)):
                 spot = np.array([table.position[0] + x, table.position[1] + y, table.top + size / 2])
                 near = [*moment.hands.values(), *(pose.translation for pose in moment.boxes.values())]
-                at_kit = np.abs(spot - self.scene.kit.translation)[:2].max() < self.scene.task.kit.size / 2 + size
+                at_kit = np.abs(spot - self.scene.kit.translation)[:2].max() < self.scene.task.kit.size[0] / 2 + size
                 if not at_kit and all(np.linalg.norm(spot - thing) > 2 * size for thing in near):
                     self.controller.put(STRANGER, RigidTransform.from_translation(spot))
                     return str(self.disturbance.stranger)
@@ -170,7 +170,7 @@ class Disturber:
         way = way / np.linalg.norm(way) if np.linalg.norm(way) > SHIFT else np.array([0.0, 1.0, 0.0])
         shift = RigidTransform.from_translation(SHIFT * way)
         for box, pose in moment.boxes.items():
-            if np.abs(pose.translation - kit.translation)[:2].max() < self.scene.task.kit.size / 2:
+            if np.abs(pose.translation - kit.translation)[:2].max() < self.scene.task.kit.size[0] / 2:
                 self.controller.put(box, shift * pose)
         self.scene = dataclasses.replace(self.scene, kit=shift * kit)
         self.controller.put(self.scene.task.kit.name, self.scene.kit)

@@ -47,7 +47,7 @@ class FilmedDemonstration:
         seed: int | list[int] = 0,
     ) -> None:
         self.demonstrator, self._step = demonstrator, 1 / fps
-        size = max(box.size for box in scene.task.boxes)
+        size = max(box.edge for box in scene.task.objects)
         model = _model(scene, hand or HandModel(), size, light or Light(), placement)
         realism = dataclasses.replace(scene.realism, rate=float("inf"))
         self._camera = RenderedCamera(model, self._state, CAMERA, realism=realism, seed=seed)

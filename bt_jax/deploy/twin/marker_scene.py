@@ -30,11 +30,11 @@ class MarkerScene:
 
 def marker_scene(task: Task) -> MarkerScene:
     """Return what a scene needs so that its camera sees the markers of a task."""
-    colors = {box.name: tint(box.color) for box in task.boxes}
+    colors = {box.name: tint(box.color) for box in task.objects}
     markers = task_markers(task)
     files = {_file(marker): _texture(marker, colors.get(marker.body, WHITE)) for marker in markers}
     assets = []
-    for box in task.boxes:
+    for box in task.objects:
         faces = " ".join(f'file{marker.face}="{_file(marker)}"' for marker in markers if marker.body == box.name)
         assets.append(f'<texture name="{box.name}_markers" type="cube" {faces}/>')
         assets.append(_material(f"{box.name}_markers"))

@@ -65,7 +65,7 @@ class Person:
         if self.rng.random() < 0.4:
             self._times.pop(0)
             self._gone[box] = now + self.rng.uniform(*GONE)
-            size = self.scene.task.size(box)
+            size = self.scene.task.edge(box)
             return self._lay(now, "remove", box, np.array([*OFF, self.scene.task.floor + size / 2]))
         spot = self._spot(box, hands())
         if spot is None:
@@ -92,7 +92,7 @@ class Person:
 
     def _spot(self, box: str, hands: list[Point]) -> Point | None:
         """Return a free place on a table without the kit, away from other boxes and from the hands."""
-        task, size = self.scene.task, self.scene.task.size(box)
+        task, size = self.scene.task, self.scene.task.edge(box)
         others = [pose.translation for name, pose in self._poses().items() if name != box]
         kit = self.scene.kit.translation
         tables = [table for table in task.tables if np.linalg.norm(np.subtract(table.position, kit)[:2]) > 0.01]

@@ -10,7 +10,7 @@ import numpy as np
 from bt_jax.lfd.evaluation.synthetic import with_boxes
 from bt_jax.tasks import Layout, Subgoal, Table, Target, Task
 from bt_jax.tasks.checks import check, check_support
-from bt_jax.tasks.task import Vec3
+from bt_jax.tasks.things import Vec3
 
 __all__ = ["random_task"]
 
@@ -23,7 +23,7 @@ def random_task(task: Task, *, boxes: int, rng: np.random.Generator) -> Task:
     """Return a task with this many boxes in the scene of another, whose boxes have one size and whose kit starts on any
     table. Its episodes have the ticks to move each box twice."""
     task = with_boxes(task, boxes)
-    names = [str(name) for name in rng.permutation(task.box_names)]
+    names = [str(name) for name in rng.permutation(task.object_names)]
     layout = _layout(task, names, rng)
     targets = _targets(dataclasses.replace(task, layout=layout), names, rng)
     unstacked = Subgoal("unstacked", ("holding(nothing)", "reachable({box})", "clear({box})"))
@@ -41,7 +41,7 @@ def random_task(task: Task, *, boxes: int, rng: np.random.Generator) -> Task:
 
 
 def _layout(task: Task, names: list[str], rng: np.random.Generator) -> Layout:
-    layout, size, left = task.layout, task.boxes[0].size, list(names)
+    layout, size, left = task.layout, task.objects[0].edge, list(names)
     if rng.random() < FIXED:
         kit, table = task.tables[0], task.tables[rng.integers(1, len(task.tables))]
         spot = _cells(task, table)[0]
@@ -55,7 +55,7 @@ def _layout(task: Task, names: list[str], rng: np.random.Generator) -> Layout:
 
 def _targets(task: Task, names: list[str], rng: np.random.Generator) -> list[Target]:
     """Return places that are free of each other, for some of the boxes."""
-    size = task.boxes[0].size
+    size = task.objects[0].edge
     chosen = [str(name) for name in rng.permutation(names)[: rng.integers(1, len(names) + 1)]]
     loose = [name for name in names if name not in chosen]
     low = (task.kit.thickness + size) / 2
@@ -85,7 +85,7 @@ def _targets(task: Task, names: list[str], rng: np.random.Generator) -> list[Tar
 
 def _cells(task: Task, table: Table) -> list[Vec3]:
     """Return where boxes may stand on a table, in the robot's frame; the middle is the first."""
-    size, found = task.boxes[0].size, []
+    size, found = task.objects[0].edge, []
     for x in (0.0, -CELL, CELL):
         for y in (0.0, -CELL, CELL):
             world = (table.position[0] + x, table.position[1] + y, table.top + size / 2)

@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from bt_jax._util.errors import UserError
 from bt_jax.lfd.demonstration import END_EFFECTOR_HEIGHT, Action, Demonstration, Demonstrations, Frames, Kind, Pose
-from bt_jax.tasks import Box, Target, Task
+from bt_jax.tasks import Object, Target, Task
 
 __all__ = [
     "demonstrate",
@@ -74,12 +74,12 @@ def demonstration_set(
 def with_boxes(task: Task, count: int) -> Task:
     """Return the task with this many boxes, at most three more than it has, all of the size of its first; targets of
     boxes that it no longer has are dropped."""
-    size = task.boxes[0].size
-    boxes = (*task.boxes, *(Box(name, size, color) for name, color in MORE_BOXES))[:count]
+    size = task.objects[0].edge
+    boxes = (*task.objects, *(Object(name, (size, size, size), color) for name, color in MORE_BOXES))[:count]
     names = {box.name for box in boxes}
-    gone = {box.name for box in task.boxes} - names
+    gone = {box.name for box in task.objects} - names
     targets = tuple(one for one in task.targets if one.object in names and one.frame not in gone)
-    return dataclasses.replace(task, name=f"{task.name}_{count}", boxes=boxes, targets=targets)
+    return dataclasses.replace(task, name=f"{task.name}_{count}", objects=boxes, targets=targets)
 
 
 def on_one_table(task: Task) -> Task:
@@ -92,13 +92,13 @@ def random_truth(task: Task, *, rng: np.random.Generator) -> tuple[Target, ...]:
     """Return what a demonstrator may show: at least one box goes to a random free place in the kit, on a box that stays,
     on one placed before, or at the edge of a table, which is a place in the robot's frame. Some boxes are put aside first.
     The task must have boxes of one size."""
-    names = [str(name) for name in rng.permutation(task.box_names)]
+    names = [str(name) for name in rng.permutation(task.object_names)]
     moved = names[: rng.integers(1, len(names) + 1)]
     edges = [_edge_spots(task, table) for table in range(len(task.tables))]
     spots = [tuple(spot) for spot in rng.permutation(np.concatenate(edges))]
     cells = [tuple(cell) for cell in rng.permutation(_kit_cells(task))]
     tops = [name for name in names if name not in moved]  # boxes that another one may be put on
-    size = task.boxes[0].size
+    size = task.objects[0].edge
     aside = [_target(name, spots.pop(), task.robot_frame) for name in moved if rng.random() < ASIDE]
     placed = []
     for name in moved:
@@ -118,12 +118,12 @@ def random_situations(task: Task, *, rng: np.random.Generator) -> tuple[tuple[Ta
     """Return what a demonstrator may show in two situations: a box goes to a place in one frame, in the first situation
     perhaps after it was put aside, or else to a place in another frame; some of the remaining boxes go to the kit. The task
     must have at least three boxes, all of one size."""
-    thing, *others = (str(name) for name in rng.permutation(task.box_names))
+    thing, *others = (str(name) for name in rng.permutation(task.object_names))
     frames = [str(name) for name in rng.permutation([*others, task.kit.name, task.robot_frame])[:2]]
     cells = [tuple(cell) for cell in rng.permutation(_kit_cells(task))]
     spots = np.concatenate([_edge_spots(task, table) for table in range(len(task.tables))])
     edges = [tuple(spot) for spot in rng.permutation(spots)]
-    size = task.boxes[0].size
+    size = task.objects[0].edge
 
     def place(frame: str) -> Target:
         if frame == task.robot_frame:
@@ -168,9 +168,9 @@ def _random_layout(task: Task, rng: np.random.Generator) -> Positions:
         task.robot_frame: np.array(task.robot_position),
         task.kit.name: np.array([*table.position[:2], table.top + task.kit.thickness / 2]),
     }
-    sizes = {box.name: box.size for box in task.boxes}
+    sizes = {box.name: box.edge for box in task.objects}
     stack = task.layout.stack
-    groups = [stack] * bool(stack) + [(name,) for name in task.box_names if name not in stack]
+    groups = [stack] * bool(stack) + [(name,) for name in task.object_names if name not in stack]
     for _ in range(TRIES):
         spots: list[np.ndarray] = []
         for group in groups:
@@ -189,14 +189,14 @@ def _random_layout(task: Task, rng: np.random.Generator) -> Positions:
 
 def _kit_cells(task: Task) -> Float[np.ndarray, "n 3"]:
     """Return centres of boxes that stand in the kit side by side, in its frame."""
-    size = task.boxes[0].size
+    size = task.objects[0].edge
     steps = task.genes.pitch * (np.arange(task.genes.grid) - (task.genes.grid - 1) / 2)
     return np.array([(x, y, (task.kit.thickness + size) / 2) for x in steps for y in steps])
 
 
 def _edge_spots(task: Task, table: int) -> Float[np.ndarray, "n 3"]:
     """Return centres of boxes along two edges of a table, beyond where layouts put anything, in the robot's frame."""
-    one, size = task.tables[table], task.boxes[0].size
+    one, size = task.tables[table], task.objects[0].edge
     along = one.size[0] / 2 - size
     xs = np.arange(-along, along + 1e-9, 1.5 * size)
     spots = [(x, side * (one.size[1] / 2 - EDGE), one.size[2] / 2 + size / 2) for x in xs for side in (-1, 1)]

@@ -7,10 +7,10 @@ import numpy as np
 from bt_jax.behaviors.geometry import is_at, is_reachable, rests_on
 from bt_jax.mjx_env.episodes.playback import Playback, Tick
 from bt_jax.mjx_env.episodes.rules import Ending
-from bt_jax.mjx_env.scene.surfaces import box_surfaces, fixed_surfaces, overlaps
+from bt_jax.mjx_env.surfaces import fixed_surfaces, object_surfaces, overlaps, surface_names
 from bt_jax.mjx_env.world import World, frames, to_world
 from bt_jax.tasks import Target, Task
-from bt_jax.tasks.task import Vec3
+from bt_jax.tasks.things import Vec3
 
 __all__ = ["explain_failure"]
 
@@ -29,11 +29,7 @@ def explain_failure(task: Task, playback: Playback) -> str:
     assert not playback.solved
     if playback.ending == Ending.BROKEN:
         return ENDINGS[Ending.BROKEN]
-    missed = [
-        target
-        for target, distance in zip(task.targets, playback.distance, strict=True)
-        if not distance < task.episode.tolerance
-    ]
+    missed = [target for target, met in zip(task.targets, playback.misses.met, strict=True) if not met]
     return _why_missed(task, playback, missed[0]) if missed else ENDINGS[playback.ending]
 
 
@@ -45,17 +41,17 @@ def _why_missed(task: Task, playback: Playback, target: Target) -> str:
     if puts and not _arrived(task, puts[-1]):
         return _why_not_there(task, puts[-1])
     lowest = min(table.top for table in task.tables)
-    if not is_reachable(_centre(task, final, name)[2], lowest, task.size(name)):
+    if not is_reachable(_centre(task, final, name)[2], lowest, task.edge(name)):
         return f"{name} has fallen to the floor"
     if puts and _is_met(task, puts[-1].after, target):
         return f"{name} does not stay in its place"
     if puts:
         return f"{name} is put somewhere else"
-    if final.held[0] == task.box_names.index(name):
+    if final.held[0] == task.object_names.index(name):
         return f"{name} is still in the gripper"
-    for other in task.box_names:
+    for other in task.object_names:
         centres = _centre(task, final, other), _centre(task, final, name)
-        if other != name and rests_on(*centres, task.size(other), task.size(name)):
+        if other != name and rests_on(*centres, task.edge(other), task.edge(name)):
             return f"{other} stands on {name} and is not taken away"
     return f"{name} is never put anywhere"
 
@@ -68,15 +64,16 @@ def _arrived(task: Task, tick: Tick) -> bool:
 def _why_not_there(task: Task, tick: Tick) -> str:
     """Return what is in the way of a `place` whose object ended elsewhere, or that nothing is there to carry it."""
     name, goal = _carried(tick), _goal(task, tick)
-    half = np.array([task.size(name) / 2], np.float32)
-    things = ["the floor", *(table.name for table in task.tables), *["the kit"] * 5, *task.box_names]
+    half = np.array([task.thing(name).half_at(None)], np.float32)
+    names = ["the kit" if thing in task.kit_names and len(task.kits) == 1 else thing for thing in surface_names(task)]
+    things = [*names, *task.object_names]
     tops = [(task.floor, "the floor")]
-    for surfaces in (fixed_surfaces(task, tick.before.kit), box_surfaces(task, tick.before.poses)):
-        under = overlaps(surfaces, np.array([goal[:2]], np.float32), half)[0]
+    for surfaces in (fixed_surfaces(task, tick.before.kits), object_surfaces(task, tick.before.poses)):
+        under = overlaps(surfaces, np.array([goal[:2]], np.float32), half[:, :2])[0]
         labels, things = things[: len(under)], things[len(under) :]
         tops += [(float(top), label) for top, label, here in zip(surfaces.top[0], labels, under, strict=True) if here]
     top, support = max(entry for entry in tops if entry[1] != name)
-    off = goal[2] - (top + task.size(name) / 2)
+    off = goal[2] - (top + float(half[0, 2]))
     if off < -task.episode.tolerance:
         return f"{support} is where {name} should be put"
     if off > task.episode.tolerance:
@@ -108,4 +105,4 @@ def _in_world(task: Task, world: World, frame: str, position: Vec3) -> list[floa
 
 def _centre(task: Task, world: World, name: str) -> list[float]:
     """Return where the centre of a box is, metres in the world [3]."""
-    return np.asarray(world.poses)[0, task.box_names.index(name), :3].tolist()
+    return np.asarray(world.poses)[0, task.object_names.index(name), :3].tolist()

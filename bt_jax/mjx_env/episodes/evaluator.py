@@ -21,7 +21,7 @@ from jaxtyping import Bool, Float32, Int8, Int32, UInt8
 from bt_jax._util.compile_cache import kept_jit
 from bt_jax.encoding.arrays import Trees
 from bt_jax.encoding.tick import JumpTable, Status, jump_table, tick_trees
-from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS, fitness
+from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS, Misses, fitness
 from bt_jax.mjx_env.episodes.rules import Ending, Tally, count_tick, fresh_tally, is_solved, resolve, select, used_up
 from bt_jax.mjx_env.episodes.table import BROKEN, MEMORY, UNKNOWN, Known, TableFullError, TransitionTable
 from bt_jax.mjx_env.physics.protocol import Physics
@@ -50,7 +50,7 @@ class Evaluation:
     values: Float32[np.ndarray, "P K"]  # fitness of each episode
     ending: Int8[np.ndarray, "P K"]
     ticks: Int32[np.ndarray, "P K"]
-    distance: Float32[np.ndarray, "P K targets"]  # metres, at the end
+    misses: Misses  # [P, K, targets], at the end
     subgoals_missed: Int32[np.ndarray, "P K"]  # subgoals never reached
     solved: Bool[np.ndarray, "P K"]  # ended in SUCCESS with every target within the tolerance
     reached: Bool[np.ndarray, "P K subgoals"]
@@ -128,7 +128,7 @@ class _Ends(NamedTuple):
     """How E episodes ended."""
 
     tally: Tally
-    distance: Float32[np.ndarray, "E targets"]
+    misses: Misses
     reached: Bool[np.ndarray, "E subgoals"]
 
 
@@ -163,7 +163,7 @@ class TableEvaluator:
             self.table.semantics.task,
             trees,
             ends.tally,
-            distance=ends.distance,
+            misses=ends.misses,
             reached=ends.reached,
             shape=starts.shape,
         )
@@ -208,7 +208,7 @@ class TableEvaluator:
         first = self.table.ids(take(layouts, used))[each]
         state, tally = self._finish(jumps, tree, first, fresh)
         state = np.asarray(state)
-        return _Ends(tally, self.table.distance(state), self.table.reached(state))
+        return _Ends(tally, self.table.misses(state), self.table.reached(state))
 
     def _finish(
         self, jumps: JumpTable, tree: Int32[np.ndarray, " E"], state: Int32[Array, " E"], tally: Tally
@@ -275,23 +275,25 @@ def evaluation(
     trees: Trees,
     tally: Tally,
     *,
-    distance: Float32[np.ndarray, "E targets"],
+    misses: Misses,
     reached: Bool[np.ndarray, "E subgoals"],
     shape: tuple[int, int],
 ) -> Evaluation:
-    """Return the evaluation of E = P * K episodes from their final distances [m] and the subgoals that they reached; `shape`
-    is (P, K)."""
+    """Return the evaluation of E = P * K episodes from how far they missed their targets and the subgoals that they
+    reached; `shape` is (P, K)."""
     ending, ticks = np.asarray(tally.ending).reshape(shape), np.asarray(tally.ticks).reshape(shape)
-    distance, reached = distance.reshape(*shape, -1), reached.reshape(*shape, reached.shape[-1])
+    reached = reached.reshape(*shape, reached.shape[-1])
+    misses = Misses(*(leaf.reshape(*shape, -1) for leaf in (misses.distance, misses.turn, misses.met)))
     subgoals_missed = (~reached).sum(axis=-1, dtype=np.int32)
     trace = None if tally.trace is None else np.asarray(tally.trace).reshape(*shape, -1)
     nodes = np.asarray(trees.sizes)[:, :1].astype(np.int32)
     values = fitness(
         task,
-        distance=distance.sum(axis=-1),
+        distance=misses.distance.sum(axis=-1),
+        turn=misses.turn.sum(axis=-1),
         subgoals_missed=subgoals_missed,
         nodes=np.broadcast_to(nodes, shape),
         ending=ending,
     )
-    solved = is_solved(ending, distance, task.episode)
-    return Evaluation(values, ending, ticks, distance, subgoals_missed, solved, reached, trace)
+    solved = is_solved(ending, misses.met)
+    return Evaluation(values, ending, ticks, misses, subgoals_missed, solved, reached, trace)

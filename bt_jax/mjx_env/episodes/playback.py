@@ -5,13 +5,13 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from jaxtyping import Float32, Int32
+from jaxtyping import Int32
 
 from bt_jax.behaviors import Behavior, Tree, not_memoryless
 from bt_jax.encoding.interpret import TreeMemory, TreeTick, tick_tree
 from bt_jax.encoding.tick import Status
 from bt_jax.encoding.walk import prefix
-from bt_jax.mjx_env.episodes.fitness import fitness, subgoals_missed, target_distances
+from bt_jax.mjx_env.episodes.fitness import Misses, fitness, subgoals_missed, target_misses
 from bt_jax.mjx_env.episodes.rules import (
     NO_COMMAND,
     Ending,
@@ -57,7 +57,7 @@ class Playback:
     start: World  # a batch of one state
     ticks: tuple[Tick, ...]
     ending: Ending
-    distance: Float32[np.ndarray, " targets"]  # metres, at the end
+    misses: Misses  # [targets], at the end
     fitness: float
     solved: bool  # ended in SUCCESS with every target within the tolerance
 
@@ -151,13 +151,15 @@ def _execute(semantics: LeafSemantics, settler: Settler, world: World, command: 
 
 def _playback(semantics: LeafSemantics, tree: Tree, start: World, ticks: list[Tick], ending: Ending) -> Playback:
     task, final = semantics.task, ticks[-1].after
-    distance = target_distances(task, final)
+    misses = target_misses(task, final)
     value = fitness(
         task,
-        distance=distance.sum(axis=-1),
+        distance=misses.distance.sum(axis=-1),
+        turn=misses.turn.sum(axis=-1),
         subgoals_missed=subgoals_missed(final),
         nodes=np.array([len(prefix(tree))], np.int32),
         ending=np.array([ending], np.int8),
     )
-    solved = bool(is_solved(np.array([ending], np.int8), distance, task.episode)[0])
-    return Playback(tree, start, tuple(ticks), ending, distance[0], float(value[0]), solved)
+    solved = bool(is_solved(np.array([ending], np.int8), misses.met)[0])
+    own = Misses(misses.distance[0], misses.turn[0], misses.met[0])
+    return Playback(tree, start, tuple(ticks), ending, own, float(value[0]), solved)

@@ -23,7 +23,7 @@ from bt_jax.mjx_env.episodes.evaluator import (
     evaluation,
     in_batches,
 )
-from bt_jax.mjx_env.episodes.fitness import target_distances
+from bt_jax.mjx_env.episodes.fitness import target_misses
 from bt_jax.mjx_env.episodes.rules import Ending, Tally, count_tick, fresh_tally, resolve, used_up
 from bt_jax.mjx_env.physics.protocol import SettleFn
 from bt_jax.mjx_env.semantics import LeafSemantics, command_of, subgoals_of
@@ -60,7 +60,7 @@ class RolloutEvaluator:
             self.semantics.task,
             trees,
             tally,
-            distance=target_distances(self.semantics.task, world),
+            misses=target_misses(self.semantics.task, world),
             reached=world.reached,
             shape=starts.shape,
         )
@@ -89,7 +89,7 @@ def _rollout(
         idle = jnp.where(world.gripper_open, 0, 1)
         released = act(semantics, world, jnp.where(running, command, idle))
         moved = (released.box >= 0)[:, None] & released.present
-        settled = settle(released.world.kit, released.poses, moved)
+        settled = settle(released.world.kits, released.poses, moved)
         after = settled_world(task, released, settled.poses)
         broken = running & ~settled.ok
         acts = running & settled.ok

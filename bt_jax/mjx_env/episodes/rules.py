@@ -12,7 +12,7 @@ import enum
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float32, Int8, Int32, UInt8
+from jaxtyping import Bool, Int8, Int32, UInt8
 
 from bt_jax.encoding.tick import Status
 from bt_jax.mjx_env.semantics import command_of
@@ -100,6 +100,6 @@ def select(condition: Bool[Array, " E"], yes: Tally, no: Tally) -> Tally:
     return jax.tree.map(lambda a, b: where(condition.reshape(-1, *[1] * (a.ndim - 1)), a, b), yes, no)
 
 
-def is_solved(ending: Int8[Array, "*E"], distance: Float32[Array, "*E targets"], rules: Episode) -> Bool[Array, "*E"]:
-    """Return which episodes ended in SUCCESS with every target within the tolerance; `distance` is in metres."""
-    return (ending == Ending.SUCCESS) & (distance < rules.tolerance).all(axis=-1)
+def is_solved(ending: Int8[Array, "*E"], met: Bool[Array, "*E targets"]) -> Bool[Array, "*E"]:
+    """Return which episodes ended in SUCCESS with every target met."""
+    return (ending == Ending.SUCCESS) & met.all(axis=-1)

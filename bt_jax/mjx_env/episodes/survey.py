@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import jax
 import numpy as np
 
 from bt_jax.behaviors import Tree
@@ -35,7 +36,7 @@ def survey(semantics: LeafSemantics, physics: Physics, tree: Tree, layouts: Worl
         values=np.array([[one.fitness for one in played]], np.float32),
         ending=np.array([[one.ending for one in played]], np.int8),
         ticks=np.array([[len(one.ticks) for one in played]], np.int32),
-        distance=np.array([[one.distance for one in played]], np.float32),
+        misses=jax.tree.map(lambda *leaves: np.stack(leaves)[None], *(one.misses for one in played)),
         subgoals_missed=np.array([[subgoals_missed(one.final)[0] for one in played]], np.int32),
         solved=np.array([[one.solved for one in played]], bool),
         reached=np.array([[one.final.reached[0] for one in played]], bool),

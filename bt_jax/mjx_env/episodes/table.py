@@ -18,11 +18,11 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float32, Int, Int32, UInt
+from jaxtyping import Array, Bool, Int, Int32, UInt
 
 from bt_jax._util.compile_cache import kept_jit
 from bt_jax.mjx_env.episodes.codes import OutcomeCodes, TooManyOutcomesError
-from bt_jax.mjx_env.episodes.fitness import target_distances
+from bt_jax.mjx_env.episodes.fitness import Misses, target_misses
 from bt_jax.mjx_env.episodes.pages import UNKNOWN, Pages, SparseRows
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.physics.settler import Settler
@@ -108,9 +108,9 @@ class TransitionTable:
     def _bytes_per_state(self) -> int:
         """How much memory the room for one state takes, host and device together."""
         task, tokens = self.semantics.task, len(self.semantics.vocabulary)
-        boxes, subgoals = len(task.boxes), len(task.subgoals)
-        name = NAME_BYTES + 4 * (5 + 7 * boxes + subgoals)
-        row = 4 * (4 + 7 * boxes + len(task.targets)) + 2 + subgoals
+        boxes, kits, subgoals = len(task.objects), len(task.kits), len(task.subgoals)
+        name = NAME_BYTES + 4 * (2 + 3 * kits + 7 * boxes + subgoals)
+        row = 4 * (1 + 3 * kits + 7 * boxes + 2 * len(task.targets)) + len(task.targets) + 2 + subgoals
         code = np.dtype(_code_type(self.semantics)).itemsize
         return name + row + code * tokens + SparseRows.bytes_per_state(self.num_commands)
 
@@ -152,9 +152,10 @@ class TransitionTable:
         """Return the states with these ids (NumPy)."""
         return take(self._known.world, ids)
 
-    def distance(self, ids: Int32[np.ndarray, " S"]) -> Float32[np.ndarray, "S targets"]:
-        """Return the distances of the targets' objects in these states, metres."""
-        return self._known.distance[ids]
+    def misses(self, ids: Int32[np.ndarray, " S"]) -> Misses:
+        """Return how far the targets are from being met in these states."""
+        known = self._known.misses
+        return Misses(known.distance[ids], known.turn[ids], known.met[ids])
 
     def reached(self, ids: Int32[np.ndarray, " S"]) -> Bool[np.ndarray, "S subgoals"]:
         """Return which of the task's subgoals were reached on the way to these states."""
@@ -201,7 +202,7 @@ class TransitionTable:
         tokens = len(self.semantics.vocabulary)
         for part in _parts(count, room=self._codes.shape[0] - self.num_states, tokens=tokens):
             new, start = take(world, part.rows), self.num_states
-            self._remember(_Rows(new, target_distances(self.semantics.task, new)), start)
+            self._remember(_Rows(new, target_misses(self.semantics.task, new)), start)
             self._codes = _write(self._codes, self._coded(new, part.size), np.int32(start))
             self.num_states += new.held.shape[0]
 
@@ -256,7 +257,7 @@ class _Rows:
     """What the host keeps of each state; there may be room for more states behind the last."""
 
     world: World
-    distance: Float32[np.ndarray, "S targets"]
+    misses: Misses
 
 
 def _lengthened(array: np.ndarray, length: int) -> np.ndarray:

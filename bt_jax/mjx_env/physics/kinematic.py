@@ -8,7 +8,15 @@ import numpy as np
 from jaxtyping import Bool, Float32
 
 from bt_jax.mjx_env.physics.protocol import Settled
-from bt_jax.mjx_env.scene.surfaces import Surfaces, box_surfaces, fixed_surfaces, overlaps, support_height
+from bt_jax.mjx_env.surfaces import (
+    Surfaces,
+    fixed_surfaces,
+    joined,
+    object_surfaces,
+    overlaps,
+    standing_extents,
+    support_height,
+)
 from bt_jax.mjx_env.world import Array, namespace
 from bt_jax.tasks import Task
 
@@ -24,74 +32,80 @@ class Kinematic:
 
     task: Task
     name: str = "kinematic"
-    description: str = "no dynamics, boxes drop to their support and topple if they have none"
+    description: str = "no dynamics, objects drop to their support and topple if they have none"
 
     def settle(
-        self, kit: Float32[Array, "S 3"], poses: Float32[Array, "S B 7"], present: Bool[Array, "S B"]
+        self, kits: Float32[Array, "S T 3"], poses: Float32[Array, "S B 7"], present: Bool[Array, "S B"]
     ) -> Settled:
         """See `Physics.settle`; NumPy or JAX."""
-        return settle(self.task, kit, poses, present)
+        return settle(self.task, kits, poses, present)
 
 
 def settle(
-    task: Task, kit: Float32[Array, "S 3"], poses: Float32[Array, "S B 7"], present: Bool[Array, "S B"]
+    task: Task, kits: Float32[Array, "S T 3"], poses: Float32[Array, "S B 7"], present: Bool[Array, "S B"]
 ) -> Settled:
-    """Let boxes fall, the lowest first; NumPy or JAX. See `Physics.settle`."""
+    """Let objects fall, the lowest first; NumPy or JAX. See `Physics.settle`."""
     xp = namespace(poses)
-    count = len(task.boxes)
-    sizes = xp.asarray(np.array([[box.size for box in task.boxes]], np.float32))
+    count = len(task.objects)
     start, done = poses, ~present & False
-    fixed = fixed_surfaces(task, kit)
+    fixed = fixed_surfaces(task, kits)
     order = xp.argsort(xp.where(present, poses[..., 2], np.float32(np.inf)), axis=1, stable=True)
     for rank in range(count):
         chosen = order[:, rank, None] == np.arange(count)[None]
         falls = chosen & present
         if xp is np and not falls.any():
             break
-        one = chosen[..., None]
-        pose = xp.sum(xp.where(one, poses, np.float32(0)), axis=1)
-        half = xp.sum(xp.where(chosen, sizes, np.float32(0)), axis=1) / 2
-        movable = box_surfaces(task, poses)
-        surfaces = Surfaces(
-            centre=xp.concatenate([fixed.centre, movable.centre], axis=1),
-            half=xp.concatenate([fixed.half, movable.half], axis=1),
-            top=xp.concatenate([fixed.top, movable.top], axis=1),
-        )
+        pose = _picked(poses, chosen)
+        surfaces = joined(fixed, object_surfaces(task, poses))
         usable = xp.concatenate([xp.ones(fixed.top.shape, bool), done], axis=1)
-        pose = _drop(surfaces, usable, pose, half)
+
+        def half_of(pose: Array, chosen: Array = chosen) -> Float32[Array, "S 3"]:
+            repeated = xp.broadcast_to(pose[:, None, 3:], (*chosen.shape, 4))
+            return _picked(standing_extents(task, repeated), chosen)
+
+        pose = _drop(surfaces, usable, pose, half_of(pose))
         for _ in range(TOPPLES):
-            before, pose = pose, _drop(surfaces, usable, _topple(surfaces, usable, pose, half), half)
+            before, toppled = pose, _topple(surfaces, usable, pose, half_of(pose))
+            pose = _drop(surfaces, usable, toppled, half_of(toppled))
             if xp is np and np.array_equal(before, pose):
                 break
         poses = xp.where(falls[..., None], pose[:, None], poses)
         done = done | falls
     reach = xp.sqrt(xp.sum((poses[..., :2] - start[..., :2]) ** 2, axis=-1))
-    return Settled(poses, xp.ones(kit.shape[0], bool), xp.zeros(kit.shape[0], np.int32), reach)
+    return Settled(poses, xp.ones(kits.shape[0], bool), xp.zeros(kits.shape[0], np.int32), reach)
 
 
-def _drop(surfaces: Surfaces, usable: Array, pose: Float32[Array, "S 7"], half: Float32[Array, " S"]) -> Array:
+def _picked(values: Float32[Array, "S B n"], chosen: Bool[Array, "S B"]) -> Float32[Array, "S n"]:
+    """Return the row of the chosen object in each state."""
+    xp = namespace(values)
+    return xp.sum(xp.where(chosen[..., None], values, np.float32(0)), axis=1)
+
+
+def _drop(surfaces: Surfaces, usable: Array, pose: Float32[Array, "S 7"], half: Float32[Array, "S 3"]) -> Array:
     xp = namespace(pose)
-    below = usable & (surfaces.top <= (pose[:, 2] - half + half * np.float32(2 * LEVEL))[:, None])
-    height = support_height(surfaces, pose[:, :2], half, below) + half
+    high = half[:, 2]
+    below = usable & (surfaces.top <= (pose[:, 2] - high + high * np.float32(2 * LEVEL))[:, None])
+    height = support_height(surfaces, pose[:, :2], half[:, :2], below) + high
     return xp.concatenate([pose[:, :2], height[:, None], pose[:, 3:]], axis=-1)
 
 
-def _topple(surfaces: Surfaces, usable: Array, pose: Float32[Array, "S 7"], half: Float32[Array, " S"]) -> Array:
-    """Move a box whose centre is beside its support off that support, turned by a quarter; others stay."""
+def _topple(surfaces: Surfaces, usable: Array, pose: Float32[Array, "S 7"], half: Float32[Array, "S 3"]) -> Array:
+    """Move an object whose centre is beside its support off that support, turned by a quarter; others stay."""
     xp = namespace(pose)
-    xy, bottom = pose[:, :2], pose[:, 2] - half
-    level = xp.abs(surfaces.top - bottom[:, None]) < (half * np.float32(2 * LEVEL))[:, None]
-    carries = (usable & level & overlaps(surfaces, xy, half))[..., None]
-    low = xp.maximum(surfaces.centre - surfaces.half, (xy - half[:, None])[:, None])
-    high = xp.minimum(surfaces.centre + surfaces.half, (xy + half[:, None])[:, None])
+    xy, high = pose[:, :2], half[:, 2]
+    bottom = pose[:, 2] - high
+    level = xp.abs(surfaces.top - bottom[:, None]) < (high * np.float32(2 * LEVEL))[:, None]
+    carries = (usable & level & overlaps(surfaces, xy, half[:, :2]))[..., None]
+    low = xp.maximum(surfaces.centre - surfaces.half, (xy - half[:, :2])[:, None])
+    top = xp.minimum(surfaces.centre + surfaces.half, (xy + half[:, :2])[:, None])
     low = xp.min(xp.where(carries, low, np.float32(np.inf)), axis=1)
-    high = xp.max(xp.where(carries, high, np.float32(-np.inf)), axis=1)
-    over = xp.maximum(xp.maximum(low - xy, xy - high), np.float32(0))  # how far the centre is out, along x and y
+    top = xp.max(xp.where(carries, top, np.float32(-np.inf)), axis=1)
+    over = xp.maximum(xp.maximum(low - xy, xy - top), np.float32(0))  # how far the centre is out, along x and y
     along_x = over[:, 0] >= over[:, 1]
     falls = xp.any(over > 0, axis=1)
-    up = xy > high
-    edge = xp.where(up, high, low)
-    clear = xp.where(up, edge + half[:, None], edge - half[:, None])
+    up = xy > top
+    edge = xp.where(up, top, low)
+    clear = xp.where(up, edge + high[:, None], edge - high[:, None])  # on its side it is as wide as it was high
     axis = xp.stack([along_x, ~along_x], axis=1)
     new_xy = xp.where(axis & falls[:, None], clear, xy)
     turn = xp.where(xp.any(axis & up, axis=1), np.float32(1), np.float32(-1)) * np.float32(np.sqrt(0.5))

@@ -51,7 +51,9 @@ class MjxPhysics:
         self.task = task
         self._settle = functools.partial(_settle_kept, settle_fn(task, lanes=lanes, implementation=implementation))
 
-    def settle(self, kit: Float32[Host, "S 3"], poses: Float32[Host, "S B 7"], present: Bool[Host, "S B"]) -> Settled:
+    def settle(
+        self, kits: Float32[Host, "S T 3"], poses: Float32[Host, "S B 7"], present: Bool[Host, "S B"]
+    ) -> Settled:
         """See `Physics.settle`."""
         count = len(poses)
         bucket = _bucket(count)
@@ -63,7 +65,7 @@ class MjxPhysics:
         # Padding takes no part, so it is at rest as soon as the criterion allows.
         here = pad(present, bool)
         here[count:] = False
-        result = self._settle(pad(kit, np.float32), pad(poses, np.float32), here)
+        result = self._settle(pad(kits, np.float32), pad(poses, np.float32), here)
         return jax.tree.map(lambda values: values[:count], result)
 
 
@@ -74,7 +76,7 @@ def _bucket(count: int) -> int:
 
 
 def settle_fn(task: Task, *, lanes: int | None = None, implementation: str = "jax") -> SettleFn:
-    """Return the pure function `(kit, poses, present) -> Settled` of a task, to be jitted or used in jitted functions.
+    """Return the pure function `(kits, poses, present) -> Settled` of a task, to be jitted or used in jitted functions.
 
     `lanes` is how many problems are stepped at once (default: 64 on a CPU, 4096 elsewhere; never more than problems).
     Raises UserError if the implementation does not exist here.
@@ -96,8 +98,8 @@ class _Settle:
     task: Task
     lanes: int
 
-    def __call__(self, kit: Array, poses: Array, present: Array) -> Settled:
-        return _settle(_model(self.task), self.lanes, kit, poses, present)
+    def __call__(self, kits: Array, poses: Array, present: Array) -> Settled:
+        return _settle(_model(self.task), self.lanes, kits, poses, present)
 
 
 @functools.lru_cache(maxsize=16)  # equal functions are compiled once
@@ -108,13 +110,14 @@ def _warp_settle(task: Task, lanes: int) -> SettleFn:
 def _only_bodies(task: Task) -> Task:
     """Return the task without what the simulation does not depend on, so that tasks with the same bodies share compiled
     code."""
-    blank = Task("", "", task.tables, task.kit, task.boxes, targets=())
+    kits = tuple(dataclasses.replace(kit, slots=()) for kit in task.kits)
+    blank = Task("", "", task.tables, kits, task.objects, targets=())
     return dataclasses.replace(blank, robot_position=task.robot_position)
 
 
 @kept_jit(static_argnames=("settle",))
-def _settle_kept(settle: SettleFn, kit: Array, poses: Array, present: Array) -> Settled:
-    return settle(kit, poses, present)
+def _settle_kept(settle: SettleFn, kits: Array, poses: Array, present: Array) -> Settled:
+    return settle(kits, poses, present)
 
 
 @jax.tree_util.register_dataclass
@@ -134,7 +137,11 @@ class _Lane:
 
 
 def _settle(
-    model: _Model, lanes: int, kit: Float32[Array, "S 3"], poses: Float32[Array, "S B 7"], present: Bool[Array, "S B"]
+    model: _Model,
+    lanes: int,
+    kits: Float32[Array, "S T 3"],
+    poses: Float32[Array, "S B 7"],
+    present: Bool[Array, "S B"],
 ) -> Settled:
     problems, boxes = present.shape
     width = min(lanes, problems)
@@ -157,7 +164,7 @@ def _settle(
 
     def advance(lane: _Lane) -> _Lane:
         at = jnp.minimum(lane.problem, problems - 1)
-        return model.step(lane, kit[at], poses[at], present[at])
+        return model.step(lane, kits[at], poses[at], present[at])
 
     def body(carry):
         lane, taken, out = carry
@@ -204,22 +211,22 @@ class _Model:
         self.mjx = mjx.put_model(model, impl=implementation)
         room = {}
         if warp_lanes:  # Warp stores the contacts of all lanes together, and drops those for which there is no room
-            each = WARP_CONTACTS_PER_BOX * len(task.boxes)
+            each = WARP_CONTACTS_PER_BOX * len(task.objects)
             room = {"naconmax": warp_lanes * each, "njmax": ROWS_PER_CONTACT * each}
         self.data = mjx.make_data(model, impl=implementation, **room)
         self.implementation = implementation
         inertia = [
             np.repeat([model.body_mass[body]], 3).tolist() + model.body_inertia[body].tolist()
-            for body in self.ids.boxes
+            for body in self.ids.objects
         ]
-        self.parked = np.zeros((len(task.boxes), 7), np.float32)
-        self.parked[:, 0] = 10 * self.scales.size * np.arange(len(task.boxes))
+        self.parked = np.zeros((len(task.objects), 7), np.float32)
+        self.parked[:, 0] = 10 * self.scales.size * np.arange(len(task.objects))
         self.parked[:, 2:4] = PARKED, 1
         self.mass = np.array(inertia, np.float32).ravel()
-        self.free = np.tile(np.array([*model.opt.gravity, 0, 0, 0], np.float32), len(self.ids.boxes))
+        self.free = np.tile(np.array([*model.opt.gravity, 0, 0, 0], np.float32), len(self.ids.objects))
 
     def step(
-        self, lane: _Lane, kit: Float32[Array, "3"], start: Float32[Array, "B 7"], present: Bool[Array, " B"]
+        self, lane: _Lane, kits: Float32[Array, "T 3"], start: Float32[Array, "B 7"], present: Bool[Array, " B"]
     ) -> _Lane:
         """Do one physics step of one problem; boxes that are not present hang far above, each in its place."""
         here = present[:, None]
@@ -228,7 +235,7 @@ class _Model:
             qpos=poses.ravel(),
             qvel=jnp.where(here, lane.velocities, jnp.float32(0)).ravel(),
             qacc_warmstart=lane.warmstart,
-            mocap_pos=self._stand_in_positions(kit, poses),
+            mocap_pos=self._stand_in_positions(kits, poses),
         )
         poses, velocities, warmstart = self._advance(data)
         sane = jnp.all(jnp.where(here, jnp.isfinite(poses), True)) & jnp.all(
@@ -255,7 +262,7 @@ class _Model:
         """Do as `mjx.step` for boxes without joints among them: same collisions and constraints, another solver.
 
         The boxes are cubes, so nothing but gravity accelerates a free one: their inertia has no gyroscopic part."""
-        boxes = len(self.ids.boxes)
+        boxes = len(self.ids.objects)
         # MJX promotes types and ranks freely; this package's tests do not.
         with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
             if self.implementation == "warp":
@@ -303,11 +310,13 @@ class _Model:
             pos=jnp.where(plane[:, None], contact.pos, between), dist=jnp.where(again, 1.0, contact.dist)
         )
 
-    def _stand_in_positions(self, kit: Float32[Array, "3"], poses: Float32[Array, "B 7"]) -> Float32[Array, "mocap 3"]:
-        """Return where the kit and each stand-in is, in the order of the mocap bodies."""
-        rows = [kit]
-        for box, choices, in_kit in self.stand_ins:
-            places = jnp.asarray(choices, jnp.float32) + (kit if in_kit else jnp.zeros_like(kit))[None]
+    def _stand_in_positions(
+        self, kits: Float32[Array, "T 3"], poses: Float32[Array, "B 7"]
+    ) -> Float32[Array, "mocap 3"]:
+        """Return where the kits and each stand-in is, in the order of the mocap bodies."""
+        rows = list(kits)
+        for box, choices, kit in self.stand_ins:
+            places = jnp.asarray(choices, jnp.float32) + (jnp.zeros_like(kits[0]) if kit is None else kits[kit])[None]
             away = jnp.sum((places[:, :2] - poses[box, :2][None]) ** 2, axis=-1)
             rows.append(places[jnp.argmin(away)])
         return jnp.stack(rows)

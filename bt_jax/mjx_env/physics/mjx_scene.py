@@ -7,34 +7,32 @@ opposite walls, as stand-ins that follow the box, wherever the geometry proves t
 from __future__ import annotations
 
 import itertools
-import math
 import xml.etree.ElementTree as ElementTree
 
-from bt_jax.mjx_env.scene.mjcf import build_mjcf
+from bt_jax.mjx_env.scene.mjcf import build_mjcf, kit_geoms
 from bt_jax.tasks import Task
 
 __all__ = ["StandIn", "stand_in_mjcf"]
 
 CONTACTS_PER_BOX = 8
-StandIn = tuple[int, tuple[tuple[float, float, float], ...], bool]
+StandIn = tuple[int, tuple[tuple[float, float, float], ...], int | None]
 
 
 def stand_in_mjcf(task: Task) -> tuple[str, list[StandIn]]:
-    """Return the scene with explicit contact pairs, and its stand-ins: box index, places to choose from, whether in the
-    kit's frame. Their bodies follow the kit's in the file and thus in the mocap arrays."""
+    """Return the scene with explicit contact pairs, and its stand-ins: index of the object, places to choose from, index of
+    the kit in whose frame these are, if any. Their bodies follow the kits' in the file and thus in the mocap arrays."""
     root = ElementTree.fromstring(build_mjcf(task))
     world, defaults = _only(root, "worldbody"), _only(root, "default/geom")
     _only(root, "option").remove(_only(root, "option/flag"))  # the C engine's resets, which Warp refuses to read about
     contact = ElementTree.SubElement(root, "contact")
-    kit = next(body for body in world.iter("body") if body.get("name") == task.kit.name)
+    kits = [body for body in world.iter("body") if body.get("name") in task.kit_names]
     geoms = {geom.get("name"): geom for geom in world.iter("geom")}
-    walls = [("wall_left", "wall_right"), ("wall_front", "wall_back")]
     tables = tuple(table.name for table in task.tables)
     stand_ins: list[StandIn] = []
-    insert = list(world).index(kit) + 1
+    insert = list(world).index(kits[-1]) + 1
     replaced: set[str] = set()
 
-    def stand_in(box: int, names: tuple[str, ...], *, in_kit: bool) -> str:
+    def stand_in(box: int, names: tuple[str, ...], kit: int | None = None) -> str:
         nonlocal insert
         name = f"near_{names[0]}_{box}"
         body = ElementTree.Element("body", name=name, mocap="true")
@@ -42,20 +40,23 @@ def stand_in_mjcf(task: Task) -> tuple[str, list[StandIn]]:
         world.insert(insert, body)
         insert += 1
         places = tuple(_vector(geoms[name].attrib["pos"]) for name in names)
-        stand_ins.append((box, places, in_kit))
+        stand_ins.append((box, places, kit))
         replaced.update(names)
         return name
 
     pairs = []
-    for i, box in enumerate(task.boxes):
-        pairs += [("floor", box.name), ("plate", box.name)]
-        alone = _only_nearest_table(task, box.size)
-        pairs += [(name, box.name) for name in ([stand_in(i, tables, in_kit=False)] if alone else tables)]
-        single = box.size * math.sqrt(3) / 2 < task.kit.inner / 2
-        for both in walls:
-            pairs += [(name, box.name) for name in ([stand_in(i, both, in_kit=True)] if single else both)]
-    pairs += list(itertools.combinations(task.box_names, 2))
-    for parent in (kit, world):
+    for i, box in enumerate(task.objects):
+        alone = _only_nearest_table(task, 2 * box.radius)
+        pairs += [("floor", box.name)]
+        pairs += [(name, box.name) for name in ([stand_in(i, tables)] if alone else tables)]
+        for k, kit in enumerate(task.kits):
+            plate, left, right, front, back, *dividers = kit_geoms(task, kit)
+            pairs += [(name, box.name) for name in (plate, *dividers)]
+            for axis, both in enumerate(((left, right), (front, back))):
+                single = box.radius < kit.inner[axis] / 2
+                pairs += [(name, box.name) for name in ([stand_in(i, both, k)] if single else both)]
+    pairs += list(itertools.combinations(task.object_names, 2))
+    for parent in (*kits, world):
         for geom in [geom for geom in parent.findall("geom") if geom.get("name") in replaced]:
             parent.remove(geom)
     for geom in world.iter("geom"):  # only the explicit pairs meet
@@ -67,7 +68,7 @@ def stand_in_mjcf(task: Task) -> tuple[str, list[StandIn]]:
             contact, "pair", attributes | {key: defaults.attrib[key] for key in ("solref", "solimp")}
         )
     custom = ElementTree.SubElement(root, "custom")
-    contacts = str(CONTACTS_PER_BOX * len(task.boxes))
+    contacts = str(CONTACTS_PER_BOX * len(task.objects))
     ElementTree.SubElement(custom, "numeric", name="max_contact_points", data=contacts)
     return ElementTree.tostring(root, encoding="unicode"), stand_ins
 
@@ -84,10 +85,9 @@ def _vector(text: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _only_nearest_table(task: Task, size: float) -> bool:
-    """Return whether a box can touch only the table whose centre is nearest: all are alike and lie further apart than the
-    box's diagonal."""
-    diagonal = size * math.sqrt(3)
+def _only_nearest_table(task: Task, diagonal: float) -> bool:
+    """Return whether an object can touch only the table whose centre is nearest: all are alike and lie further apart than
+    the object's diagonal."""
     if len({(table.size, table.position[2]) for table in task.tables}) > 1:
         return False
     for a, b in itertools.combinations(task.tables, 2):

@@ -13,7 +13,7 @@ from mujoco.rollout import Rollout
 from bt_jax.mjx_env.physics.protocol import MAX_STEPS, QUIET_STEPS, Settled
 from bt_jax.mjx_env.scene.mjcf import compile_scene, timing
 from bt_jax.mjx_env.world import row_names
-from bt_jax.tasks import Box, Task
+from bt_jax.tasks import Task
 
 __all__ = ["MujocoPhysics"]
 
@@ -32,13 +32,13 @@ class MujocoPhysics:
         self._pool = Rollout(nthread=self.threads if self.threads > 1 else 0)
         self._data: dict[int, list[mujoco.MjData]] = {}
         self._models: dict[bytes, mujoco.MjModel] = {}
-        self._model(bytes([1] * len(task.boxes)))  # says before anything begins if MuJoCo refuses the task
+        self._model(bytes([1] * len(task.objects)))  # says before anything begins if MuJoCo refuses the task
 
     def settle(
-        self, kit: Float32[np.ndarray, "S 3"], poses: Float32[np.ndarray, "S B 7"], present: Bool[np.ndarray, "S B"]
+        self, kits: Float32[np.ndarray, "S T 3"], poses: Float32[np.ndarray, "S B 7"], present: Bool[np.ndarray, "S B"]
     ) -> Settled:
         """See `Physics.settle`."""
-        kit, poses, present = np.asarray(kit), np.asarray(poses), np.asarray(present)
+        kits, poses, present = np.asarray(kits), np.asarray(poses), np.asarray(present)
         counts = present.sum(axis=1)
         result = Settled(
             poses=poses.astype(np.float32),
@@ -49,14 +49,14 @@ class MujocoPhysics:
         for count in range(1, poses.shape[1] + 1):
             rows = np.flatnonzero(counts == count)
             if rows.size:
-                self._settle_equal(rows, count, kit[rows], poses[rows], present[rows], result)
+                self._settle_equal(rows, count, kits[rows], poses[rows], present[rows], result)
         return result
 
     def _settle_equal(
         self,
         rows: Int[np.ndarray, " n"],
         count: int,
-        kit: Float32[np.ndarray, "n 3"],
+        kits: Float32[np.ndarray, "n T 3"],
         poses: Float32[np.ndarray, "n B 7"],
         present: Bool[np.ndarray, "n B"],
         result: Settled,
@@ -73,7 +73,8 @@ class MujocoPhysics:
         quiet = _Quiet(self.task, start)
         active = np.arange(len(rows))
         for nstep in _chunks():
-            control = np.broadcast_to(kit[active, None].astype(np.float64), (len(active), nstep, 3))
+            places = kits[active].reshape(len(active), 1, -1).astype(np.float64)
+            control = np.broadcast_to(places, (len(active), nstep, places.shape[2]))
             trajectory = np.empty((len(active), nstep, state.shape[1]))
             self._pool.rollout(
                 [models[i] for i in active],
@@ -98,10 +99,10 @@ class MujocoPhysics:
     def _model(self, present: bytes) -> mujoco.MjModel:
         """Return the model with the boxes of a row of flags. Boxes that only differ in name and colour share one."""
         if present not in self._models:
-            boxes = self.task.boxes
-            names = tuple(box.name for box, here in zip(boxes, present, strict=True) if here)
-            alike = all(_alike(box, boxes[0]) for box in boxes)
-            chosen = tuple(box.name for box in boxes[: len(names)]) if alike else names
+            objects = self.task.objects
+            names = tuple(thing.name for thing, here in zip(objects, present, strict=True) if here)
+            alike = len({thing.body for thing in objects}) == 1
+            chosen = tuple(thing.name for thing in objects[: len(names)]) if alike else names
             self._models[present] = compile_scene(self.task, chosen)[0]
         return self._models[present]
 
@@ -159,7 +160,3 @@ def _chunks() -> Iterator[int]:
         nstep = min(8 if 16 <= done < 32 else 16, MAX_STEPS - done)
         yield nstep
         done += nstep
-
-
-def _alike(a: Box, b: Box) -> bool:
-    return (a.size, a.density) == (b.size, b.density)

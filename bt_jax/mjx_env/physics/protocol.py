@@ -1,6 +1,6 @@
-"""Rigid-body physics behind one protocol: boxes are released at rest, and the question is where they end.
+"""Rigid-body physics behind one protocol: objects are released at rest, and the question is where they end.
 
-`poses` are xyz (world, metres) and a unit quaternion wxyz; `kit` is the world position of the kit's frame.
+`poses` are xyz (world, metres) and a unit quaternion wxyz; `kits` are the world positions of the kits' frames.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Settled:
     reach: Float32[Array, "*S B"]
 
 
-SettleFn = Callable[[Float32[jax.Array, "S 3"], Float32[jax.Array, "S B 7"], Bool[jax.Array, "S B"]], Settled]
+SettleFn = Callable[[Float32[jax.Array, "S T 3"], Float32[jax.Array, "S B 7"], Bool[jax.Array, "S B"]], Settled]
 """`Physics.settle` as a pure function of JAX arrays."""
 
 
@@ -55,7 +55,7 @@ class Physics(Protocol):
         ...
 
     def settle(
-        self, kit: Float32[Array, "S 3"], poses: Float32[Array, "S B 7"], present: Bool[Array, "S B"]
+        self, kits: Float32[Array, "S T 3"], poses: Float32[Array, "S B 7"], present: Bool[Array, "S B"]
     ) -> Settled:
         """Release the present boxes at rest and step until all rest; the others take no part and keep their pose.
 

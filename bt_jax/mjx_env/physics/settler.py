@@ -1,7 +1,7 @@
 """Settling problems, each distinct one once.
 
 What a released box does depends only on what is near it. A problem is therefore reduced to its neighbourhood before it is
-solved: the boxes within reach, seen from their table, equal boxes being interchangeable. Stacking two boxes in the kit is
+solved: the boxes within reach, seen from their table, equal bodies being interchangeable. Stacking two boxes in the kit is
 then one problem, whichever boxes and whichever table. Where the solution shows that something moved far enough to
 meet what was left out, the whole scene is solved instead, so the reduction never changes what can happen.
 """
@@ -9,20 +9,22 @@ meet what was left out, the whole scene is solved instead, so the reduction neve
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int, Int32
 
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.skills import LIFT, Released
-from bt_jax.mjx_env.world import POSITION_GRID, ROTATION_GRID, row_names, snap
-from bt_jax.tasks import Task
+from bt_jax.mjx_env.world import POSITION_GRID, ROTATION_GRID, row_names, snap, uprightness
+from bt_jax.tasks import Object, Task
 
 __all__ = ["Settler"]
 
+REACH = 0.87  # half the diagonal of a cube, in its edges, rounded up
 NEAR = 3.5  # radius of a neighbourhood, in sizes of the released box
 STILL = 0.005  # a box that moved sideways by less than this part of its size has stayed in place
-AWAY = 1000.0  # x of a kit that is on another table, metres
+AWAY = 1000.0  # x of the first kit if it is on another table, metres; of the second twice as far, and so on
 MEMORY = 1 << 30  # bytes
 ENTRY_BYTES = 450  # of a solution, besides its numbers
 
@@ -44,9 +46,13 @@ class Settler:
 
     def __post_init__(self) -> None:
         self._solutions: dict[bytes, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}  # poses, ok and reach
-        self._most = self.memory // (ENTRY_BYTES + 4 * (4 + 15 * len(self.task.boxes)))  # solutions
-        self._sizes = np.array([box.size for box in self.task.boxes], np.float32)
-        self._twins = _groups([(box.size, box.density) for box in self.task.boxes])
+        self._most = self.memory // (ENTRY_BYTES + 4 * (4 + 15 * len(self.task.objects)))  # solutions
+        objects = self.task.objects
+        self._sizes = np.array([thing.edge for thing in objects], np.float32)
+        self._radii = np.array([REACH * thing.edge if thing.is_cube else thing.radius for thing in objects], np.float32)
+        self._halves = np.array([_level_halves(thing) for thing in objects], np.float32)
+        self._cubes = np.array([thing.is_cube for thing in objects])
+        self._twins = _groups([thing.body for thing in objects])
         tables = self.task.tables
         self._centres = np.array([table.position[:2] for table in tables], np.float32)
         self._half_widths = np.array([table.size[:2] for table in tables], np.float32) / 2
@@ -64,23 +70,24 @@ class Settler:
         rows = np.flatnonzero(near.any(axis=1))
         self.asked += len(rows)
         if rows.size:
-            start, kit, present = released.poses[rows], released.world.kit[rows], released.present[rows]
+            start, kits, present = released.poses[rows], released.world.kits[rows], released.present[rows]
             table = self._nearest_table(released, rows)
             centre, half, offset = self._centres[table], self._half_widths[table], self._offsets[table][:, None]
-            here = np.abs(kit[:, :2] - centre).max(axis=1) < half.min(axis=1)
-            local_kit = np.where(here[:, None], kit - offset[:, 0, :3], np.array([[AWAY, 0, 0]], np.float32))
-            rest, fine, reach = self._solve(local_kit, start - offset, near[rows])
+            here = (np.abs(kits[..., :2] - centre[:, None]) < half[:, None]).all(axis=-1)
+            away = np.array([[[AWAY * (k + 1), 0, 0] for k in range(kits.shape[1])]], np.float32)
+            local_kits = np.where(here[..., None], kits - offset[..., :3], away)
+            rest, fine, reach = self._solve(local_kits, start - offset, near[rows])
             rest = rest + offset
             far = ~self._is_local(start, near[rows], present, reach, centre, half)
             poses[rows], ok[rows] = np.where(near[rows][..., None], rest, start), fine
             if far.any():
                 whole = rows[far]
-                poses[whole], ok[whole], _ = self._solve(kit[far], start[far], present[far])
+                poses[whole], ok[whole], _ = self._solve(kits[far], start[far], present[far])
         return poses, ok
 
     def _neighbours(self, released: Released) -> Bool[np.ndarray, "S B"]:
         """Return the boxes that may move: near the one that was let go, or, if one was taken, in touch with it."""
-        count = len(self.task.boxes)
+        count = len(self.task.objects)
         rows = np.arange(len(released.box))
         box = np.maximum(released.box, 0)
         size = self._sizes[box]
@@ -90,9 +97,11 @@ class Settler:
         offset = released.poses[..., :3] - here[:, None]
         flat = np.linalg.norm(offset[..., :2], axis=-1)
         near = released.present & (flat < NEAR * np.maximum(size[:, None], self._sizes)) & (released.box >= 0)[:, None]
-        reach = (size[:, None] + self._sizes) / 2 * np.float32(1.05)
-        touches = (np.abs(offset).max(axis=-1) < reach) & (np.arange(count) != released.box[:, None])
-        tilted = np.abs(released.poses[..., 3]) < 0.999
+        reach = (self._halves[box][:, None] + self._halves) * np.float32(1.05)
+        touches = (np.abs(offset) < reach).all(axis=-1) & (np.arange(count) != released.box[:, None])
+        tilted = np.where(
+            self._cubes, np.abs(released.poses[..., 3]) < 0.999, np.abs(uprightness(released.poses[..., 3:])) < 0.996
+        )
         loose = (touches | (near & tilted)).any(axis=1)
         return near & (~taken | loose)[:, None]
 
@@ -112,7 +121,7 @@ class Settler:
     ) -> Bool[np.ndarray, " S"]:
         """Return whether every box stays over its table and nothing that moved could have met a box that was left out."""
         moved = near & (reach > STILL * self._sizes)
-        body = self._sizes * np.float32(0.87)  # half the diagonal of a cube
+        body = self._radii
         extent = np.abs(start[..., :2] - centre[:, None]) + (reach + body)[..., None]
         leaves = near & (extent > half[:, None]).any(axis=-1)
         gap = np.linalg.norm(start[:, :, None, :2] - start[:, None, :, :2], axis=-1)
@@ -120,13 +129,14 @@ class Settler:
         return ~leaves.any(axis=1) & ~meets.any(axis=(1, 2))
 
     def _solve(
-        self, kit: Float32[np.ndarray, "S 3"], poses: Float32[np.ndarray, "S B 7"], present: Bool[np.ndarray, "S B"]
+        self, kits: Float32[np.ndarray, "S T 3"], poses: Float32[np.ndarray, "S B 7"], present: Bool[np.ndarray, "S B"]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return poses, ok and reach; only problems that are new are simulated."""
-        records = _records(kit, poses, present)
+        records = _records(poses, present)
         order = self._canonical_order(records)
         records = np.take_along_axis(records, order[..., None], axis=1)
-        keys = np.concatenate([np.rint(kit / POSITION_GRID).astype(np.int32), records.reshape(len(kit), -1)], axis=1)
+        places = np.rint(kits / POSITION_GRID).astype(np.int32).reshape(len(kits), -1)
+        keys = np.concatenate([places, records.reshape(len(kits), -1)], axis=1)
         names = row_names(keys)
         new = {name: i for i, name in enumerate(names) if name not in self._solutions}
         if len(self._solutions) + len(new) > self._most:
@@ -137,13 +147,13 @@ class Settler:
             each = order[rows]
             sorted_present = np.take_along_axis(present[rows], each, axis=1)
             sorted_poses = snap(np.take_along_axis(poses[rows], each[..., None], axis=1))
-            self._simulate(list(new), _snapped(kit[rows]), sorted_poses, sorted_present)
+            self._simulate(list(new), _snapped(kits[rows]), sorted_poses, sorted_present)
         rest, ok, reach = map(np.array, zip(*[self._solutions[name] for name in names], strict=True))
         back = np.argsort(order, axis=1)
         return np.take_along_axis(rest, back[..., None], axis=1), ok, np.take_along_axis(reach, back, axis=1)
 
-    def _simulate(self, names: list[bytes], kit: np.ndarray, poses: np.ndarray, present: np.ndarray) -> None:
-        settled = self.physics.settle(kit, poses, present)
+    def _simulate(self, names: list[bytes], kits: np.ndarray, poses: np.ndarray, present: np.ndarray) -> None:
+        settled = self.physics.settle(kits, poses, present)
         self.solved += len(names)
         self.steps += int(np.asarray(settled.steps).sum())
         solutions = zip(np.asarray(settled.poses), np.asarray(settled.ok), np.asarray(settled.reach), strict=True)
@@ -158,16 +168,23 @@ class Settler:
         return order
 
 
-def _records(kit: np.ndarray, poses: np.ndarray, present: np.ndarray) -> Int32[np.ndarray, "S B 7"]:
+def _level_halves(thing: Object) -> tuple[float, float, float]:
+    """Return half the extents of an upright object in the widest turn; of a cube, half its edges."""
+    x, y, z = (edge / 2 for edge in thing.size)
+    across = x if thing.is_cube or thing.shape == "cylinder" else math.hypot(x, y)
+    return across, across, z
+
+
+def _records(poses: np.ndarray, present: np.ndarray) -> Int32[np.ndarray, "S B 7"]:
     """Return boxes as integers; all that are absent look alike."""
     grid = np.array([POSITION_GRID] * 3 + [ROTATION_GRID] * 4)
     absent = np.iinfo(np.int32).max
     return np.where(present[..., None], np.rint(snap(poses) / grid).astype(np.int32), np.int32(absent))
 
 
-def _snapped(kit: Float32[np.ndarray, "S 3"]) -> Float32[np.ndarray, "S 3"]:
+def _snapped(kits: Float32[np.ndarray, "S T 3"]) -> Float32[np.ndarray, "S T 3"]:
     """Round to the grid of the key, so that the key contains all that the solution depends on."""
-    return (np.rint(kit / POSITION_GRID) * POSITION_GRID).astype(np.float32)
+    return (np.rint(kits / POSITION_GRID) * POSITION_GRID).astype(np.float32)
 
 
 def _groups(features: list) -> list[list[int]]:

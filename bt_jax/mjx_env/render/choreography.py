@@ -66,7 +66,7 @@ class Stage:
     ) -> None:
         self.semantics, self.task, self.fps = semantics, semantics.task, fps
         self.poses = start.poses[0].astype(float)
-        self.sizes = np.array([box.size for box in self.task.boxes])
+        self.sizes = np.array([box.edge for box in self.task.objects])
         self.scale = math.sqrt(self.sizes.max() / REFERENCE_SIZE)
         self.top = max(table.top for table in self.task.tables)
         self.home = self._home()
@@ -100,13 +100,13 @@ class Stage:
         motion = _fall(self.task, released, tick.after.poses[0].astype(float), self.fps)
         match command.name:
             case "pick":
-                box = self.task.box_names.index(command.object)
+                box = self.task.object_names.index(command.object)
                 self.travel(tick.before.poses[0, box, :3], self._grasp_yaw(box, tick, later), WIDE * self.sizes[box])
                 self.grip(self.sizes[box])
                 self.held = box
                 self.move(self._line(released.poses[0, box, :3]), RISE_SECONDS * self.scale, motion=motion)
             case "place":
-                box = self.task.box_names.index(command.object)
+                box = self.task.object_names.index(command.object)
                 self.travel(released.poses[0, box, :3], self.yaw, self.opening)
                 self.let_go(WIDE * self.sizes[box], motion)
             case "open_gripper":
@@ -151,7 +151,8 @@ class Stage:
         """Travel along an arch that leaves and arrives vertically and clears everything that stands on the tables."""
         start, goal = self.tip, np.asarray(goal, float)
         others = np.arange(len(self.sizes)) != self.held
-        high = np.max(self.poses[others, 2] + self.sizes[others] / 2, initial=self.top + self.task.kit.wall_height)
+        walls = self.top + max(kit.wall_height for kit in self.task.kits)
+        high = np.max(self.poses[others, 2] + self.sizes[others] / 2, initial=walls)
         distance = float(np.linalg.norm(goal[:2] - start[:2]))
         apex = max(high + 0.9 * self.sizes.max() + 0.07 * distance, goal[2], start[2])
         rise = (8 * apex - start[2] - goal[2]) / 6
@@ -230,8 +231,8 @@ def _fall(task: Task, released: Released, after: Poses, fps: float) -> list[Pose
     start, present = released.poses[0].astype(float), released.present[0]
     if not present.any():
         return []
-    size = min(box.size for box in task.boxes)
-    frames = _simulate(task, released.world.kit[0], start, present, fps)
+    size = min(box.edge for box in task.objects)
+    frames = _simulate(task, released.world.kits[0], start, present, fps)
     if not _alike(frames[-1][present], after[present], size):
         height = max(float((start[:, 2] - after[:, 2]).max()), 0.5 * size)
         frames = [start] * max(2, round(1.2 * math.sqrt(2 * height / GRAVITY) * fps))
@@ -247,12 +248,12 @@ def _alike(a: Poses, b: Poses, size: float) -> bool:
     return bool(np.all(away < 0.2 * size) and np.all(turned < 0.02))
 
 
-def _simulate(task: Task, kit: np.ndarray, start: Poses, present: np.ndarray, fps: float) -> list[Poses]:
+def _simulate(task: Task, kits: np.ndarray, start: Poses, present: np.ndarray, fps: float) -> list[Poses]:
     """Return how C MuJoCo moves the present boxes, sampled at `fps`; the others stay."""
-    model, ids = compile_scene(task, tuple(np.array(task.box_names)[present].tolist()))
+    model, ids = compile_scene(task, tuple(np.array(task.object_names)[present].tolist()))
     data = mujoco.MjData(model)
     data.qpos[:] = start[present].ravel()
-    data.mocap_pos[ids.kit_mocap] = kit
+    data.mocap_pos[list(ids.kit_mocaps)] = kits
     frames: list[Poses] = []
     for step in range(1, MAX_STEPS + 1):
         mujoco.mj_step(model, data)

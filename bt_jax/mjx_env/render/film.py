@@ -45,11 +45,11 @@ def film(
     stills = path.suffix.lower() == ".png"
     if stills:
         takes = [takes[round(i)] for i in np.linspace(0, len(takes) - 1, SHEET)]
-    kit, frames, last = playback.start.kit[0], [], None
+    kits, frames, last = playback.start.kits[0], [], None
     with Renderer(semantics.task, width=width, height=height) as renderer:
         for shot in takes:
             caption = shot.caption if stills else ""
-            frames.append(frames[-1] if shot is last else renderer(kit, shot.poses, shot.gripper, caption))
+            frames.append(frames[-1] if shot is last else renderer(kits, shot.poses, shot.gripper, caption))
             last = shot
             progress(len(frames) / len(takes))
     write_film(path, frames, fps)
@@ -64,7 +64,7 @@ def final_picture(task: Task, playback: Playback, *, width: int = 960, height: i
     final = playback.final
     try:
         with Renderer(task, width=width, height=height) as renderer:
-            frame = renderer(final.kit[0], final.poses[0])
+            frame = renderer(final.kits[0], final.poses[0])
     except UserError:
         return None
     buffer = io.BytesIO()

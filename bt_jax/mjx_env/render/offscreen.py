@@ -112,16 +112,16 @@ class Renderer:
 
     def __call__(
         self,
-        kit: Float[np.ndarray, "3"],
+        kits: Float[np.ndarray, "T 3"],
         poses: Float[np.ndarray, "B 7"],
         gripper: GripperPose | None = None,
         caption: str = "",
     ) -> Picture:
-        """Return an RGB picture, with a caption at its top left. `kit` [m, world] is the kit's frame, `poses` are xyz and
+        """Return an RGB picture, with a caption at its top left. `kits` [m, world] are the kits' frames, `poses` are xyz and
         wxyz of all boxes of the task."""
         data = self._data
         data.qpos[:] = np.asarray(poses, float).ravel()
-        data.mocap_pos[self._ids.kit_mocap] = kit
+        data.mocap_pos[list(self._ids.kit_mocaps)] = kits
         self._place_gripper(gripper)
         mujoco.mj_kinematics(self._model, data)
         mujoco.mj_camlight(self._model, data)

@@ -1,4 +1,4 @@
-"""Where an episode starts: the kit in the middle of one table, the boxes on the others."""
+"""Where an episode starts: the kits on their tables, the objects on the others."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import dataclasses
 
 import numpy as np
 
-from bt_jax.mjx_env.scene.placement import draw_kit_table, draw_places
+from bt_jax.mjx_env.scene.placement import draw_kit_table, draw_poses
 from bt_jax.mjx_env.semantics import subgoals_by_sight
 from bt_jax.mjx_env.world import World, snap
 from bt_jax.tasks import Task
+from bt_jax.tasks.support import kit_origin
 
 __all__ = ["sample_layouts"]
 
@@ -17,16 +18,14 @@ __all__ = ["sample_layouts"]
 def sample_layouts(task: Task, seed: int | list[int], count: int) -> World:
     """Return `count` initial states (NumPy), the same for the same seed. The gripper is open and empty."""
     rng = np.random.default_rng(seed)
-    kit = np.zeros((count, 3), np.float32)
-    poses = np.zeros((count, len(task.boxes), 7), np.float32)
-    poses[..., 3] = 1
+    kits = np.zeros((count, len(task.kits), 3), np.float32)
+    poses = np.zeros((count, len(task.objects), 7), np.float32)
     for k in range(count):
-        kit_table = draw_kit_table(task, rng)
-        table = task.tables[kit_table]
-        kit[k] = (*table.position[:2], table.top + task.kit.thickness / 2)
-        poses[k, :, :3] = draw_places(task, rng, kit_table)
+        kit_table = task.tables[draw_kit_table(task, rng)]
+        kits[k] = [kit_origin(task, kit_table, name) for name in task.kit_names]
+        poses[k] = draw_poses(task, rng, kit_table)
     world = World(
-        kit=kit,
+        kits=kits,
         poses=snap(poses),
         held=np.full(count, -1, np.int8),
         gripper_open=np.ones(count, bool),

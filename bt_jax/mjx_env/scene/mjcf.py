@@ -15,9 +15,10 @@ import mujoco
 import numpy as np
 
 from bt_jax._util.errors import UserError
-from bt_jax.tasks import Box, Kit, Task
+from bt_jax.tasks import Kit, Object, Slot, Task
+from bt_jax.tasks.support import kit_origin
 
-__all__ = ["SceneIds", "Timing", "build_mjcf", "compile_scene", "kit_height", "resolve_ids", "timing"]
+__all__ = ["SceneIds", "Timing", "build_mjcf", "compile_scene", "kit_geoms", "resolve_ids", "timing"]
 
 Vec3 = tuple[float, float, float]
 Geom = tuple[str, tuple[float | int, ...], tuple[float | int, ...], str]  # type, centre, half sizes, material
@@ -44,7 +45,7 @@ class Timing:
 
 def timing(task: Task) -> Timing:
     """Return the scales of a task."""
-    size = min(box.size for box in task.boxes)
+    size = min(min(thing.size) for thing in task.objects)
     ratio = size / REFERENCE_SIZE
     extent = max(max(map(abs, table.position)) + max(table.size) for table in task.tables)
     return Timing(
@@ -56,23 +57,18 @@ def timing(task: Task) -> Timing:
     )
 
 
-def kit_height(task: Task, table: int) -> float:
-    """Return the world z of the kit's frame (the plate's centre) when it stands on a table."""
-    return task.tables[table].top + task.kit.thickness / 2
-
-
 def build_mjcf(task: Task, boxes: Sequence[str] | None = None, *, gripper: bool = False) -> str:
     """Return MJCF of the scene with the boxes named (default: all, in the task's order), and for pictures with a gripper.
 
-    qpos is the boxes' poses one after another (xyz, wxyz) and `mocap_pos[0]` the kit's frame. Lengths in metres.
+    qpos is the objects' poses one after another (xyz, wxyz) and the first rows of `mocap_pos` are the kits' frames. Lengths
+    in metres.
     """
-    chosen = [box for box in task.boxes if boxes is None or box.name in boxes]
+    chosen = [box for box in task.objects if boxes is None or box.name in boxes]
     scales = timing(task)
-    centre = np.mean([table.position for table in task.tables], axis=0)
     contents = [
         _floor(task),
         *(_table(table.name, table.position, table.size) for table in task.tables),
-        _kit(task.kit, (centre[0], centre[1], kit_height(task, len(task.tables) // 2))),
+        *(_kit(task, kit) for kit in task.kits),
         *(_box(box, i, task) for i, box in enumerate(chosen)),
         *([_gripper(task)] if gripper else []),
         _cameras_and_lights(task),
@@ -108,6 +104,7 @@ def build_mjcf(task: Task, boxes: Sequence[str] | None = None, *, gripper: bool 
     <material name="floor" rgba=".50 .54 .59 1" specular="0"/>
     <material name="table" rgba=".80 .77 .72 1" specular=".1" shininess=".3"/>
     <material name="kit" rgba=".27 .31 .37 1" specular=".3" shininess=".4"/>
+    <material name="slot" rgba=".45 .50 .58 1" specular="0"/>
     <material name="metal" rgba=".62 .64 .68 1" specular=".8" shininess=".7"/>
     <material name="rubber" rgba=".16 .17 .19 1" specular=".2" shininess=".2"/>
 {_lines("    ", (_box_material(box) for box in chosen))}
@@ -121,27 +118,28 @@ def build_mjcf(task: Task, boxes: Sequence[str] | None = None, *, gripper: bool 
 
 @dataclasses.dataclass(frozen=True)
 class SceneIds:
-    """Indices into a compiled scene: bodies, free joints' qpos and dof addresses (per box), and the kit's mocap row."""
+    """Indices into a compiled scene: bodies, free joints' qpos and dof addresses (per object), and the kits' bodies and
+    mocap rows."""
 
-    boxes: tuple[int, ...]
+    objects: tuple[int, ...]
     qpos: tuple[int, ...]
     dof: tuple[int, ...]
-    kit: int
-    kit_mocap: int
+    kits: tuple[int, ...]
+    kit_mocaps: tuple[int, ...]
 
 
 def resolve_ids(model: mujoco.MjModel, task: Task) -> SceneIds:
-    """Return the indices of those boxes of the task that the model has, in the task's order, and of the kit."""
-    bodies = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name) for name in task.box_names]
+    """Return the indices of those boxes of the task that the model has, in the task's order, and of the kits."""
+    bodies = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name) for name in task.object_names]
     bodies = [body for body in bodies if body >= 0]
     joints = [model.body_jntadr[body] for body in bodies]
-    kit = model.body(task.kit.name).id
+    kits = tuple(int(model.body(name).id) for name in task.kit_names)
     return SceneIds(
-        boxes=tuple(bodies),
+        objects=tuple(bodies),
         qpos=tuple(int(model.jnt_qposadr[joint]) for joint in joints),
         dof=tuple(int(model.jnt_dofadr[joint]) for joint in joints),
-        kit=kit,
-        kit_mocap=int(model.body_mocapid[kit]),
+        kits=kits,
+        kit_mocaps=tuple(int(model.body_mocapid[kit]) for kit in kits),
     )
 
 
@@ -178,40 +176,59 @@ def _table(name: str, position: Vec3, size: Vec3) -> str:
     return f'<geom name="{name}" class="fixed" pos="{_numbers(*position)}" size="{half}" material="table"/>'
 
 
-def _kit(kit: Kit, position: Vec3) -> str:
-    half, thick, wall = kit.size / 2, kit.thickness / 2, kit.wall_thickness / 2
-    z, high, edge = thick + kit.wall_height / 2, kit.wall_height / 2, half - wall
-    parts = [
-        ("plate", (0, 0, 0), (half, half, thick)),
-        ("wall_left", (-edge, 0, z), (wall, half, high)),
-        ("wall_right", (edge, 0, z), (wall, half, high)),
-        ("wall_front", (0, -edge, z), (half - 2 * wall, wall, high)),
-        ("wall_back", (0, edge, z), (half - 2 * wall, wall, high)),
-    ]
+def _kit(task: Task, kit: Kit) -> str:
+    position = kit_origin(task, task.tables[len(task.tables) // 2], kit.name)
+    middle, high = kit.plate + kit.wall_height / 2, kit.wall_height / 2
+    walls = [((*xy, middle), (*half, high)) for xy, half in kit.walls()]
+    parts = zip(kit_geoms(task, kit), [((0, 0, 0), (*kit.half, kit.plate)), *walls], strict=True)
     geoms = [
         f'<geom name="{name}" class="fixed" pos="{_numbers(*pos)}" size="{_numbers(*size)}" material="kit"/>'
-        for name, pos, size in parts
+        for name, (pos, size) in parts
     ]
-    return f'<body name="{kit.name}" mocap="true" pos="{_numbers(*position)}">\n{_lines("  ", geoms)}\n</body>'
+    marks = [_slot_mark(kit, slot) for slot in kit.slots]
+    return (
+        f'<body name="{kit.name}" mocap="true" pos="{_numbers(*position)}">\n{_lines("  ", [*geoms, *marks])}\n</body>'
+    )
 
 
-def _box_material(box: Box) -> str:
+def kit_geoms(task: Task, kit: Kit) -> list[str]:
+    """Return the names of a kit's geoms: its plate, then its walls in the order of `Kit.walls`."""
+    begin = "" if kit is task.kits[0] else f"{kit.name}_"
+    outer = ["wall_left", "wall_right", "wall_front", "wall_back"]
+    names = [*outer, *(f"divider_{number}" for number in range(len(list(kit.walls())) - len(outer)))]
+    return [f"{begin}{name}" for name in ("plate", *names)]
+
+
+def _slot_mark(kit: Kit, slot: Slot) -> str:
+    """Return a thin bright patch on the plate, with no contacts, so that pictures show where the slot is."""
+    edge = 0.04 * min(kit.size)
+    position = _numbers(*slot.position, kit.plate)
+    yaw = f"0 0 {slot.turn:g}"
+    return f'<geom class="visual" pos="{position}" euler="{yaw}" size="{_numbers(edge, edge / 4, 0.0003)}" material="slot"/>'
+
+
+def _box_material(box: Object) -> str:
     return f'<material name="{box.name}" rgba="{_numbers(*box.color, 1)}" specular=".25" shininess=".3"/>'
 
 
-def _box(box: Box, index: int, task: Task) -> str:
+def _box(box: Object, index: int, task: Task) -> str:
     table = task.tables[index % len(task.tables)]
-    position = _numbers(table.position[0], table.position[1], table.top + box.size / 2)
-    half = _numbers(box.size / 2, box.size / 2, box.size / 2)
+    position = _numbers(table.position[0], table.position[1], table.top + box.height / 2)
+    half = [edge / 2 for edge in box.size]
+    size = (
+        f'type="cylinder" size="{_numbers(half[0], half[2])}"'
+        if box.shape == "cylinder"
+        else f'size="{_numbers(*half)}"'
+    )
     return f"""<body name="{box.name}" pos="{position}">
   <freejoint/>
-  <geom name="{box.name}" class="box" size="{half}" density="{box.density:g}" material="{box.name}"/>
+  <geom name="{box.name}" class="box" {size} density="{box.density:g}" material="{box.name}"/>
 </body>"""
 
 
 def _gripper(task: Task) -> str:
     """Return three mocap bodies without contacts: palm and two fingers; `render` places them."""
-    unit = max(box.size for box in task.boxes)
+    unit = max(box.edge for box in task.objects)
     thick, wide, long = 0.07 * unit, 0.22 * unit, 0.55 * unit
     palm: list[Geom] = [
         ("box", (0, 0, 1.02 * unit), (0.62 * unit, 0.26 * unit, 0.1 * unit), "metal"),

@@ -1,31 +1,36 @@
-"""Where kit and boxes of a task may start, drawn at random; plain NumPy."""
+"""Where kits and objects of a task may start, drawn at random; plain NumPy."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from jaxtyping import Float64
 
 from bt_jax._util.errors import UserError
-from bt_jax.tasks import Task
+from bt_jax.tasks import Table, Target, Task
 
-__all__ = ["draw_kit_table", "draw_places"]
+__all__ = ["draw_kit_table", "draw_poses"]
 
 TRIES = 1000
 
 
 def draw_kit_table(task: Task, rng: np.random.Generator) -> int:
-    """Return the index of the table on which the kit stands."""
+    """Return the index of the table on which the kits stand that do not name their own."""
     names = [table.name for table in task.tables]
     return int(rng.integers(len(names))) if task.layout.kit == "random" else names.index(task.layout.kit)
 
 
-def draw_places(task: Task, rng: np.random.Generator, kit_table: int) -> np.ndarray:
-    """Return centres [B, 3] in the world, metres: a stack counts as one box at a random place."""
-    tables = [table for i, table in enumerate(task.tables) if i != kit_table]
-    names, centres = task.box_names, np.zeros((len(task.boxes), 3))
+def draw_poses(task: Task, rng: np.random.Generator, kit_table: Table) -> Float64[np.ndarray, "B 7"]:
+    """Return poses in the world, metres and wxyz: a stack counts as one object at a random place."""
+    taken = {kit.table or kit_table.name for kit in task.kits}
+    tables = [table for table in task.tables if table.name not in taken]
+    names, poses = task.object_names, np.zeros((len(task.objects), 7))
+    poses[:, 3] = 1
     stack = [names.index(name) for name in task.layout.stack]
     fixed = [names.index(place.object) for place in task.layout.fixed]
     for i, place in zip(fixed, task.layout.fixed, strict=True):
-        centres[i] = np.add(place.position, task.robot_position)
+        poses[i] = _fixed_pose(task, place)
     single = [i for i in range(len(names)) if i not in (*stack, *fixed)]
     groups = [group for group in ([stack] if stack else []) + [[i] for i in single]]
     for _ in range(TRIES):
@@ -34,14 +39,25 @@ def draw_places(task: Task, rng: np.random.Generator, kit_table: int) -> np.ndar
             table = tables[rng.integers(len(tables))]
             room = np.array(table.size[:2]) / 2 - task.layout.margin
             spot = np.array(table.position[:2]) + rng.uniform(-room, room)
+            turn = rng.uniform(-1, 1) * task.layout.turn if task.layout.turn else 0.0
             height = table.top
             for i in group:
-                centres[i] = (*spot, height + task.boxes[i].size / 2)
-                height += task.boxes[i].size
+                poses[i] = (*spot, height + task.objects[i].height / 2, *_turned(turn))
+                height += task.objects[i].height
             spots.append(spot)
-        gaps = [np.linalg.norm(a - b) for i, a in enumerate(spots) for b in (*spots[:i], *centres[fixed, :2])]
+        gaps = [np.linalg.norm(a - b) for i, a in enumerate(spots) for b in (*spots[:i], *poses[fixed, :2])]
         if not gaps or min(gaps) >= task.layout.spacing:
-            return centres
+            return poses
     raise UserError(
         f"task {task.name}: no room for all boxes after {TRIES} tries; lower layout.spacing or layout.margin"
     )
+
+
+def _fixed_pose(task: Task, place: Target) -> Float64[np.ndarray, "7"]:
+    return np.array([*np.add(place.position, task.robot_position), *_turned(place.turn or 0.0)])
+
+
+def _turned(turn: float) -> tuple[float, float, float, float]:
+    """Return the quaternion (wxyz) of a turn about the vertical, degrees."""
+    half = math.radians(turn) / 2
+    return math.cos(half), 0.0, 0.0, math.sin(half)

@@ -49,7 +49,7 @@ def _counted(watched: Watched, decisions: Sequence[Decision], task: Task) -> set
     counted = {index for index, move in enumerate(watched.moves) if move.kind == "carried"}
     for doubt, decision in zip(watched.doubts, decisions, strict=True):
         if doubt.kind == "bumped" and decision == "keep":
-            counted |= {index for index in doubt.moves if watched.moves[index].box in task.box_names}
+            counted |= {index for index in doubt.moves if watched.moves[index].box in task.object_names}
         elif doubt.kind == "twice" and decision == "leave out":
             counted.discard(doubt.moves[0])
         elif doubt.kind == "together" and decision == "leave out":

@@ -43,7 +43,7 @@ class Watcher:
 
     def __init__(self, task: Task, settings: WatchSettings | None = None) -> None:
         self.task, self.settings = task, settings or WatchSettings()
-        sizes = {box.name: box.size for box in task.boxes} | {task.kit.name: min(box.size for box in task.boxes)}
+        sizes = {box.name: box.edge for box in task.objects} | {task.kit.name: min(box.edge for box in task.objects)}
         self._tracks = {name: BodyTrack(size, self.settings) for name, size in sizes.items()}
         self._started = False
         self._moves: list[Move] = []
@@ -154,9 +154,9 @@ class Watcher:
         """Return on what a body would stand there: a box at rest, the kit or a table; None if there is nothing under it."""
         if name == self.task.kit.name:
             return self._table(pose.translation, 0.0)
-        size, here = self.task.size(name), pose.translation
+        size, here = self.task.edge(name), pose.translation
         poses = {n: t.rest.pose for n, t in self._tracks.items() if not t.away and t.rest is not None} | {name: pose}
-        for other in self.task.box_names:
+        for other in self.task.object_names:
             if other in poses and stands_on(self.task, name, other, poses):
                 return other
         kit, at = self.task.kit, self._tracks[self.task.kit.name].rest

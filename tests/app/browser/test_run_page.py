@@ -202,7 +202,7 @@ def test_a_box_is_moved_by_numbers(page, see):
 
 def free_table(page):
     """A table on which neither the kit nor a box stands."""
-    taken = [position(page, name)[0] for name in ("KittingBox", *STACK.box_names)]
+    taken = [position(page, name)[0] for name in ("KittingBox", *STACK.object_names)]
     return next(table.name for table in STACK.tables if min(abs(table.position[0] - x) for x in taken) > 0.4)
 
 

@@ -17,11 +17,11 @@ TASK = load_task("stack3")
 PHYSICS = MujocoPhysics(TASK, threads=1)
 START = sample_layouts(TASK, 0, 1)
 TOP = TASK.tables[0].top
-HALF = TASK.boxes[0].size / 2
+HALF = TASK.objects[0].edge / 2
 
 
 def pose(world, name):
-    return world.poses[0, TASK.box_names.index(name)]
+    return world.poses[0, TASK.object_names.index(name)]
 
 
 def on_table(index, x=0.0, y=0.0, z=0.0):
@@ -29,7 +29,7 @@ def on_table(index, x=0.0, y=0.0, z=0.0):
 
 
 def kit(x=0.0, y=0.0, z=0.0):
-    return np.add(START.kit[0], (x, y, TASK.kit.thickness / 2 + HALF + z))
+    return np.add(START.kits[0, 0], (x, y, TASK.kit.thickness / 2 + HALF + z))
 
 
 def free_table():
@@ -70,7 +70,7 @@ def test_a_person_may_unstack_and_the_subgoal_is_seen_unless_a_tree_has_to_tick_
         ((0.5, 0.0, TOP + HALF), "no table there"),
         (tuple(on_table(free_table(), z=-0.05)), "inside Table"),
         (tuple(on_table(free_table(), z=3.0)), "too high"),
-        (tuple(kit(TASK.kit.inner)), "kit's wall"),
+        (tuple(kit(TASK.kit.inner[0])), "kit's wall"),
         (tuple(kit(z=-0.007)), "kit's wall or floor"),
         ((float("nan"), 0.0, 1.0), "not a number"),
         (tuple(np.add(pose(START, "GreenBox")[:3], (0.05, 0, 0.03))), "inside GreenBox"),
@@ -106,7 +106,7 @@ def test_the_kit_changes_places_with_what_is_on_a_table(table):
     moved = move_kit(TASK, world, table)
     assert kit_table(TASK, moved) == table
     np.testing.assert_allclose(
-        pose(moved, "BlueBox")[:3] - moved.kit[0], pose(world, "BlueBox")[:3] - world.kit[0], atol=1e-6
+        pose(moved, "BlueBox")[:3] - moved.kits[0, 0], pose(world, "BlueBox")[:3] - world.kits[0, 0], atol=1e-6
     )
     for a, b in itertools.combinations(range(3), 2):
         assert np.abs(moved.poses[0, a, :3] - moved.poses[0, b, :3]).max() > 2 * HALF
@@ -117,7 +117,7 @@ def test_the_kit_changes_places_with_what_is_on_a_table(table):
 def test_goals_follow_each_other():
     where = goals(TASK, START)
     np.testing.assert_allclose(where["GreenBox"] - where["YellowBox"], [0, 0, 0.1], atol=1e-6)
-    np.testing.assert_allclose(where["YellowBox"] - START.kit[0], [0, 0, 0.052], atol=1e-6)
+    np.testing.assert_allclose(where["YellowBox"] - START.kits[0, 0], [0, 0, 0.052], atol=1e-6)
     two = retarget(TASK, PHYSICS, START, "YellowBox", kit(0.12))
     moved = goals(two, START)
     np.testing.assert_allclose(moved["BlueBox"] - where["BlueBox"], [0.133, 0, 0], atol=2e-3)  # where the gene is
@@ -144,7 +144,7 @@ def test_a_target_is_relative_to_what_carries_it():
     [
         ("BlueBox", (0.0, 3.0, 1.0), None, "no table there, out of reach"),
         ("BlueBox", tuple(kit(0.05)), None, "inside YellowBox"),
-        ("BlueBox", tuple(kit(TASK.kit.inner)), None, "kit's wall"),
+        ("BlueBox", tuple(kit(TASK.kit.inner[0])), None, "kit's wall"),
         ("BlueBox", tuple(on_table(free_table(), z=0.2)), None, "hang in the air, 20 cm"),
         ("BlueBox", tuple(kit(-0.204, -0.176, 0.041)), None, "would not stay there"),
         ("YellowBox", tuple(kit(0.13)), "GreenBox", "circular"),
@@ -165,7 +165,7 @@ def test_the_last_target_stays():
 
 @settings(max_examples=40)
 @given(
-    st.sampled_from(TASK.box_names),
+    st.sampled_from(TASK.object_names),
     st.tuples(st.floats(-1.5, 1.5), st.floats(-0.5, 0.5), st.floats(0.7, 1.3)),
     st.sampled_from([None, *TASK.frames]),
 )
@@ -183,7 +183,7 @@ def test_a_layout_can_be_fixed_and_set_free():
     task = fixed_layout(TASK, world)
     again = sample_layouts(task_from_dict(task.to_dict(), source="dict"), 5, 2)
     np.testing.assert_allclose(again.poses, np.tile(world.poses, (2, 1, 1)), atol=2e-4)
-    np.testing.assert_allclose(again.kit, np.tile(world.kit, (2, 1)), atol=1e-6)
+    np.testing.assert_allclose(again.kits, np.tile(world.kits, (2, 1, 1)), atol=1e-6)
     assert free_layout(task, TASK).layout == TASK.layout
 
 

@@ -112,9 +112,9 @@ IMPLAUSIBLE = {
     "held 1000": start_at("held", [1000]),
     "held -5": start_at("held", [-5]),
     "held already": start_at("held", [0]),
-    "kit far": start_at("kit", [[1e20, 0.0, 0.0]]),
-    "boxes far": start_at("poses", [[[11.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]] * len(TASK.boxes)]),
-    "no rotation": start_at("poses", [[[0.0] * 7] * len(TASK.boxes)]),
+    "kit far": start_at("kits", [[[1e20, 0.0, 0.0]]]),
+    "boxes far": start_at("poses", [[[11.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]] * len(TASK.objects)]),
+    "no rotation": start_at("poses", [[[0.0] * 7] * len(TASK.objects)]),
     "carried far": carry_to(1e300, 0.0, 0.1),
     "carried nowhere": carry_to(float("nan"), 0.0, 0.1),
 }
@@ -150,7 +150,7 @@ def test_a_demonstration_that_cannot_be_restored_is_kept_aside(studio, tmp_path,
     whole = path.read_text()
     broken = {
         "missing box": whole.replace('["pick", "YellowBox"]', '["pick", "Cup"]'),
-        "bad number": whole.replace('"kit": [[', '"kit": [[NaN, '),
+        "bad number": whole.replace('"kits": [[[', '"kits": [[[NaN, '),
         "unknown input": whole.replace('"release"', '"throw"'),
     }.get(damage, damage)
     assert broken != whole

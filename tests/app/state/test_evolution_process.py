@@ -160,7 +160,7 @@ def test_a_worker_trains_what_it_is_told_though_prepared_for_another(evolution):
 
 
 def test_what_the_process_refuses_is_said(evolution):
-    task = dataclasses.replace(STACK, boxes=(), targets=())
+    task = dataclasses.replace(STACK, objects=(), targets=())
     evolution.start(task, GPConfig())
     until(evolution, "failed")
     assert "nothing to move" in evolution.sentence

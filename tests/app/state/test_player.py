@@ -41,7 +41,7 @@ def run(player, most=40):
 
 
 def at(player, name):
-    return player.world.poses[0, TASK.box_names.index(name), :3].astype(float)
+    return player.world.poses[0, TASK.object_names.index(name), :3].astype(float)
 
 
 def test_it_plays_what_play_plays(player):
@@ -53,7 +53,7 @@ def test_it_plays_what_play_plays(player):
     assert [snapshot.tick.command for snapshot in player.snapshots[1:]] == [tick.command for tick in expected.ticks]
     assert [snapshot.tick.statuses for snapshot in player.snapshots[1:]] == [tick.statuses for tick in expected.ticks]
     np.testing.assert_array_equal(player.world.poses, expected.final.poses)
-    np.testing.assert_allclose(list(player.distances.values()), expected.distance, atol=1e-6)
+    np.testing.assert_allclose(list(player.distances.values()), expected.misses.distance, atol=1e-6)
 
 
 def test_statuses_have_the_ids_of_the_drawing(player):
@@ -105,7 +105,7 @@ def test_the_tree_reacts_to_a_box_that_a_person_moves(player):
 def test_the_future_is_forgotten_when_a_box_is_moved_in_the_past(player):
     run(player)
     player.seek(2)
-    kit = START.kit[0].astype(float)
+    kit = START.kits[0, 0].astype(float)
     player.put("BlueBox", kit + np.array([0.12, 0.12, 0.055]))
     assert len(player.snapshots) == player.at + 1 == 4
     run(player)

@@ -118,10 +118,10 @@ def test_a_box_that_is_moved_in_a_pause_waits_for_play(studio):
     async def check():
         await studio.playing.begin()
         await studio.playing.tick()
-        await studio.playing.put("BlueBox", lambda world: world.kit[0] + np.array([0.1, 0.1, 0.06]))
+        await studio.playing.put("BlueBox", lambda world: world.kits[0, 0] + np.array([0.1, 0.1, 0.06]))
         assert not studio.playing.on
         with pytest.raises(UserError, match="in the gripper"):
-            await studio.playing.put("YellowBox", lambda world: world.kit[0] + np.array([-0.1, -0.1, 0.06]))
+            await studio.playing.put("YellowBox", lambda world: world.kits[0, 0] + np.array([-0.1, -0.1, 0.06]))
         assert studio.playing.cue.kind == "show"
 
     asyncio.run(check())
@@ -160,10 +160,10 @@ def test_a_box_goes_to_a_place_in_what_there_is_then(studio):
     async def check():
         await begun(studio)
         await until(lambda: not studio.playing.on)
-        index = studio.edited.task.box_names.index("GreenBox")
+        index = studio.edited.task.object_names.index("GreenBox")
         await studio.playing.put("BlueBox", lambda world: world.poses[0, index, :3] + np.array([0, 0, 0.1]))
-        blue = studio.playing.player.world.poses[0, studio.edited.task.box_names.index("BlueBox"), :2]
-        np.testing.assert_allclose(blue, studio.edited.start.kit[0, :2], atol=0.03)
+        blue = studio.playing.player.world.poses[0, studio.edited.task.object_names.index("BlueBox"), :2]
+        np.testing.assert_allclose(blue, studio.edited.start.kits[0, 0, :2], atol=0.03)
 
     asyncio.run(check())
 

@@ -7,7 +7,7 @@ from bt_jax.lfd.demonstration import END_EFFECTOR_HEIGHT
 from bt_jax.tasks import load_task
 
 TASK = load_task("stack3")
-SIZE = TASK.boxes[0].size
+SIZE = TASK.objects[0].edge
 
 
 def placed(over, height):

@@ -16,13 +16,13 @@ START = sample_layouts(TASK, 0, 1)
 def with_box(world, name, position):
     """The world with a box elsewhere."""
     poses = world.poses.copy()
-    poses[0, TASK.box_names.index(name), :3] = position
+    poses[0, TASK.object_names.index(name), :3] = position
     return dataclasses.replace(world, poses=poses)
 
 
 def test_boxes_on_a_table_in_the_kit_on_each_other_and_in_the_gripper():
-    size = TASK.boxes[0].size
-    kit = np.add(START.kit[0], (0, 0, TASK.kit.thickness / 2 + size / 2))
+    size = TASK.objects[0].edge
+    kit = np.add(START.kits[0, 0], (0, 0, TASK.kit.thickness / 2 + size / 2))
     world = with_box(START, "YellowBox", kit)
     world = with_box(world, "GreenBox", np.add(kit, (0, 0, size)))
     said = box_words(TASK, world)
@@ -31,7 +31,7 @@ def test_boxes_on_a_table_in_the_kit_on_each_other_and_in_the_gripper():
     assert said["BlueBox"].sentence.startswith("BlueBox is on Table")
     assert [said[name].support for name in ("YellowBox", "GreenBox")] == [TASK.kit.name, "YellowBox"]
     assert said["BlueBox"].support in {table.name for table in TASK.tables}
-    held = dataclasses.replace(world, held=np.array([TASK.box_names.index("BlueBox")], np.int8))
+    held = dataclasses.replace(world, held=np.array([TASK.object_names.index("BlueBox")], np.int8))
     assert box_words(TASK, held)["BlueBox"].sentence == "BlueBox is in the gripper"
     assert (gripper_words(TASK, world), gripper_words(TASK, held)) == (
         "the gripper is empty",
@@ -41,8 +41,8 @@ def test_boxes_on_a_table_in_the_kit_on_each_other_and_in_the_gripper():
 
 @pytest.mark.parametrize("there", [False, True])
 def test_where_boxes_should_be_and_how_far_they_are_from_there(there):
-    size = TASK.boxes[0].size
-    kit = np.add(START.kit[0], (0, 0, TASK.kit.thickness / 2 + size / 2))
+    size = TASK.objects[0].edge
+    kit = np.add(START.kits[0, 0], (0, 0, TASK.kit.thickness / 2 + size / 2))
     world = with_box(START, "YellowBox", kit) if there else START
     said = target_words(TASK, world)
     assert len(said) == len(TASK.targets)

@@ -12,7 +12,7 @@ from bt_jax.tasks import load_task, task_names
 def test_spots_are_where_things_are(name):
     task = load_task(name)
     world = sample_layouts(task, 3, 1)
-    for i, box in enumerate(task.box_names):
+    for i, box in enumerate(task.object_names):
         spot = spot_at(task, world, box)
         point = spot.point(task, box, origins(task, world, ended=False))
         np.testing.assert_allclose(point, world.poses[0, i, :3], atol=1e-6)
@@ -27,7 +27,7 @@ def test_spots_are_where_things_are(name):
 def test_a_target_said_in_words_is_the_one_that_is_meant(name):
     task = load_task(name)
     world = sample_layouts(task, 3, 1)
-    size = task.boxes[0].size
+    size = task.objects[0].edge
     where = origins(task, world, ended=True)
     on_green = Spot("GreenBox", 0.0, 0.0, 0.0)
     changed = retarget(

@@ -14,7 +14,7 @@ from bt_jax.app.state.workspace import Workspace
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.gp.config import GPConfig
 from bt_jax.mjx_env.physics.kinematic import Kinematic
-from bt_jax.tasks import Box, Subgoal, load_task
+from bt_jax.tasks import Object, Subgoal, load_task
 from bt_jax.training.phases import Changes
 from bt_jax.training.run_folder import RunConfig, RunFolder
 from bt_jax.training.training import Settings
@@ -36,8 +36,8 @@ def noticed(studio):
 
 
 def other_boxes(task):
-    boxes = (*task.boxes, Box("Cup", 0.05, (1.0, 0.0, 0.0)))
-    return dataclasses.replace(task, name="cups", boxes=boxes)
+    boxes = (*task.objects, Object("Cup", (0.05, 0.05, 0.05), (1.0, 0.0, 0.0)))
+    return dataclasses.replace(task, name="cups", objects=boxes)
 
 
 def test_a_tree_stays_as_long_as_there_are_the_same_things(studio):
@@ -51,7 +51,7 @@ def test_all_subscribers_see_a_complete_change(studio):
     seen = []
     for topic in ("task", "scene", "player"):
         studio.bus.subscribe(
-            topic, lambda: seen.append(studio.edited.start.poses.shape[1] == len(studio.edited.task.boxes))
+            topic, lambda: seen.append(studio.edited.start.poses.shape[1] == len(studio.edited.task.objects))
         )
     studio.open_task(other_boxes(studio.edited.task))
     studio.edit_task(untarget(studio.edited.task, "BlueBox"))
@@ -267,7 +267,7 @@ def test_the_task_of_an_evolution_is_not_the_one_that_is_edited(evolved):
     assert [changes.task for changes in evolved.requests] == [None, fewer]
     config = evolved.workspace.run("run").config()
     assert Changes(task=fewer).applied(config).task == fewer
-    with pytest.raises(UserError, match="other values for boxes"):
+    with pytest.raises(UserError, match="other values for objects"):
         Changes(task=load_task("yumi_stack")).applied(config)
 
 
@@ -349,7 +349,7 @@ def test_two_tasks_that_differ_are_asked_about_until_one_changes(evolved):
         {"subgoals": (Subgoal("free", ("clear(YellowBox)",)),)},
         {"robot_position": (0.0, 1.1, 0.05)},
         {"gripper_opening": 0.3},
-        {"kit": dataclasses.replace(STACK3.kit, size=0.5)},
+        {"kits": (dataclasses.replace(STACK3.kit, size=(0.5, 0.5)),)},
         {"tables": (dataclasses.replace(STACK3.tables[0], size=(1.1, 1.1, 0.05)), *STACK3.tables[1:])},
     ],
     ids=lambda changes: next(iter(changes)),

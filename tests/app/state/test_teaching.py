@@ -267,7 +267,7 @@ async def test_a_replay_shows_what_was_recorded(studio, monkeypatch):
     assert teaching.replayed is None
     for recorded, seen in ((first, shown[0]), (last, shown[-1])):
         np.testing.assert_allclose(seen.poses[..., :3], recorded.poses[..., :3], atol=1e-3)
-        np.testing.assert_allclose(seen.kit, recorded.kit, atol=1e-4)
+        np.testing.assert_allclose(seen.kits, recorded.kits, atol=1e-4)
     assert [int(world.held[0]) for world in shown] == [-1, 1, 1, 1, -1]
     await teaching.replay("demo1")
     teaching.stop_replay()

@@ -41,7 +41,9 @@ def test_what_cannot_be_printed_is_told(tmp_path, arguments, message):
 
 def test_markers_wider_than_the_paper_are_refused():
     task = load_task("stack")
-    huge = dataclasses.replace(task, boxes=tuple(dataclasses.replace(box, size=0.3) for box in task.boxes))
-    huge = dataclasses.replace(huge, kit=dataclasses.replace(task.kit, size=0.7))
+    huge = dataclasses.replace(
+        task, objects=tuple(dataclasses.replace(box, size=(0.3, 0.3, 0.3)) for box in task.objects)
+    )
+    huge = dataclasses.replace(huge, kits=(dataclasses.replace(task.kit, size=(0.7, 0.7)),))
     with pytest.raises(UserError, match="wide"):
         list(sheet_pages(huge))

@@ -150,7 +150,7 @@ def test_the_controller_knows_what_the_arms_carry():
     text = rapid_module(load_task("yumi_stack"), gripper_mass=0.248)
     assert "TASK PERS tooldata gripper:=[TRUE,[[0,0,0],[1,0,0,0]],[0.248,[" in text
     part = float(re.search(r"loaddata part:=\[([^,]+),", text)[1])
-    assert part == pytest.approx(max(box.density * box.size**3 for box in load_task("yumi_stack").boxes), abs=1e-3)
+    assert part == pytest.approx(max(box.density * box.edge**3 for box in load_task("yumi_stack").objects), abs=1e-3)
     assert f"[{YUMI.arm('left').gripper.total_mass:g},[" in rapid_module()
 
 

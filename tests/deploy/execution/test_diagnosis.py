@@ -10,14 +10,14 @@ from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.status import Status
 from tests.helpers.ideal import TASK, IdealCell
 
-PICK = {name: Behavior("pick", (name,)) for name in TASK.box_names}
+PICK = {name: Behavior("pick", (name,)) for name in TASK.object_names}
 OFF = Finding("", "the camera is 5 mm off: calibrate again", stops=True)
 
 
 def test_attempts_that_are_broken_off_without_end_are_bounded_and_the_reason_is_told():
     """A box that seems to be here and there by turns, as one whose marker is seen twice."""
     cell = IdealCell(limits=Limits(look=0.0))
-    goal, there = cell.skills.world.kit[0] + np.array([0, 0, 0.055]), np.array([1.3, 0.2, 0.8])
+    goal, there = cell.skills.world.kits[0, 0] + np.array([0, 0, 0.055]), np.array([1.3, 0.2, 0.8])
     cell.skills.polls = 10**6
     cell.findings = (Finding("YellowBox", "YellowBox's marker is seen twice"), Finding("OtherBox", "OtherBox burns"))
     cell.on_tick = lambda shown: cell.move("YellowBox", goal if len(cell.shown) // 12 % 2 else there)
@@ -30,7 +30,7 @@ def test_attempts_that_are_broken_off_without_end_are_bounded_and_the_reason_is_
 
 def test_what_is_achieved_between_interruptions_gives_new_attempts():
     cell = IdealCell(limits=Limits(look=0.0, broken_off=2))
-    goal = cell.skills.world.kit[0] + np.array([0, 0, 0.055])
+    goal = cell.skills.world.kits[0, 0] + np.array([0, 0, 0.055])
 
     def meddle(shown):
         if cell.skills.action == PICK["YellowBox"] and len(cell.skills.cancelled) < 2:

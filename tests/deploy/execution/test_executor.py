@@ -17,7 +17,7 @@ from bt_jax.mjx_env.episodes.playback import play
 from bt_jax.tasks import load_task
 from tests.helpers.ideal import SEMANTICS, SETTLER, STACK3, TASK, IdealCell
 
-PICK = {name: Behavior("pick", (name,)) for name in TASK.box_names}
+PICK = {name: Behavior("pick", (name,)) for name in TASK.object_names}
 
 
 def random_tree(rng, leaves, depth=2):
@@ -87,7 +87,7 @@ def test_redoes_what_a_person_undoes():
 
 def test_an_attempt_is_broken_off_when_the_tree_wants_something_else():
     cell = IdealCell()
-    goal = cell.skills.world.kit[0] + np.array([0, 0, 0.055])
+    goal = cell.skills.world.kits[0, 0] + np.array([0, 0, 0.055])
 
     def help_out(shown):
         if shown.phase == "acting" and cell.skills.action == PICK["YellowBox"]:
@@ -110,7 +110,7 @@ def test_a_tree_that_believes_what_is_not_so_has_failed(tmp_path):
 
 def test_a_committed_phase_is_not_broken_off():
     cell = IdealCell()
-    goal = cell.skills.world.kit[0] + np.array([0, 0, 0.055])
+    goal = cell.skills.world.kits[0, 0] + np.array([0, 0, 0.055])
     cell.skills.committed = True
     cell.on_tick = lambda shown: cell.move("YellowBox", goal) if len(cell.skills.started) == 1 else None
     assert cell.executor.run().exit_code == Exit.DONE
@@ -134,7 +134,7 @@ def test_what_is_not_seen_is_looked_for_before_anything_is_done():
 
 def test_a_box_is_not_picked_from_under_one_that_is_out_of_sight_for_a_moment():
     cell = IdealCell(PICK["YellowBox"], limits=Limits(patience=1.0))
-    yellow = cell.skills.world.poses[0, TASK.box_names.index("YellowBox"), :3]
+    yellow = cell.skills.world.poses[0, TASK.object_names.index("YellowBox"), :3]
     cell.move("GreenBox", yellow + np.array([0, 0, 0.1]))
 
     def hide(shown):
@@ -263,7 +263,7 @@ def test_boxes_are_asked_for_reach_only_where_they_moved():
     asked = []
     cell.skills.reachable = lambda name, seen: asked.append(name) is None
     cell.executor.run()
-    assert len(asked) <= 6 * len(TASK.box_names) < cell.executor.ticks
+    assert len(asked) <= 6 * len(TASK.object_names) < cell.executor.ticks
 
 
 def test_a_run_whose_clock_has_died_is_stopped_and_logged(tmp_path):

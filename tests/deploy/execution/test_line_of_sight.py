@@ -64,7 +64,7 @@ def test_a_line_is_as_near_as_the_nearest_of_its_points(arms):
 def test_a_hand_may_hold_a_box(arms):
     tcp = YUMI.forward("left", YUMI.home["left"])
     along = RigidTransform.from_components(tcp.translation, tcp.rotation)
-    edge = max(box.size for box in TASK.boxes)
+    edge = max(box.edge for box in TASK.objects)
     corner = along.apply([0.45 * edge, 0.45 * edge, 0.45 * edge])
     away = along.rotation.apply([0, 0, 0.3])
     assert arms.blocked(YUMI.home, sight(corner + away, corner), 0.0)

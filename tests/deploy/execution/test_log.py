@@ -48,8 +48,8 @@ def looked(tmp_path_factory):
     path = tmp_path_factory.mktemp("log") / "log.jsonl"
     with Log(path) as log:
         cell = IdealCell(Behavior("pick", ("YellowBox",)), log=log)
-        away = cell.skills.world.poses[0, TASK.box_names.index("GreenBox"), :3].copy()
-        cell.move("GreenBox", cell.skills.world.poses[0, TASK.box_names.index("YellowBox"), :3] + [0, 0, 0.1])
+        away = cell.skills.world.poses[0, TASK.object_names.index("GreenBox"), :3].copy()
+        cell.move("GreenBox", cell.skills.world.poses[0, TASK.object_names.index("YellowBox"), :3] + [0, 0, 0.1])
 
         def hide(report):
             cell.hide = {"GreenBox"} if len(cell.shown) in range(1, 60) else set()

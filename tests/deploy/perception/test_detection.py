@@ -23,12 +23,12 @@ def test_random_poses_are_found_with_the_right_identity_and_place(detector):
     rng, scene = np.random.default_rng(0), fresh_scene()
     distances, angles = [], []
     for _ in range(12):
-        for name, y in zip(TASK.box_names, (0.24, -0.17, -0.27), strict=True):
+        for name, y in zip(TASK.object_names, (0.24, -0.17, -0.27), strict=True):
             face = Rotation.from_euler("xyz", rng.integers(0, 4, 3) * np.pi / 2)
             place = upright(0.3 + rng.uniform(-0.05, 0.05), y + rng.uniform(-0.02, 0.02), turn=rng.uniform(-3, 3))
             scene.put(name, RigidTransform.from_components(place.translation, place.rotation * face))
         found = located(detector, scene.image())
-        for name in (*TASK.box_names, KIT):
+        for name in (*TASK.object_names, KIT):
             distance, angle = errors(scene.truth(name), found[name])
             distances.append(distance)
             angles.append(angle)
@@ -57,7 +57,7 @@ def test_noise_does_not_spoil_it(detector):
     rng, scene = np.random.default_rng(1), fresh_scene()
     image = np.clip(scene.image() + rng.normal(0, 4, (480, 640, 3)), 0, 255).astype(np.uint8)
     found = located(detector, image)
-    for name in TASK.box_names:
+    for name in TASK.object_names:
         distance, angle = errors(scene.truth(name), found[name])
         assert distance < 1.5
         assert angle < 1
@@ -68,7 +68,7 @@ def test_a_soft_picture_pulls_nothing_towards_the_camera_and_says_how_soft_it_is
     rng, scene = np.random.default_rng(3), fresh_scene()
     image = cv2.GaussianBlur(scene.image(), (0, 0), blur) + rng.normal(0, 2, (480, 640, 3))
     found = detector(np.clip(image, 0, 255).astype(np.uint8), MATRIX, NO_DISTORTION)
-    assert {detection.body for detection in found} == {*TASK.box_names, KIT}
+    assert {detection.body for detection in found} == {*TASK.object_names, KIT}
     for detection in found:
         distance, angle = errors(scene.truth(detection.body), PLACEMENT.pose * detection.pose)
         assert distance < 1
@@ -82,7 +82,7 @@ def test_distortion_is_taken_out(detector):
     straight = cv2.undistortPoints(grid, MATRIX, lens, P=MATRIX).reshape(480, 640, 2).astype(np.float32)
     image = cv2.remap(scene.image(), straight[..., 0], straight[..., 1], cv2.INTER_CUBIC)
     found = located(detector, image, distortion=lens)
-    for name in TASK.box_names:
+    for name in TASK.object_names:
         distance, angle = errors(scene.truth(name), found[name])
         assert distance < 1.5
         assert angle < 1
@@ -121,7 +121,7 @@ def test_a_box_known_keeps_its_place_while_something_comes_over_it(detector, acr
     """As a hand does: points that are covered must not pull the pose away."""
     scene, to_camera = fresh_scene(), PLACEMENT.pose.inv()
     worst = 0.0
-    for name in TASK.box_names:
+    for name in TASK.object_names:
         place = scene.truth(name)
         scene.put("cover", RigidTransform.from_translation(place.translation + np.array([0.0, across, height])))
         seen = detector(scene.image(), MATRIX, NO_DISTORTION, {name: to_camera * place})
@@ -134,7 +134,7 @@ def test_a_box_known_keeps_its_place_while_something_comes_over_it(detector, acr
 def test_the_standard_deviation_tells_how_much_one_face_is_worth(detector):
     scene = fresh_scene()
     found = {d.body: d for d in detector(scene.image(), MATRIX, NO_DISTORTION)}
-    for name in TASK.box_names:
+    for name in TASK.object_names:
         place = scene.truth(name)
         scene.put("cover", RigidTransform.from_translation(place.translation + np.array([0.0, 0.0, 0.023])))
         one = next(d for d in detector(scene.image(), MATRIX, NO_DISTORTION) if d.body == name)

@@ -56,7 +56,7 @@ def test_nothing_is_said_where_nothing_is_wrong(level):
     looking = Looking(noisy, moved((0.0, 0.0, 0.0015), (0.0, 0.15, 0.0)))
     if level != "apart":
         foot = looking.scene.truth(KIT).translation[2] + PLATE / 2
-        for at, name in enumerate(TASK.box_names):
+        for at, name in enumerate(TASK.object_names):
             looking.scene.put(name, upright(0.3, 0.0, turn=0.5 * at, z=foot + 0.02 + 0.04 * at))
     assert looking.findings() == {}
 
@@ -87,7 +87,7 @@ def test_a_picture_without_light_or_with_too_much_is_told_and_no_camera_is_blame
 def test_a_picture_that_is_only_darker_or_brighter_serves(gain):
     looking = Looking(lambda image: np.clip(gain * image.astype(float), 0, 255).astype(np.uint8))
     assert looking.findings() == {}
-    assert set(looking.known()) == {*TASK.box_names, KIT}
+    assert set(looking.known()) == {*TASK.object_names, KIT}
 
 
 @pytest.mark.parametrize("blur", [0.0, 0.7])
@@ -115,7 +115,7 @@ def test_a_camera_that_was_moved_is_told(pose, said):
 @pytest.mark.parametrize("wrong", ["GreenBox", KIT])
 def test_one_thing_at_a_wrong_height_is_not_the_cameras_fault(wrong):
     scene = fresh_scene()
-    poses = {name: scene.truth(name) for name in (*TASK.box_names, KIT)}
+    poses = {name: scene.truth(name) for name in (*TASK.object_names, KIT)}
     poses[wrong] = RigidTransform.from_translation([0, 0, 0.006]) * poses[wrong]
     assert camera_shift(TASK, poses) is None
     assert camera_shift(TASK, {wrong: poses[wrong]}) is None
@@ -123,7 +123,7 @@ def test_one_thing_at_a_wrong_height_is_not_the_cameras_fault(wrong):
 
 def test_boxes_that_are_held_stacked_or_lean_do_not_count():
     scene = fresh_scene()
-    poses = {name: scene.truth(name) for name in (*TASK.box_names, KIT)}
+    poses = {name: scene.truth(name) for name in (*TASK.object_names, KIT)}
     poses["GreenBox"] = upright(*poses["YellowBox"].translation[:2], z=TOP + 0.066)
     poses["BlueBox"] = upright(0.3, -0.24, z=TOP + 0.15)
     assert camera_shift(TASK, poses) is None
@@ -133,7 +133,7 @@ def test_boxes_that_are_held_stacked_or_lean_do_not_count():
 
 @pytest.mark.parametrize("number", [float("nan"), float("inf")])
 def test_poses_that_are_no_numbers_blame_no_camera(number):
-    poses = {name: RigidTransform.from_translation([0.3, 0.1, number]) for name in TASK.box_names}
+    poses = {name: RigidTransform.from_translation([0.3, 0.1, number]) for name in TASK.object_names}
     assert camera_shift(TASK, poses) is None
 
 

@@ -19,17 +19,17 @@ def test_every_marker_is_unique_and_lies_on_its_body(name):
         assert np.linalg.det(marker.axes) == pytest.approx(1)
         if marker.body == task.kit.name:
             corners = np.abs(marker.corners)
-            assert corners[:, :2].max() < task.kit.inner
+            assert corners[:, :2].max() < task.kit.inner[0]
             assert corners[:, 2] == pytest.approx(task.kit.thickness / 2)
         else:
-            edge = next(box.size for box in task.boxes if box.name == marker.body)
+            edge = next(box.edge for box in task.objects if box.name == marker.body)
             assert marker.corners @ outward == pytest.approx(edge / 2)
             assert marker.sticker == pytest.approx(edge)
         assert np.linalg.norm(marker.corners[1] - marker.corners[0]) == pytest.approx(marker.size)
 
 
 def test_stickers_in_the_kit_leave_its_middle_free():
-    edge = max(box.size for box in TASK.boxes)
+    edge = max(box.edge for box in TASK.objects)
     for marker in task_markers(TASK):
         if marker.body == KIT:
             nearest = np.abs(marker.pose.translation[:2]) - marker.sticker / 2
@@ -52,6 +52,6 @@ def test_the_image_is_a_marker_in_a_bright_margin():
 
 
 def test_too_many_boxes_are_refused():
-    boxes = tuple(dataclasses.replace(TASK.boxes[0], name=f"Box{i}") for i in range(8))
+    boxes = tuple(dataclasses.replace(TASK.objects[0], name=f"Box{i}") for i in range(8))
     with pytest.raises(UserError, match="at most 7 boxes"):
-        task_markers(dataclasses.replace(TASK, boxes=boxes))
+        task_markers(dataclasses.replace(TASK, objects=boxes))

@@ -33,7 +33,7 @@ def look(scene, seeing, count: int = 1) -> dict[str, RigidTransform]:
     return seeing.poses(scene.time)
 
 
-def assert_right(scene, poses, names=(*TASK.box_names, KIT)) -> None:
+def assert_right(scene, poses, names=(*TASK.object_names, KIT)) -> None:
     assert set(names) <= set(poses)
     for name, pose in poses.items():
         distance, angle = errors(scene.truth(name), pose)
@@ -87,17 +87,17 @@ def test_a_box_moved_by_a_person_is_never_believed_elsewhere(scene, seeing):
 def test_a_square_stack_is_seen_at_first_sight(scene, seeing, x, y, turn):
     """Set down square to the camera, the lower boxes show one face each, which has two answers or, in OpenCV, none."""
     foot = TOP if y else scene.truth(KIT).translation[2] + TASK.kit.thickness / 2
-    for level, name in enumerate(TASK.box_names):
+    for level, name in enumerate(TASK.object_names):
         scene.put(name, upright(x, y, turn=turn, z=foot + 0.02 + 0.04 * level))
-    assert_right(scene, look(scene, seeing, 3), TASK.box_names)
+    assert_right(scene, look(scene, seeing, 3), TASK.object_names)
 
 
 @pytest.mark.parametrize("turn", [0.0, np.pi / 2, np.pi, -np.pi / 2])
 def test_a_box_in_the_place_of_another_is_not_taken_for_it(scene, seeing, turn):
     """Markers resemble each other by more than 0.8, so that what is known must not be confirmed too easily."""
     look(scene, seeing, 3)
-    places = [scene.truth(name) for name in TASK.box_names]
-    for i, name in enumerate(TASK.box_names):
+    places = [scene.truth(name) for name in TASK.object_names]
+    for i, name in enumerate(TASK.object_names):
         there = places[(i + 1) % 3]
         rotation = there.rotation * Rotation.from_euler("z", turn)
         scene.put(name, RigidTransform.from_components(there.translation, rotation))
@@ -124,11 +124,11 @@ def test_a_box_in_motion_is_followed(scene, seeing):
 def test_a_stack_is_seen_after_it_was_built_and_hidden(scene, seeing, twist):
     """At a twist of 0.8 the upper box's corner covers part of both visible markers of the one below."""
     plate = scene.truth(KIT).translation[2] + TASK.kit.thickness / 2
-    for level, name in enumerate(TASK.box_names):
+    for level, name in enumerate(TASK.object_names):
         look(scene, seeing, 4)
         scene.time += 2
         scene.put(name, upright(0.3, 0.0, turn=twist * level, z=plate + 0.02 + 0.04 * level))
-    assert_right(scene, look(scene, seeing, 4), TASK.box_names)
+    assert_right(scene, look(scene, seeing, 4), TASK.object_names)
 
 
 def test_a_marker_covered_in_part_confirms_what_was_known(scene, seeing):

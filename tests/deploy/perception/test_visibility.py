@@ -14,7 +14,7 @@ TABLES = [upright(0.3, 0.24), upright(0.3, -0.24), upright(0.25, -0.2)]
 
 
 def visible(**poses):
-    placed = dict(zip(TASK.box_names, TABLES, strict=True)) | {
+    placed = dict(zip(TASK.object_names, TABLES, strict=True)) | {
         KIT: RigidTransform.from_translation([0.3, 0, TOP + 0.001])
     }
     return visible_markers(TASK, placed | poses, EYE)
@@ -53,6 +53,6 @@ def test_what_must_be_seen_is_what_is_detected_in_a_rendered_scene():
     detected = {
         one.body: set(one.markers) for one in Detector(task_markers(TASK))(frame.image, frame.matrix, np.zeros(5))
     }
-    poses = {name: scene.truth(name) for name in (*TASK.box_names, KIT)}
+    poses = {name: scene.truth(name) for name in (*TASK.object_names, KIT)}
     for body, markers in visible_markers(TASK, poses, EYE).items():
         assert markers.keys() <= detected[body], body

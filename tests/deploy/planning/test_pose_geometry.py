@@ -57,14 +57,14 @@ def test_the_turn_between_two_frames_is_that_about_any_axis(angle):
 
 
 def test_a_box_stands_on_another_on_the_kit_or_on_a_table():
-    names, table = TASK.box_names, TASK.tables[0]
+    names, table = TASK.object_names, TASK.tables[0]
     middle = np.array([*table.position[:2], table.top + 0.02])
     poses = {name: RigidTransform.from_translation(middle + np.array([0, 0, 0.04 * k])) for k, name in enumerate(names)}
     stacked = [(a, b) for a in names for b in names if stands_on(TASK, a, b, poses)]
     assert stacked == [(names[1], names[0]), (names[2], names[1])]
     assert stands_on(TASK, names[2], names[0], poses, above_most=np.inf)
     turned = RigidTransform.from_components([0.3, 0.1, 0.0], Rotation.from_euler("z", np.pi / 4))
-    edge = TASK.kit.size / 2
+    edge = TASK.kit.size[0] / 2
     assert is_over_kit(TASK, turned, turned.apply([0.9 * edge, 0.9 * edge, 0.2]))
     assert not is_over_kit(TASK, turned, turned.translation + np.array([0.9 * edge, 0.9 * edge, 0.0]))
     assert table_under(TASK, middle) == table

@@ -89,7 +89,7 @@ def test_a_path_is_timed_among_what_it_was_planned_among():
     path = JointPath("left", bend, among)
     expected = planner.timed(path, Pace())
     across = RigidTransform.from_rotation(Rotation.from_euler("z", np.pi / 4))  # no box that fits between the fingers
-    crowd = {box: YUMI.forward("left", bend[1]) * across for box in TASK.box_names}
+    crowd = {box: YUMI.forward("left", bend[1]) * across for box in TASK.object_names}
     crowded = planner.timed(JointPath("left", bend, Surroundings(crowd, among.joints)), Pace())
     assert crowded.duration > expected.duration, "boxes at the corner leave no room to cut it"
     assert planner.timed(path, Pace()).duration == expected.duration

@@ -28,7 +28,7 @@ def test_an_object_that_the_task_does_not_know_lies_out_of_sight():
     assert data.xpos[body][0] == 2.0
     geom = added.model.body_geomadr[body]
     assert added.model.geom_matid[geom] == -1
-    assert 2 * added.model.geom_size[geom][0] < TASK.boxes[0].size
+    assert 2 * added.model.geom_size[geom][0] < TASK.objects[0].edge
     twin = build_scene(YUMI, TASK, 0, stranger="GreenBox").model
     green, other = (twin.geom_matid[twin.body_geomadr[twin.body(name).id]] for name in ("GreenBox", STRANGER))
     assert green == other

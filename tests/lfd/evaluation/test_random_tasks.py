@@ -13,6 +13,6 @@ from tests.helpers.demonstrations import STACK3
 def test_random_tasks_are_valid_and_the_same_for_the_same_seed(seed, boxes):
     task, again = (random_task(STACK3, boxes=boxes, rng=np.random.default_rng(seed)) for _ in range(2))
     assert task == again == task_from_dict(task.to_dict(), source="test")
-    assert len(task.boxes) == boxes
+    assert len(task.objects) == boxes
     assert task.targets
     assert not sample_layouts(task, seed, 1).reached.any()

@@ -18,7 +18,7 @@ def generator(seed):
 @pytest.mark.parametrize("count", [2, 3, 4, 5, 6])
 def test_tasks_with_other_numbers_of_boxes_make_sense(count):
     task = with_boxes(load_task("stack"), count)
-    assert len(task.boxes) == len(set(task.box_names)) == count
+    assert len(task.objects) == len(set(task.object_names)) == count
     assert task_from_dict(task.to_dict(), source="test") == task
 
 
@@ -48,7 +48,7 @@ def test_layouts_are_the_tasks(seed):
         return {name: first.handled("base_link") - first.handled(name) + task.robot_position for name in task.frames}
 
     apart, stacked = centres(STACK3), centres(RESTACK)
-    boxes = [apart[name][:2] for name in STACK3.box_names]
+    boxes = [apart[name][:2] for name in STACK3.object_names]
     gaps = [np.linalg.norm(a - b) for i, a in enumerate(boxes) for b in boxes[:i]]
     assert min(gaps) >= STACK3.layout.spacing
     assert all(round(apart["KittingBox"][0]) != round(box[0]) for box in boxes)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS, fitness, subgoals_missed, target_distances
+from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS, fitness, subgoals_missed, target_misses
 from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.tasks import Weights, load_task
@@ -50,10 +50,10 @@ def test_nothing_is_worse_than_broken_physics():
 def test_distances_are_zero_at_the_targets():
     world = sample_layouts(TASK, 0, 4)
     poses = world.poses.copy()
-    poses[:, 0, :3] = world.kit + np.float32([0, 0, 0.052])
+    poses[:, 0, :3] = world.kits[:, 0] + np.float32([0, 0, 0.052])
     poses[:, 1, :3] = poses[:, 0, :3] + np.float32([0, 0, 0.1])
     poses[:, 2, :3] = poses[:, 1, :3] + np.float32([0.3, 0.4, 0.1])
-    found = target_distances(TASK, dataclasses.replace(world, poses=poses))
+    found = target_misses(TASK, dataclasses.replace(world, poses=poses)).distance
     np.testing.assert_allclose(found, np.tile([0, 0, 0.5], (4, 1)), atol=1e-6)
 
 
@@ -62,7 +62,7 @@ def test_targets_turn_with_their_frames():
     poses = world.poses.copy()
     poses[0, 0] = (0, 0, 0.8, np.sqrt(0.5), np.sqrt(0.5), 0, 0)  # a quarter about x: its z is the world's -y
     poses[0, 1, :3] = (0, -0.1, 0.8)
-    assert target_distances(TASK, dataclasses.replace(world, poses=poses))[0, 1] == pytest.approx(0, abs=1e-6)
+    assert target_misses(TASK, dataclasses.replace(world, poses=poses)).distance[0, 1] == pytest.approx(0, abs=1e-6)
 
 
 def test_subgoals_are_counted():

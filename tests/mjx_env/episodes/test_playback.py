@@ -71,7 +71,7 @@ def test_equals_the_evaluator(name, level):
             assert len(played.ticks) == expected.ticks[p, k]
             assert played.fitness == expected.values[p, k]
             assert played.solved == expected.solved[p, k]
-            np.testing.assert_array_equal(played.distance, expected.distance[p, k])
+            np.testing.assert_array_equal(played.misses.distance, expected.misses.distance[p, k])
             state = table.ids(played.start)
             for tick in played.ticks:
                 assert_same(tick.before, table.worlds(state))

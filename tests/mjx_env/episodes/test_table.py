@@ -210,7 +210,7 @@ def test_the_table_stays_within_its_memory():
             for _ in range(4):
                 table.learn(states, rng.integers(0, 5, len(states)).astype(np.int32))
                 states = np.arange(table.num_states - len(states), table.num_states, dtype=np.int32)
-            starts = dataclasses.replace(starts, kit=starts.kit + np.float32([0.001, 0, 0]))
+            starts = dataclasses.replace(starts, kits=starts.kits + np.float32([0.001, 0, 0]))
         except TableFullError:
             table.forget()
         most = max(most, table.nbytes)
@@ -223,9 +223,9 @@ def test_the_table_stays_within_its_memory():
 class SometimesBroken(Kinematic):
     """Physics that diverges if a box is let go in the kit."""
 
-    def settle(self, kit, poses, present):
-        settled = super().settle(kit, poses, present)
-        bad = (np.abs(poses[..., :2] - kit[:, None, :2]).max(axis=-1) < 0.19).any(axis=1)
+    def settle(self, kits, poses, present):
+        settled = super().settle(kits, poses, present)
+        bad = (np.abs(poses[..., :2] - kits[:, :1, :2]).max(axis=-1) < 0.19).any(axis=1)
         return dataclasses.replace(
             settled, poses=np.where(bad[:, None, None], np.float32(np.nan), settled.poses), ok=~bad
         )
@@ -244,5 +244,5 @@ def test_a_simulation_that_diverges_costs_one_individual_and_no_more():
         assert found.fitness[0] == WORST_FITNESS
         assert not found.solved[0].any()
         np.testing.assert_array_equal(found.fitness[1:], table_evaluator("stack")(trees, starts).fitness[1:])
-        assert np.isfinite(found.distance).all()
+        assert np.isfinite(found.misses.distance).all()
     assert evaluator.table.num_broken == 2

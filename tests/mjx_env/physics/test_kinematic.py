@@ -24,7 +24,7 @@ def drop(*boxes, kit=(-1.0, 0.0, 0.7525)):
     present = np.zeros((1, 3), bool)
     for i, box in enumerate(boxes):
         poses[0, i, :3], present[0, i] = box, True
-    settled = settle(TASK, np.array([kit], np.float32), poses, present)
+    settled = settle(TASK, np.array([[kit]], np.float32), poses, present)
     assert settled.ok.all()
     return settled.poses[0, : len(boxes)]
 
@@ -56,8 +56,8 @@ def test_boxes_fall_together_the_lowest_first():
 @pytest.mark.parametrize("name", ["stack3", "restack", "yumi_stack"])
 def test_what_rests_goes_on_resting(name):
     semantics, _, released = kinematic_walk(name, seed=0)
-    once = settle(semantics.task, released.world.kit, released.poses, released.present)
-    again = settle(semantics.task, released.world.kit, snap(once.poses), released.present)
+    once = settle(semantics.task, released.world.kits, released.poses, released.present)
+    again = settle(semantics.task, released.world.kits, snap(once.poses), released.present)
     same = (snap(again.poses) == snap(once.poses)).all(axis=(1, 2))
     # Between YuMi's tables, one box wide apart, a box can lean where snapping takes away its support.
     assert same.all() if name != "yumi_stack" else same.mean() > 0.99
@@ -71,7 +71,7 @@ def test_what_rests_goes_on_resting(name):
 def test_boxes_at_rest_do_not_meet_and_do_not_sink(name):
     semantics, _, released = kinematic_walk(name, seed=1)
     task = semantics.task
-    poses = settle(task, released.world.kit, released.poses, released.present).poses
+    poses = settle(task, released.world.kits, released.poses, released.present).poses
     size = sized(task)
     assert (poses[..., 2] >= task.floor + size / 2 - 1e-5).all()
     middle = (size[:, None] + size) / 2
@@ -83,7 +83,7 @@ def test_boxes_at_rest_do_not_meet_and_do_not_sink(name):
 @pytest.mark.parametrize("name", ["stack3", "yumi_stack"])
 def test_numpy_and_jax_agree(name):
     semantics, _, released = kinematic_walk(name, seed=2)
-    arguments = released.world.kit, released.poses, released.present
+    arguments = released.world.kits, released.poses, released.present
     host = settle(semantics.task, *arguments)
     device = jax.device_get(jax.jit(functools.partial(settle, semantics.task))(*arguments))
     # Quarter turns of quarter turns: XLA may fuse a multiplication with an addition, NumPy does not.
@@ -108,7 +108,7 @@ def test_stable_releases_end_where_physics_puts_them():
             for command in (Behavior("pick", (gene.object,)), Behavior("place", gene.args)):
                 index = np.full(8, semantics.commands.index(command), np.int32)
                 released = act(semantics, state, index)
-                settled = level.settle(released.world.kit, released.poses, released.present)
+                settled = level.settle(released.world.kits, released.poses, released.present)
                 state = settled_world(TASK, released, np.asarray(settled.poses))
         rest[name] = state.poses[..., :3]
     np.testing.assert_allclose(rest["kinematic"], rest["mujoco"], atol=2e-3)
@@ -119,6 +119,6 @@ def test_a_box_let_go_beside_the_tables_falls_to_a_floor_below_zero():
     layouts = sample_layouts(task, 0, 1)
     poses = layouts.poses.copy()
     poses[0, 0, :3] = (0.3, 0.8, 0.3)
-    rest = settle(task, layouts.kit, poses, np.ones((1, 3), bool)).poses
+    rest = settle(task, layouts.kits, poses, np.ones((1, 3), bool)).poses
     assert task.floor < 0
-    assert rest[0, 0, 2] == pytest.approx(task.floor + task.boxes[0].size / 2, abs=1e-6)
+    assert rest[0, 0, 2] == pytest.approx(task.floor + task.objects[0].edge / 2, abs=1e-6)

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from bt_jax._util.errors import UserError
 from bt_jax.mjx_env.physics.factory import make_physics
 from bt_jax.mjx_env.physics.protocol import MAX_STEPS
-from bt_jax.mjx_env.scene.mjcf import kit_height
 from bt_jax.tasks import load_task
+from bt_jax.tasks.support import kit_origin
 
 
 @functools.cache
@@ -28,23 +28,23 @@ class Scene:
 
     def __init__(self, name="stack3"):
         self.task = load_task(name)
-        self.size = self.task.boxes[0].size
+        self.size = self.task.objects[0].edge
         table = self.task.tables[0]
         self.origin = np.array([*table.position[:2], table.top])
         self.half = table.size[0] / 2 / self.size
-        self.kit = np.array([*self.task.tables[1].position[:2], kit_height(self.task, 1)])
+        self.kit = np.array([*self.task.tables[1].position[:2], kit_origin(self.task, self.task.tables[1])[2]])
 
     def solve(self, *boxes, backend="mujoco", in_kit=False):
         """`boxes` are (x, y, height of the lower face) or that and a yaw, in sizes."""
         origin = self.kit + up(self.task.kit.thickness / 2) if in_kit else self.origin
-        poses = np.zeros((1, len(self.task.boxes), 7), np.float32)
+        poses = np.zeros((1, len(self.task.objects), 7), np.float32)
         poses[..., 3] = 1
         for i, (x, y, height, *yaw) in enumerate(boxes):
             poses[0, i, :3] = origin + self.size * np.array([x, y, height + 0.5])
             if yaw:
                 poses[0, i, [3, 6]] = np.cos(yaw[0] / 2), np.sin(yaw[0] / 2)
         present = np.arange(poses.shape[1])[None] < len(boxes)
-        settled = physics(self.task.name, backend).settle(self.kit[None].astype(np.float32), poses, present)
+        settled = physics(self.task.name, backend).settle(self.kit[None, None].astype(np.float32), poses, present)
         settled = jax.tree.map(np.asarray, settled)
         places = (settled.poses[0, : len(boxes), :3] - origin) / self.size - [0, 0, 0.5]
         return places, settled
@@ -81,7 +81,7 @@ def test_stacks_neither_creep_nor_sink(name):
     _, settled = scene.solve((0, 0, 0), (0.02, 0, 1.02), (0, 0.03, 2.04))
     poses = first = settled.poses
     for _ in range(10):
-        again = physics(name).settle(scene.kit[None].astype(np.float32), poses, np.ones((1, 3), bool))
+        again = physics(name).settle(scene.kit[None, None].astype(np.float32), poses, np.ones((1, 3), bool))
         poses = again.poses
     np.testing.assert_allclose(poses[..., :3], first[..., :3], atol=5e-3 * scene.size)
 
@@ -107,7 +107,7 @@ def test_a_box_held_by_more_than_half_stays(name):
 @scales
 def test_kit_walls_hold(name):
     scene = Scene(name)
-    inner = scene.task.kit.inner / scene.size - 0.5
+    inner = scene.task.kit.inner[0] / scene.size - 0.5
     places, _ = scene.solve((inner + 0.04, 0, 0.02), (0, -inner - 0.03, 0.02), in_kit=True)
     assert places[0, 0] < inner + 0.02
     assert places[1, 1] > -inner - 0.02
@@ -129,7 +129,7 @@ def test_absent_boxes_take_no_part():
     poses = np.zeros((2, 3, 7), np.float32)
     poses[..., :4] = (*scene.origin + up(scene.size / 2 + 0.003), 1)
     present = np.array([[True, False, False], [False, False, True]])
-    settled = physics("stack3").settle(np.repeat(scene.kit[None], 2, 0).astype(np.float32), poses, present)
+    settled = physics("stack3").settle(np.repeat(scene.kit[None, None], 2, 0).astype(np.float32), poses, present)
     np.testing.assert_array_equal(settled.poses[~present], poses[~present])
     np.testing.assert_array_equal(settled.poses[0, 0], settled.poses[1, 2])
     assert (settled.reach[~present] == 0).all()
@@ -138,7 +138,7 @@ def test_absent_boxes_take_no_part():
 def random_problems(task, rng, count):
     """Boxes let go over the first table, a little above it or above each other; many touch, some fall off."""
     scene = Scene(task.name)
-    boxes = len(task.boxes)
+    boxes = len(task.objects)
     place = rng.uniform(-1, 1, (count, boxes, 3)) * [scene.half, scene.half, 0] + np.arange(boxes)[:, None] * [
         0,
         0,
@@ -148,7 +148,7 @@ def random_problems(task, rng, count):
     poses[..., :3] = scene.origin + scene.size * (place + up(0.53))
     poses[..., 3] = 1
     present = rng.random((count, boxes)) < 0.7
-    return np.repeat(scene.kit[None], count, 0).astype(np.float32), poses, present
+    return np.repeat(scene.kit[None, None], count, 0).astype(np.float32), poses, present
 
 
 def test_a_result_depends_on_nothing_but_the_problem():
@@ -166,18 +166,20 @@ def test_a_problem_that_is_not_finite_is_reported_not_raised():
     poses = np.full((2, 3, 7), np.nan, np.float32)
     poses[1] = [*scene.origin + up(scene.size / 2), 1, 0, 0, 0]
     present = np.array([[True, False, False]] * 2)
-    settled = physics("stack3").settle(np.repeat(scene.kit[None], 2, 0).astype(np.float32), poses, present)
+    settled = physics("stack3").settle(np.repeat(scene.kit[None, None], 2, 0).astype(np.float32), poses, present)
     np.testing.assert_array_equal(settled.ok, [False, True])
 
 
 def test_unequal_boxes_keep_their_own_sizes():
     task = load_task("stack3")
-    boxes = tuple(dataclasses.replace(box, size=size) for box, size in zip(task.boxes, (0.1, 0.06, 0.08), strict=True))
-    task = dataclasses.replace(task, boxes=boxes)
+    boxes = tuple(
+        dataclasses.replace(box, size=(size,) * 3) for box, size in zip(task.objects, (0.1, 0.06, 0.08), strict=True)
+    )
+    task = dataclasses.replace(task, objects=boxes)
     poses = np.zeros((3, 3, 7), np.float32)
     poses[..., :4] = -1, 0, 0.75 + 0.06, 1
     present = np.eye(3, dtype=bool)
-    settled = make_physics(task, "mujoco").settle(np.zeros((3, 3), np.float32), poses, present)
+    settled = make_physics(task, "mujoco").settle(np.zeros((3, 1, 3), np.float32), poses, present)
     np.testing.assert_allclose(settled.poses[present][:, 2], [0.8, 0.78, 0.79], atol=1e-3)
 
 
@@ -211,7 +213,7 @@ def test_mjx_agrees_with_c(name):
         poses[:, i, :2] += scene.size * spread[:, i] * np.where(stacked, 0.5, 0.2)[:, None]
     present = rng.random((count, boxes)) < 0.9
     present[stacked] = True
-    kit = np.repeat(scene.kit[None], count, 0).astype(np.float32)
+    kit = np.repeat(scene.kit[None, None], count, 0).astype(np.float32)
     other = jax.tree.map(np.asarray, physics(name, "mjx").settle(kit, poses, present))
     reference = physics(name).settle(kit, poses, present)
     away = np.linalg.norm(other.poses[..., :3] - reference.poses[..., :3], axis=-1) / scene.size

@@ -24,7 +24,7 @@ def let_go(positions, *, box=0, kit=(0.0, 0.0, 0.7525)):
     count = len(positions)
     world = sample_layouts(TASK, 0, count)
     poses = np.concatenate([positions, world.poses[..., 3:]], axis=-1)
-    world = dataclasses.replace(world, poses=poses, kit=np.tile(np.float32(kit), (count, 1)))
+    world = dataclasses.replace(world, poses=poses, kits=np.tile(np.float32(kit), (count, 1, 1)))
     return Released(world, poses, np.ones((count, 3), bool), np.full(count, box, np.int32))
 
 
@@ -33,7 +33,7 @@ def locality(task_name, *, seed, count, steps):
     semantics = semantics_of(task_name, atoms=False)
     physics = MujocoPhysics(semantics.task)
     _, released = walk(semantics, physics, seed=seed, count=count, steps=steps)
-    whole = physics.settle(released.world.kit, released.poses, released.present & (released.box >= 0)[:, None])
+    whole = physics.settle(released.world.kits, released.poses, released.present & (released.box >= 0)[:, None])
     settler = Settler(semantics.task, physics)
     poses, ok = settler.settle(released)
     assert ok.all()
@@ -99,13 +99,13 @@ def test_places_off_the_tables_count_too(seed):
     positions = rng.uniform((-2.5, -1, 0.05), (2.5, 1, 1.2), (8, 3, 3))
     released = let_go(positions)
     physics = Kinematic(TASK)
-    settled = physics.settle(released.world.kit, released.poses, released.present)
+    settled = physics.settle(released.world.kits, released.poses, released.present)
     released = dataclasses.replace(released, poses=settled.poses)
     poses = settled.poses.copy()
     poses[:, 0, :3] = rng.uniform((-2.5, -1, 0.05), (2.5, 1, 1.2), (8, 3))
     poses = snap(poses)  # else a box whose middle is over an edge may stay in one and fall in the other
     released = dataclasses.replace(released, poses=poses)
-    whole = physics.settle(released.world.kit, poses, released.present)
+    whole = physics.settle(released.world.kits, poses, released.present)
     found, ok = Settler(TASK, physics).settle(released)
     assert ok.all()
     np.testing.assert_allclose(found[..., :3], whole.poses[..., :3], atol=1e-3)

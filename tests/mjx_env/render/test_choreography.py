@@ -66,7 +66,7 @@ def test_nothing_is_carried_through_another_box(seed):
 def test_a_grasped_box_stays_between_the_fingers():
     semantics, played = episode("stack3")
     taken = shots(semantics, played, fps=FPS)
-    size, moved = semantics.task.boxes[0].size, 0
+    size, moved = semantics.task.objects[0].edge, 0
     for before, after in itertools.pairwise(taken):
         if after.gripper.opening == pytest.approx(size, abs=1e-6) == before.gripper.opening:
             away = np.linalg.norm(after.poses[:, :3] - after.gripper.position, axis=-1)

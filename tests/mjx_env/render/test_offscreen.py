@@ -4,18 +4,18 @@ import pytest
 
 from bt_jax._util.errors import UserError
 from bt_jax.mjx_env.render.offscreen import GripperPose, Renderer, available, contact_sheet, write_film
-from bt_jax.mjx_env.scene.mjcf import kit_height
 from bt_jax.tasks import load_task
+from bt_jax.tasks.support import kit_origin
 
 needs_graphics = pytest.mark.skipif(available() is not True, reason=str(available()))
 
 
 def layout(task, table=1):
-    kit = np.array([*task.tables[table].position[:2], kit_height(task, table)])
-    poses = np.zeros((len(task.boxes), 7))
-    for i, box in enumerate(task.boxes):
+    kit = np.array([kit_origin(task, task.tables[table])])
+    poses = np.zeros((len(task.objects), 7))
+    for i, box in enumerate(task.objects):
         place = task.tables[i % len(task.tables)]
-        poses[i] = (*place.position[:2], place.top + box.size / 2, 1, 0, 0, 0)
+        poses[i] = (*place.position[:2], place.top + box.edge / 2, 1, 0, 0, 0)
     return kit, poses
 
 
@@ -28,7 +28,7 @@ def test_every_table_is_in_the_picture(name, size):
     with Renderer(task, width=size[0], height=size[1]) as draw:
         seen = draw(kit, poses)
         assert seen.shape == (size[1], size[0], 3)
-        for i in range(len(task.boxes)):
+        for i in range(len(task.objects)):
             hidden = poses.copy()
             hidden[i, 2] -= 1000
             assert (draw(kit, hidden) != seen).any(), f"box {i} cannot be seen"

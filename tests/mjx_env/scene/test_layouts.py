@@ -25,10 +25,10 @@ def test_layouts_are_as_the_task_says(name, seed):
     centres = np.array([table.position[:2] for table in task.tables])
     halves = np.array([table.size[:2] for table in task.tables]) / 2
     tops = np.array([table.top for table in task.tables])
-    offset = np.abs(layouts.kit[:, None, :2] - centres)
+    offset = np.abs(layouts.kits[:, :1, :2] - centres)
     kit_table = offset.sum(axis=-1).argmin(axis=1)
     np.testing.assert_allclose(offset.sum(axis=-1).min(axis=1), 0, atol=1e-6)
-    np.testing.assert_allclose(layouts.kit[:, 2], tops[kit_table] + task.kit.thickness / 2, atol=1e-6)
+    np.testing.assert_allclose(layouts.kits[:, 0, 2], tops[kit_table] + task.kit.thickness / 2, atol=1e-6)
     if task.layout.kit == "random":
         assert set(kit_table) == set(range(len(task.tables)))
     else:
@@ -39,9 +39,9 @@ def test_layouts_are_as_the_task_says(name, seed):
     assert (inside.sum(axis=-1) == 1).all()
     table = inside.argmax(axis=-1)
     assert (table != kit_table[:, None]).all()
-    stack = [task.box_names.index(name) for name in task.layout.stack]
-    single = [i for i in range(len(task.boxes)) if i not in stack]
-    sizes = np.array([box.size for box in task.boxes])
+    stack = [task.object_names.index(name) for name in task.layout.stack]
+    single = [i for i in range(len(task.objects)) if i not in stack]
+    sizes = np.array([box.edge for box in task.objects])
     np.testing.assert_allclose(
         layouts.poses[:, single, 2], tops[table[:, single]] + sizes[single] / 2, atol=POSITION_ERROR
     )

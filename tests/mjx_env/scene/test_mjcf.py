@@ -4,25 +4,26 @@ import mujoco
 import numpy as np
 import pytest
 
-from bt_jax.mjx_env.scene.mjcf import build_mjcf, compile_scene, kit_height, resolve_ids, timing
+from bt_jax.mjx_env.scene.mjcf import build_mjcf, compile_scene, resolve_ids, timing
 from bt_jax.tasks import load_task, task_names
+from bt_jax.tasks.support import kit_origin
 
 
 @pytest.mark.parametrize("name", task_names())
 def test_bodies_have_the_sizes_and_weights_of_the_task(name):
     task = load_task(name)
     model, ids = compile_scene(task)
-    assert len(ids.boxes) == len(task.boxes)
-    for box, body in zip(task.boxes, ids.boxes, strict=True):
+    assert len(ids.objects) == len(task.objects)
+    for box, body in zip(task.objects, ids.objects, strict=True):
         assert model.body(body).name == box.name
-        np.testing.assert_allclose(model.body_mass[body], box.density * box.size**3, rtol=1e-6)
-        np.testing.assert_allclose(model.geom(box.name).size, box.size / 2)
+        np.testing.assert_allclose(model.body_mass[body], box.density * box.edge**3, rtol=1e-6)
+        np.testing.assert_allclose(model.geom(box.name).size, box.edge / 2)
     for table in task.tables:
         geom = model.geom(table.name)
         np.testing.assert_allclose(geom.pos[2] + geom.size[2], table.top)
-    assert model.nq == 7 * len(task.boxes)
-    assert list(ids.qpos) == [7 * i for i in range(len(task.boxes))]
-    assert list(ids.dof) == [6 * i for i in range(len(task.boxes))]
+    assert model.nq == 7 * len(task.objects)
+    assert list(ids.qpos) == [7 * i for i in range(len(task.objects))]
+    assert list(ids.dof) == [6 * i for i in range(len(task.objects))]
 
 
 @pytest.mark.parametrize("name", ["stack", "yumi_stack"])
@@ -31,15 +32,15 @@ def test_kit_is_an_open_box_on_the_table(name):
     model, ids = compile_scene(task)
     data = mujoco.MjData(model)
     for table in range(len(task.tables)):
-        data.mocap_pos[ids.kit_mocap] = (*task.tables[table].position[:2], kit_height(task, table))
+        data.mocap_pos[ids.kit_mocaps[0]] = (*task.tables[table].position[:2], kit_origin(task, task.tables[table])[2])
         mujoco.mj_kinematics(model, data)
         plate = model.geom("plate")
         bottom = data.geom("plate").xpos[2] - plate.size[2]
         np.testing.assert_allclose(bottom, task.tables[table].top, atol=1e-9)
         for side, axis in (("left", 0), ("right", 0), ("front", 1), ("back", 1)):
             wall, place = model.geom(f"wall_{side}"), data.geom(f"wall_{side}").xpos
-            inner = abs(place[axis] - data.mocap_pos[ids.kit_mocap][axis]) - wall.size[axis]
-            np.testing.assert_allclose(inner, task.kit.inner, atol=1e-9)
+            inner = abs(place[axis] - data.mocap_pos[ids.kit_mocaps[0]][axis]) - wall.size[axis]
+            np.testing.assert_allclose(inner, task.kit.inner[0], atol=1e-9)
             np.testing.assert_allclose(
                 place[2] + wall.size[2] - bottom, task.kit.thickness + task.kit.wall_height, atol=1e-9
             )
@@ -47,11 +48,11 @@ def test_kit_is_an_open_box_on_the_table(name):
 
 def test_submodels_hold_only_the_boxes_named():
     task = load_task("stack")
-    for count in range(len(task.boxes) + 1):
-        for names in itertools.combinations(task.box_names, count):
+    for count in range(len(task.objects) + 1):
+        for names in itertools.combinations(task.object_names, count):
             model = mujoco.MjModel.from_xml_string(build_mjcf(task, names))
             ids = resolve_ids(model, task)
-            assert tuple(model.body(body).name for body in ids.boxes) == names
+            assert tuple(model.body(body).name for body in ids.objects) == names
 
 
 def test_scales_follow_froude():

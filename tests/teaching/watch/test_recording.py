@@ -21,7 +21,7 @@ def recorded(film, *decisions):
 
 def actions(demonstration):
     return [
-        (action.kind, min(TASK.box_names, key=lambda box: np.linalg.norm(action.handled(box))))
+        (action.kind, min(TASK.object_names, key=lambda box: np.linalg.norm(action.handled(box))))
         for action in demonstration.actions
     ]
 
@@ -46,7 +46,7 @@ def test_it_is_written_and_read_as_any_other_and_says_how_sure_it_is(tmp_path):
     folder.create(Frames.of(TASK))
     for seed in range(3):
         table = Table(np.random.default_rng(seed))
-        for i, name in enumerate(TASK.box_names):
+        for i, name in enumerate(TASK.object_names):
             x, y, z = PLACES[name]
             table.put(name, (x + 0.02 * math.cos(seed + i), y + 0.02 * math.sin(2 * seed + i), z), degrees=50 * seed)
         folder.append(recorded(stacking(table)))

@@ -3,18 +3,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bt_jax.mjx_env.scene.surfaces import Surfaces, box_surfaces, fixed_surfaces, overlaps, support_height
+from bt_jax.mjx_env.surfaces import Surfaces, fixed_surfaces, object_surfaces, overlaps, support_height
 from bt_jax.tasks import load_task
 
 TASK = load_task("stack")
-KIT = np.array([[1, 0, 0.7525]], np.float32)
+KIT = np.array([[[1, 0, 0.7525]]], np.float32)
 RIM, PLATE = 0.795, 0.755
 
 
 def height(x, y, half=0.05):
     surfaces = fixed_surfaces(TASK, KIT)
     usable = np.ones(surfaces.top.shape, bool)
-    return support_height(surfaces, np.array([[x, y]], np.float32), np.array([half], np.float32), usable)[0]
+    return support_height(surfaces, np.array([[x, y]], np.float32), np.full((1, 2), half, np.float32), usable)[0]
 
 
 @pytest.mark.parametrize(
@@ -39,7 +39,7 @@ def test_side_by_side_is_not_on_top():
     surfaces = Surfaces(*(np.array(x, np.float32) for x in ([[[0, 0]]], [[[0.05, 0.05]]], [[0.1]])))
     for gap, under in ((0.1, False), (0.0999, False), (0.097, True), (-0.1, False), (-0.097, True)):
         xy = np.array([[0, gap]], np.float32)
-        assert overlaps(surfaces, xy, np.array([0.05], np.float32))[0, 0] == under
+        assert overlaps(surfaces, xy, np.full((1, 2), 0.05, np.float32))[0, 0] == under
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -58,7 +58,7 @@ def test_boxes_fill_the_box_around_their_corners(seed):
     )
     signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
     corners = pose[:3] + (signs * 0.05) @ turn.T
-    found = box_surfaces(TASK, np.broadcast_to(pose, (1, 3, 7)))
+    found = object_surfaces(TASK, np.broadcast_to(pose, (1, 3, 7)))
     np.testing.assert_allclose(found.centre[0, 0] + found.half[0, 0], corners[:, :2].max(axis=0), atol=1e-5)
     np.testing.assert_allclose(found.centre[0, 0] - found.half[0, 0], corners[:, :2].min(axis=0), atol=1e-5)
     np.testing.assert_allclose(found.top[0, 0], corners[:, 2].max(), atol=1e-5)

@@ -1,0 +1,121 @@
+"""What is true of objects in a scene, for whole batches of states; NumPy or JAX. `behaviors.geometry` says the same for
+single objects.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Bool, Float32
+
+from bt_jax.behaviors.geometry import GEOMETRY
+from bt_jax.mjx_env.surfaces import Surfaces, fixed_surfaces, half_extents, object_surfaces, standing_extents
+from bt_jax.mjx_env.world import Array, World, distances, frames, headings, namespace, rotate, to_world, uprightness
+from bt_jax.tasks import Task
+
+__all__ = ["graspable", "in_own_target", "is_clear", "is_upright", "reachable", "turn_error"]
+
+
+def reachable(world: World, task: Task) -> Bool[Array, "S B"]:
+    """Return which objects the gripper reaches: those not below the lowest table's top, so not on the floor."""
+    heights = np.array([[thing.height for thing in task.objects]], np.float32)
+    lowest = np.float32(min(table.top for table in task.tables))
+    return world.poses[..., 2] > lowest - np.float32(GEOMETRY.seated) * heights
+
+
+def is_clear(world: World, task: Task) -> Bool[Array, "S B"]:
+    """Return which objects have nothing on top."""
+    return ~namespace(world.poses).any(_rests_on(world, task), axis=-2)
+
+
+def is_upright(world: World, task: Task) -> Bool[Array, "S B"]:
+    """Return which objects stand on their foot or, cuboids, on the opposite face; cubes on any."""
+    cubes = np.array([thing.is_cube for thing in task.objects])
+    cubes = cubes.reshape((1,) * (world.poses.ndim - 2) + cubes.shape)
+    return cubes | (namespace(world.poses).abs(uprightness(world.poses[..., 3:])) > np.float32(GEOMETRY.upright))
+
+
+def _rests_on(world: World, task: Task) -> Bool[Array, "S B B"]:
+    """Return at [s, i, j] whether object i stands over object j, close enough to rest on it; a held one rests on nothing."""
+    xp = namespace(world.poses)
+    half = standing_extents(task, world.poses[..., 3:])
+    middle = half[..., :, None, :] + half[..., None, :, :]
+    height = 2 * xp.minimum(half[..., :, None, 2], half[..., None, :, 2])
+    offset = world.poses[..., :, None, :3] - world.poses[..., None, :, :3]
+    over = xp.abs(offset[..., :2]) < middle[..., :2]
+    gap = offset[..., 2] - (middle[..., 2] - height)
+    above = (gap > np.float32(GEOMETRY.above_least) * height) & (gap < np.float32(GEOMETRY.above_most) * height)
+    held = world.held[..., None] == np.arange(len(task.objects), dtype=np.int8)[None]
+    return above & xp.all(over, axis=-1) & ~held[..., :, None] & ~held[..., None, :]
+
+
+def turn_error(
+    quaternion: Float32[Array, "*S 4"],
+    frame: Float32[Array, "*S 4"],
+    wanted: Float32[Array, "*#S"],
+    symmetry: Float32[Array, "*#S"],
+) -> Float32[Array, "*S"]:
+    """Return by how much, radians, an object is turned about the vertical too far from the `wanted` turn in a frame, to
+    the nearest of the turns in which it looks alike (`symmetry`, 0 for all); NaN where no turn is wanted."""
+    xp = namespace(quaternion)
+    period = xp.where(symmetry > 0, symmetry, np.float32(1))
+    off = headings(quaternion) - headings(frame) - wanted
+    return xp.where(symmetry > 0, off - period * xp.round(off / period), off * 0)
+
+
+def in_own_target(world: World, task: Task) -> Bool[Array, "S B"]:
+    """Return which objects are instances that stand in a target of their part, whichever of its instances is meant there."""
+    xp = namespace(world.poses)
+    found = xp.zeros(world.poses.shape[:-1], bool)
+    places = frames(world, task)
+    upright = is_upright(world, task)
+    for target in task.targets:
+        own = np.array([thing.part == target.object for thing in task.objects])
+        if not own.any():
+            continue
+        frame = np.array([task.frames.index(target.frame)])
+        goal = to_world(places, frame, np.array([target.position], np.float32))
+        there = upright & (distances(world.poses[..., :3], goal) < np.float32(task.episode.tolerance))
+        if target.turn is not None:
+            symmetry = np.array([math.radians(thing.symmetry) for thing in task.objects], np.float32)[None]
+            wanted = np.float32(math.radians(target.turn))
+            error = turn_error(world.poses[..., 3:], places[:, frame, 3:], wanted, symmetry)
+            there = there & (xp.abs(error) < np.float32(math.radians(task.episode.turn_tolerance)))
+        found = found | (there & own[None])
+    return found & (world.held[:, None] != np.arange(len(task.objects), dtype=np.int8)[None])
+
+
+def graspable(world: World, task: Task) -> Bool[Array, "S B"]:
+    """Return which objects stand so that the gripper can take them: along a pair of parallel faces that fits the opening,
+    where both fingers have `finger_room` beside these faces, down to the object's middle."""
+    xp = namespace(world.poses)
+    standing = is_upright(world, task)
+    if not task.finger_room:
+        return standing
+    surfaces = [fixed_surfaces(task, world.kits), object_surfaces(task, world.poses)]
+    bottoms = world.poses[..., 2] - half_extents(task.objects, world.poses[..., 3:])[..., 2]
+    top = world.poses[..., 2] + standing_extents(task, world.poses[..., 3:])[..., 2]
+    found = xp.zeros(standing.shape, bool)
+    for axis in (0, 1):
+        half = np.array([thing.size[axis] / 2 for thing in task.objects], np.float32)
+        free = np.array([thing.size[axis] <= task.gripper_opening for thing in task.objects])[None]
+        for side in (-1, 1):
+            away = np.zeros((len(task.objects), 3), np.float32)
+            away[:, axis] = side * (half + task.finger_room / 2)
+            finger = world.poses[..., :3] + rotate(world.poses[..., 3:], away[None])
+            walls, others = (_hits(one, finger, task.finger_room) for one in surfaces)
+            walls = walls & (surfaces[0].top[:, None] > world.poses[..., 2, None])
+            beside = (surfaces[1].top[:, None] > world.poses[..., 2, None]) & (bottoms[:, None] < top[..., None])
+            others = others & beside & ~np.eye(len(task.objects), dtype=bool)[None]
+            free = free & ~walls.any(axis=-1) & ~others.any(axis=-1)
+        found = found | free
+    return found & standing
+
+
+def _hits(surfaces: Surfaces, finger: Float32[Array, "S B 3"], room: float) -> Bool[Array, "S B M"]:
+    """Return which surfaces, seen from above, a square finger with edge `room` meets."""
+    reach = surfaces.half[:, None] + np.float32(room / 2)
+    return namespace(finger).all(
+        namespace(finger).abs(surfaces.centre[:, None] - finger[..., None, :2]) < reach, axis=-1
+    )
