@@ -5,6 +5,8 @@ Where the targets are is not part of it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from bt_jax.behaviors import FIRST_LEAF, Behavior, Kind, Vocabulary
@@ -19,28 +21,31 @@ NONE = -1
 
 
 def goals_of(task: Task, vocabulary: Vocabulary[Behavior]) -> Goals:
-    """Return the targets of a task, then its subgoals, and the groups of leaves: the genes of each box, and one group of
-    those that concern several."""
-    names = task.object_names
+    """Return the targets of a task, then its subgoals, and the groups of leaves: the genes of each kind of object, and one
+    group of those that concern several."""
+    kinds = _kinds(task)
     guards = {leaf.args[0]: vocabulary.token(leaf) for leaf in vocabulary.leaves if leaf.name == "reached"}
-    group = [NONE] * FIRST_LEAF + [_group(leaf, names) for leaf in vocabulary.leaves]
+    group = [NONE] * FIRST_LEAF + [_group(leaf, kinds) for leaf in vocabulary.leaves]
     return Goals(
         group=np.array(group, np.int32),
-        concerns=np.array(
-            [names.index(target.object) for target in task.targets] + [NONE] * len(task.subgoals), np.int32
-        ),
+        concerns=np.array([kinds[target.object] for target in task.targets] + [NONE] * len(task.subgoals), np.int32),
         guard=np.array([0] * len(task.targets) + [guards.get(subgoal.name, 0) for subgoal in task.subgoals], np.int32),
         node_cost=task.weights.node,
     )
 
 
-def _group(leaf: Behavior, names: tuple[str, ...]) -> int:
-    """Return the index of the box that a gene moves, one more than the last for a gene that moves several, and -1 for other
-    leaves."""
+def _kinds(task: Task) -> dict[str, int]:
+    """Return the index of the kind, of `Task.kinds`, of everything that a leaf may call an object."""
+    return {name: task.kinds.index(task.thing(name).part or name) for name in task.instances}
+
+
+def _group(leaf: Behavior, kinds: Mapping[str, int]) -> int:
+    """Return the index of the kind of object that a gene moves, one more than the last for a gene that moves several,
+    and -1 for other leaves."""
     if leaf.kind != Kind.GENE or leaf.subtree is None:
         return NONE
-    moved = {atom.object for atom in leaves(leaf.subtree) if atom.name == "place"}
-    return names.index(str(moved.pop())) if len(moved) == 1 else len(names)
+    moved = {kinds[str(atom.object)] for atom in leaves(leaf.subtree) if atom.name == "place"}
+    return moved.pop() if len(moved) == 1 else max(kinds.values()) + 1
 
 
 def measured(evaluation: Evaluation, task: Task, shape: tuple[int, int]) -> Measured:

@@ -31,7 +31,9 @@ CONTROL_TAGS = {kind: tag for tag, kind in CONTROLS.items()}
 EXTENDED_NAMES = {kind.tag: name for name, kind in EXTENDED.items()}
 SUBTASK = "Subtask_"
 LEAF_TAGS = {name: "".join(word.title() for word in name.split("_")) for name in SIGNATURES if name != "subtask"}
-LEAVES = {tag: name for name, tag in LEAF_TAGS.items()}
+TURNED = "Turned"  # behind the tag of a gene that says how the object should be turned
+TURNED_TAGS = {name: f"{tag}{TURNED}" for name, tag in LEAF_TAGS.items() if SIGNATURES[name].kind == Kind.GENE}
+LEAVES = {tag: name for tags in (LEAF_TAGS, TURNED_TAGS) for name, tag in tags.items()}
 EXPLICIT = ("Action", "Condition", "Control", "Decorator", "SubTree")
 MODEL_TAGS = {Kind.CONDITION: "Condition", Kind.ACTION: "Action", Kind.GENE: "SubTree"}
 
@@ -53,13 +55,14 @@ def to_xml(tree: Tree, *, name: str = "MainTree", expand_genes: bool = False) ->
         _write(SubElement(root, "BehaviorTree", {"ID": f"{SUBTASK}{subtask}"}), body)
     for gene in sorted(genes):
         _write_gene(root, gene)
-    _write_models(root, subtasks)
+    turned = any("turn" in element.attrib for element in root.iter())
+    _write_models(root, subtasks, turned=turned)
     ElementTree.indent(root)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
 
 
 def _genes(tree: Tree) -> tuple[dict[str, Tree], set[str]]:
-    """The subtasks in a tree, by name, and the names of the other genes, also those inside of subtasks. Raise UserError
+    """The subtasks in a tree, by name, and the tags of the other genes, also those inside of subtasks. Raise UserError
     if two different subtasks have one name."""
     subtasks: dict[str, Tree] = {}
     genes: set[str] = set()
@@ -69,7 +72,7 @@ def _genes(tree: Tree) -> tuple[dict[str, Tree], set[str]]:
             if node.kind != Kind.GENE:
                 continue
             if node.body is None:
-                genes.add(node.name)
+                genes.add(_tag(node))
             elif node.label not in subtasks:
                 subtasks[node.label] = node.body
                 open_.append(node.body)
@@ -87,11 +90,17 @@ def _write(parent: Element, node: Tree) -> None:
     if node.name == "subtask":
         SubElement(parent, "SubTree", {"ID": f"{SUBTASK}{node.label}"})
         return
-    ports = {port: _port_text(value) for port, value in zip(SIGNATURES[node.name].arguments, node.args, strict=True)}
+    signature = SIGNATURES[node.name]
+    ports = dict(zip(signature.arguments + signature.optional, map(_port_text, node.args), strict=False))
     if node.kind == Kind.GENE:
-        SubElement(parent, "SubTree", {"ID": LEAF_TAGS[node.name], **ports})
+        SubElement(parent, "SubTree", {"ID": _tag(node), **ports})
     else:
-        SubElement(parent, LEAF_TAGS[node.name], ports)
+        SubElement(parent, _tag(node), ports)
+
+
+def _tag(leaf: Behavior) -> str:
+    """Return the tag of a leaf. A gene with a turn has its own, since each definition of a SubTree has its ports."""
+    return (TURNED_TAGS if leaf.kind == Kind.GENE and leaf.turn is not None else LEAF_TAGS)[leaf.name]
 
 
 def _extended(parent: Element, node: ExtendedNode[Behavior]) -> Element:
@@ -99,25 +108,28 @@ def _extended(parent: Element, node: ExtendedNode[Behavior]) -> Element:
     return SubElement(parent, node.meaning.tag, {} if port is None else {port: str(node.number)})
 
 
-def _write_gene(root: Element, name: str) -> None:
+def _write_gene(root: Element, tag: str) -> None:
     """Write the subtree of a gene with ports in place of its arguments: expanded with the values below as stand-ins,
     which no other leaf of the subtree has."""
-    arguments = SIGNATURES[name].arguments
-    stand_ins = {port: (0.0, 0.0, 0.0) if port == "position" else f"{{{port}}}" for port in arguments}
-    subtree = Behavior(name, tuple(stand_ins.values())).subtree
+    name = LEAVES[tag]
+    numbers: dict[str, Argument] = {"position": (0.0, 0.0, 0.0), "turn": 0.0}
+    arguments = SIGNATURES[name].arguments + (SIGNATURES[name].optional if tag in TURNED_TAGS.values() else ())
+    subtree = Behavior(name, tuple(numbers.get(port, f"{{{port}}}") for port in arguments)).subtree
     assert subtree is not None
-    element = SubElement(root, "BehaviorTree", {"ID": LEAF_TAGS[name]})
+    element = SubElement(root, "BehaviorTree", {"ID": tag})
     _write(element, subtree)
     for leaf in element.iter():
-        if "position" in leaf.attrib:
-            leaf.set("position", "{position}")
+        for port in numbers.keys() & leaf.keys():
+            leaf.set(port, f"{{{port}}}")
 
 
-def _write_models(root: Element, subtasks: Iterable[str]) -> None:
+def _write_models(root: Element, subtasks: Iterable[str], *, turned: bool) -> None:
+    """Write the ports of all leaves; those that say how an object is turned only if the tree has any."""
     models = SubElement(root, "TreeNodesModel")
-    for name, tag in LEAF_TAGS.items():
+    for tag, name in (LEAVES if turned else {tag: name for name, tag in LEAF_TAGS.items()}).items():
         model = SubElement(models, MODEL_TAGS[SIGNATURES[name].kind], {"ID": tag, "editable": "true"})
-        for port in SIGNATURES[name].arguments:
+        with_turn = turned and (SIGNATURES[name].kind != Kind.GENE or tag in TURNED_TAGS.values())
+        for port in SIGNATURES[name].arguments + (SIGNATURES[name].optional if with_turn else ()):
             SubElement(model, "input_port", {"name": port, "type": "std::string"})
     for name in subtasks:
         SubElement(models, "SubTree", {"ID": f"{SUBTASK}{name}", "editable": "true"})
@@ -126,4 +138,4 @@ def _write_models(root: Element, subtasks: Iterable[str]) -> None:
 def _port_text(value: Argument) -> str:
     if isinstance(value, tuple):
         return ";".join(np.format_float_positional(x, trim="-") for x in value)
-    return str(value)
+    return np.format_float_positional(value, trim="-") if isinstance(value, int | float) else str(value)

@@ -21,7 +21,7 @@ from bt_jax._util.text_files import decode_text, read_bytes
 from bt_jax._util.words import clipped, listed
 from bt_jax.behaviors import EXTENDED, SIGNATURES, Behavior, Control, ExtendedNode, Kind, Tree, not_memoryless
 from bt_jax.encoding.formats.depth import TOO_DEEP, check_depth
-from bt_jax.encoding.formats.xml import CONTROLS, EXPLICIT, EXTENDED_NAMES, LEAVES, SUBTASK
+from bt_jax.encoding.formats.xml import CONTROLS, EXPLICIT, EXTENDED_NAMES, LEAVES, SUBTASK, TURNED
 from bt_jax.encoding.limits import MAX_NODES
 
 __all__ = ["from_xml"]
@@ -243,7 +243,7 @@ class _Reader:
         tree = self.definition(name, dataclasses.replace(scope, ports=values))
         if name.startswith(SUBTASK) and not values and not_memoryless(tree) is None:
             return Behavior("subtask", (name.removeprefix(SUBTASK), tree))
-        if is_gene and set(values) == set(SIGNATURES[LEAVES[name]].arguments):
+        if is_gene and set(values) == set(_ports(name)):
             gene = self.leaf(element, name, values)
             return gene if gene.subtree == tree else tree
         return tree
@@ -264,7 +264,9 @@ class _Reader:
 
     def leaf(self, element: Element, tag: str, values: Mapping[str, str]) -> Behavior:
         name = LEAVES[tag]
-        wanted = SIGNATURES[name].arguments
+        wanted = _ports(tag)
+        if SIGNATURES[name].kind != Kind.GENE:
+            wanted += tuple(port for port in SIGNATURES[name].optional if port in values)
         for port in wanted:
             if port not in values:
                 self.fail(element, f'<{tag}> lacks the port {port}; add {port}="..."')
@@ -277,7 +279,12 @@ class _Reader:
         except UserError as error:
             self.fail(element, str(error))
 
-    def value(self, element: Element, port: str, text: str) -> str | tuple[float, float, float]:
+    def value(self, element: Element, port: str, text: str) -> str | float | tuple[float, float, float]:
+        if port == "turn":
+            try:
+                return float(text)
+            except ValueError:
+                self.fail(element, f"'{text}' is not a turn; write degrees, as 90")
         if port != "position":
             return text.strip()
         try:
@@ -287,6 +294,12 @@ class _Reader:
         if not np.all(np.isfinite((x, y, z))):
             self.fail(element, f"'{text}' is not a position; write three numbers in metres, as 0;0;0.1")
         return x, y, z
+
+
+def _ports(tag: str) -> tuple[str, ...]:
+    """Return the ports that a leaf must have."""
+    signature = SIGNATURES[LEAVES[tag]]
+    return signature.arguments + (signature.optional if tag.endswith(TURNED) else ())
 
 
 def _canonical(element: Element) -> Any:
