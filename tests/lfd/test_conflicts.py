@@ -73,3 +73,23 @@ def test_a_moved_frame_takes_its_places_along():
     assert not undoes(*both("pick(BlueBox)", "at(YellowBox, (0, 0, 1), GreenBox)"))
     assert undoes(*both("pick(BlueBox)", "gripper(open)"))
     assert undoes(*both("open_gripper", "holding(BlueBox)"))
+
+
+@given(action=actions, a=conditions, b=conditions, parts=st.sets(st.sampled_from(["YellowBox", "GreenBox"])))
+def test_interchangeable_objects_conflict_less(action, a, b, parts):
+    assert conflict(a, b, parts=parts) == conflict(b, a, parts=parts) <= conflict(a, b)
+    assert undoes(action, a, parts=parts) <= undoes(action, a)
+    if not parts & {a.object, b.object, action.object}:
+        assert conflict(a, b, parts=parts) == conflict(a, b)
+        assert undoes(action, a, parts=parts) == undoes(action, a)
+
+
+def test_one_instance_of_a_part_leaves_the_others_where_they_are():
+    there = "at(Bolt, (0, 0, 1), Tray)"
+    assert not conflict(*both(there, "at(Bolt, (0, 1, 1), Tray)"), parts={"Bolt"})
+    assert not conflict(*both(there, "holding(Bolt)"), parts={"Bolt"})
+    assert not undoes(*both("pick(Bolt)", there), parts={"Bolt"})
+    assert not undoes(*both("place(Bolt, (0, 1, 1), Tray)", there), parts={"Bolt"})
+    assert undoes(*both("pick(Tray)", there), parts={"Bolt"})
+    assert conflict(*both("holding(Bolt)", "holding(Plate)"), parts={"Bolt"})
+    assert conflict(*both("holding(Bolt)", "gripper(open)"), parts={"Bolt"})
