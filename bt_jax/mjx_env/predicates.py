@@ -52,7 +52,7 @@ def _rests_on(world: World, task: Task) -> Bool[Array, "S B B"]:
 
 def turn_error(
     quaternion: Float32[Array, "*S 4"],
-    frame: Float32[Array, "*S 4"],
+    frame: Float32[Array, "*#S 4"],
     wanted: Float32[Array, "*#S"],
     symmetry: Float32[Array, "*#S"],
 ) -> Float32[Array, "*S"]:

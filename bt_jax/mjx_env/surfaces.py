@@ -97,7 +97,7 @@ def half_extents(objects: Sequence[Object], quaternion: Float32[Array, "*S B 4"]
     return xp.stack([extent * longest for extent in extents], axis=-1)
 
 
-def _for_each(values: Sequence[float], quaternion: Float32[Array, "*S B 4"]) -> Float32[Array, "*#S B"]:
+def _for_each(values: Sequence[float | bool], quaternion: Float32[Array, "*S B 4"]) -> Float32[Array, "*#S B"]:
     """Return a number for each object with as many dimensions as the batch."""
     return np.array(values, np.float32).reshape((1,) * (quaternion.ndim - 2) + (len(values),))
 

@@ -72,7 +72,7 @@ def concatenate(worlds: list[World]) -> World:
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *worlds)
 
 
-def distances(a: Float32[Array, "*S 3"], b: Float32[Array, "*S 3"]) -> Float32[Array, "*S"]:
+def distances(a: Float32[Array, "*S 3"], b: Float32[Array, "*#S 3"]) -> Float32[Array, "*S"]:
     """Return distances between points, in their unit."""
     x, y, z = (a[..., i] - b[..., i] for i in range(3))  # NumPy takes long for sums of three
     return namespace(a).sqrt(x * x + y * y + z * z)

@@ -5,6 +5,7 @@ import functools
 import subprocess
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -20,6 +21,10 @@ from bt_jax.mjx_env.skills import Released, act, settled_world
 from bt_jax.mjx_env.world import World, concatenate, take
 from bt_jax.tasks import Task, load_task
 from tests.helpers.strategies import ATOMS, SUBTASKS
+
+MIXED = str(
+    Path(__file__).with_name("mixed.yaml")
+)  # a task with a flat plate, a cylinder and instances of a part, two trays
 
 
 def random_tree(rng: np.random.Generator, leaves: Sequence[Behavior], num_leaves: int) -> Tree:

@@ -24,7 +24,7 @@ from bt_jax._util.compile_cache import kept_jit
 from bt_jax._util.errors import UserError
 from bt_jax.mjx_env.physics.mjx_scene import stand_in_mjcf
 from bt_jax.mjx_env.physics.newton import solve
-from bt_jax.mjx_env.physics.protocol import MAX_STEPS, QUIET_STEPS, Settled, SettleFn
+from bt_jax.mjx_env.physics.protocol import QUIET_STEPS, Settled, SettleFn
 from bt_jax.mjx_env.scene.mjcf import resolve_ids, timing
 from bt_jax.tasks import Task
 
@@ -169,7 +169,7 @@ def _settle(
     def body(carry):
         lane, taken, out = carry
         lane = jax.vmap(advance)(lane)
-        done = (lane.quiet >= QUIET_STEPS) | (lane.steps >= MAX_STEPS) | ~lane.ok
+        done = (lane.quiet >= QUIET_STEPS) | (lane.steps >= model.scales.most_steps) | ~lane.ok
         where = jnp.where(done, lane.problem, problems)  # out of range: dropped
         found = Settled(lane.poses, lane.ok, lane.steps, lane.reach)
         out = jax.tree.map(lambda all_, new: all_.at[where].set(new, mode="drop"), out, found)

@@ -1,4 +1,4 @@
-"""The C engine on a pool of threads: many small problems, each with a model of only the boxes that take part."""
+"""The C engine on a pool of threads: many small problems, each with a model of only the objects that take part."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int
 from mujoco.rollout import Rollout
 
-from bt_jax.mjx_env.physics.protocol import MAX_STEPS, QUIET_STEPS, Settled
+from bt_jax.mjx_env.physics.protocol import QUIET_STEPS, Settled
 from bt_jax.mjx_env.scene.mjcf import compile_scene, timing
 from bt_jax.mjx_env.world import row_names
 from bt_jax.tasks import Task
@@ -18,6 +18,7 @@ from bt_jax.tasks import Task
 __all__ = ["MujocoPhysics"]
 
 _CONTROL = int(mujoco.mjtState.mjSTATE_MOCAP_POS)
+MODELS = 256  # that are kept
 
 
 class MujocoPhysics:
@@ -32,7 +33,9 @@ class MujocoPhysics:
         self._pool = Rollout(nthread=self.threads if self.threads > 1 else 0)
         self._data: dict[int, list[mujoco.MjData]] = {}
         self._models: dict[bytes, mujoco.MjModel] = {}
-        self._model(bytes([1] * len(task.objects)))  # says before anything begins if MuJoCo refuses the task
+        bodies = [thing.body for thing in task.objects]
+        self._body = np.array([bodies.index(body) for body in bodies])  # equal bodies have the same number
+        self._model(self._body.astype(np.int8).tobytes())  # says before anything begins if MuJoCo refuses the task
 
     def settle(
         self, kits: Float32[np.ndarray, "S T 3"], poses: Float32[np.ndarray, "S B 7"], present: Bool[np.ndarray, "S B"]
@@ -61,10 +64,11 @@ class MujocoPhysics:
         present: Bool[np.ndarray, "n B"],
         result: Settled,
     ) -> None:
-        """Solve problems with equally many boxes and write them into `result`."""
+        """Solve problems with equally many objects and write them into `result`."""
         index = np.nonzero(present)[1].reshape(-1, count)
+        index = np.take_along_axis(index, np.argsort(self._body[index], axis=1, kind="stable"), axis=1)
         start = np.take_along_axis(poses, index[..., None], axis=1).astype(np.float64)
-        models = [self._model(names) for names in row_names(present)]
+        models = [self._model(bodies) for bodies in row_names(self._body[index].astype(np.int8))]
         if count not in self._data:
             self._data[count] = [mujoco.MjData(models[0]) for _ in range(self.threads)]
         data = self._data[count]
@@ -72,7 +76,7 @@ class MujocoPhysics:
         state[:, 1 : 1 + 7 * count] = start.reshape(len(rows), -1)
         quiet = _Quiet(self.task, start)
         active = np.arange(len(rows))
-        for nstep in _chunks():
+        for nstep in _chunks(quiet.scales.most_steps):
             places = kits[active].reshape(len(active), 1, -1).astype(np.float64)
             control = np.broadcast_to(places, (len(active), nstep, places.shape[2]))
             trajectory = np.empty((len(active), nstep, state.shape[1]))
@@ -96,15 +100,17 @@ class MujocoPhysics:
         result.poses[rows], result.reach[rows] = placed, reach
         result.ok[rows], result.steps[rows] = quiet.ok, quiet.steps
 
-    def _model(self, present: bytes) -> mujoco.MjModel:
-        """Return the model with the boxes of a row of flags. Boxes that only differ in name and colour share one."""
-        if present not in self._models:
-            objects = self.task.objects
-            names = tuple(thing.name for thing, here in zip(objects, present, strict=True) if here)
-            alike = len({thing.body for thing in objects}) == 1
-            chosen = tuple(thing.name for thing in objects[: len(names)]) if alike else names
-            self._models[present] = compile_scene(self.task, chosen)[0]
-        return self._models[present]
+    def _model(self, bodies: bytes) -> mujoco.MjModel:
+        """Return the model of objects with the bodies of these numbers, one int8 each and ascending; objects that only
+        differ in name and colour share it."""
+        if bodies not in self._models:
+            if len(self._models) >= MODELS:
+                self._models.clear()
+            numbers = np.frombuffer(bodies, np.int8)
+            alike = [np.flatnonzero(self._body == number).tolist() for number in range(len(self._body))]
+            chosen = [self.task.object_names[alike[number].pop(0)] for number in numbers]
+            self._models[bodies] = compile_scene(self.task, tuple(chosen))[0]
+        return self._models[bodies]
 
 
 class _Quiet:
@@ -153,10 +159,10 @@ class _Quiet:
         return done
 
 
-def _chunks() -> Iterator[int]:
-    """Yield numbers of steps between two checks for rest: often while most problems end."""
+def _chunks(most: int) -> Iterator[int]:
+    """Yield numbers of steps between two checks for rest, `most` together: often while most problems end."""
     done = 0
-    while done < MAX_STEPS:
-        nstep = min(8 if 16 <= done < 32 else 16, MAX_STEPS - done)
+    while done < most:
+        nstep = min(8 if 16 <= done < 32 else 16, most - done)
         yield nstep
         done += nstep

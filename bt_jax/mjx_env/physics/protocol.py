@@ -14,20 +14,19 @@ from jaxtyping import Bool, Float32, Int32
 
 from bt_jax.mjx_env.world import Array
 
-__all__ = ["MAX_STEPS", "QUIET_STEPS", "Physics", "SettleFn", "Settled"]
+__all__ = ["QUIET_STEPS", "Physics", "SettleFn", "Settled"]
 
-MAX_STEPS = 400
 QUIET_STEPS = 4
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Settled:
-    """Where boxes came to rest.
+    """Where objects came to rest.
 
-    `ok` is False where a value is not finite or a box flew away; the poses are then the last valid ones.
-    `steps` is the number of physics steps until rest, MAX_STEPS where the boxes still move. `reach` is the largest
-    horizontal distance [m] of each box from its start during the motion.
+    `ok` is False where a value is not finite or an object flew away; the poses are then the last valid ones.
+    `steps` is the number of physics steps until rest; where it is the most that the task's `timing` allows, something
+    still moved. `reach` is the largest horizontal distance [m] of each object from its start during the motion.
     """
 
     poses: Float32[Array, "*S B 7"]
@@ -51,15 +50,16 @@ class Physics(Protocol):
 
     @property
     def description(self) -> str:
-        """What lets boxes fall, in a few words."""
+        """What lets objects fall, in a few words."""
         ...
 
     def settle(
         self, kits: Float32[Array, "S T 3"], poses: Float32[Array, "S B 7"], present: Bool[Array, "S B"]
     ) -> Settled:
-        """Release the present boxes at rest and step until all rest; the others take no part and keep their pose.
+        """Release the present objects at rest and step until all rest; the others take no part and keep their pose.
 
-        At rest means QUIET_STEPS steps in a row in which no box is faster than the task's `timing` allows, nor gaining
-        speed. A problem's result depends on nothing but the problem.
+        At rest means QUIET_STEPS steps in a row in which no object is faster than the task's `timing` allows, nor gaining
+        speed; what still moves after the most steps that it allows counts as at rest where it is. A problem's result
+        depends on nothing but the problem.
         """
         ...

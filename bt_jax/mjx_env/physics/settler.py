@@ -1,8 +1,8 @@
 """Settling problems, each distinct one once.
 
-What a released box does depends only on what is near it. A problem is therefore reduced to its neighbourhood before it is
-solved: the boxes within reach, seen from their table, equal bodies being interchangeable. Stacking two boxes in the kit is
-then one problem, whichever boxes and whichever table. Where the solution shows that something moved far enough to
+What a released object does depends only on what is near it. A problem is therefore reduced to its neighbourhood before it
+is solved: the objects within reach, seen from their table, equal bodies being interchangeable. Stacking two boxes in the kit
+is then one problem, whichever boxes and whichever table. Where the solution shows that something moved far enough to
 meet what was left out, the whole scene is solved instead, so the reduction never changes what can happen.
 """
 
@@ -22,8 +22,9 @@ from bt_jax.tasks import Object, Task
 __all__ = ["Settler"]
 
 REACH = 0.87  # half the diagonal of a cube, in its edges, rounded up
-NEAR = 3.5  # radius of a neighbourhood, in sizes of the released box
-STILL = 0.005  # a box that moved sideways by less than this part of its size has stayed in place
+NEAR = 3.5  # radius of a cube's neighbourhood, in its edges
+TRAVEL = NEAR - 2 * REACH  # how far what is released may go before the neighbourhood is too small, in its heights
+STILL = 0.005  # an object that moved sideways by less than this part of its longest edge has stayed in place
 AWAY = 1000.0  # x of the first kit if it is on another table, metres; of the second twice as far, and so on
 MEMORY = 1 << 30  # bytes
 ENTRY_BYTES = 450  # of a solution, besides its numbers
@@ -50,6 +51,7 @@ class Settler:
         objects = self.task.objects
         self._sizes = np.array([thing.edge for thing in objects], np.float32)
         self._radii = np.array([REACH * thing.edge if thing.is_cube else thing.radius for thing in objects], np.float32)
+        self._near = np.array([[_near(thing, other) for other in objects] for thing in objects], np.float32)
         self._halves = np.array([_level_halves(thing) for thing in objects], np.float32)
         self._cubes = np.array([thing.is_cube for thing in objects])
         self._twins = _groups([thing.body for thing in objects])
@@ -86,7 +88,7 @@ class Settler:
         return poses, ok
 
     def _neighbours(self, released: Released) -> Bool[np.ndarray, "S B"]:
-        """Return the boxes that may move: near the one that was let go, or, if one was taken, in touch with it."""
+        """Return the objects that may move: near the one that was let go, or, if one was taken, in touch with it."""
         count = len(self.task.objects)
         rows = np.arange(len(released.box))
         box = np.maximum(released.box, 0)
@@ -96,7 +98,7 @@ class Settler:
         here[:, 2] -= np.where(taken, LIFT * size, 0).astype(np.float32)
         offset = released.poses[..., :3] - here[:, None]
         flat = np.linalg.norm(offset[..., :2], axis=-1)
-        near = released.present & (flat < NEAR * np.maximum(size[:, None], self._sizes)) & (released.box >= 0)[:, None]
+        near = released.present & (flat < self._near[box]) & (released.box >= 0)[:, None]
         reach = (self._halves[box][:, None] + self._halves) * np.float32(1.05)
         touches = (np.abs(offset) < reach).all(axis=-1) & (np.arange(count) != released.box[:, None])
         tilted = np.where(
@@ -166,6 +168,13 @@ class Settler:
             columns = np.moveaxis(records[:, group], 2, 0)
             order[:, group] = np.array(group)[np.lexsort(columns[::-1], axis=1)]
         return order
+
+
+def _near(thing: Object, other: Object) -> float:
+    """Return how far, seen from above, another object may be from a released one to belong to its neighbourhood."""
+    if thing.is_cube and other.is_cube:
+        return NEAR * max(thing.edge, other.edge)
+    return thing.radius + other.radius + TRAVEL * max(thing.height, other.height)
 
 
 def _level_halves(thing: Object) -> tuple[float, float, float]:

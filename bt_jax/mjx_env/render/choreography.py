@@ -11,9 +11,8 @@ import numpy as np
 from jaxtyping import Float
 
 from bt_jax.mjx_env.episodes.playback import Playback, Tick
-from bt_jax.mjx_env.physics.protocol import MAX_STEPS
 from bt_jax.mjx_env.render.offscreen import GripperPose
-from bt_jax.mjx_env.scene.mjcf import GRAVITY, REFERENCE_SIZE, compile_scene
+from bt_jax.mjx_env.scene.mjcf import GRAVITY, REFERENCE_SIZE, compile_scene, timing
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.skills import Released, act
 from bt_jax.mjx_env.world import World
@@ -255,7 +254,7 @@ def _simulate(task: Task, kits: np.ndarray, start: Poses, present: np.ndarray, f
     data.qpos[:] = start[present].ravel()
     data.mocap_pos[list(ids.kit_mocaps)] = kits
     frames: list[Poses] = []
-    for step in range(1, MAX_STEPS + 1):
+    for step in range(1, timing(task).most_steps + 1):
         mujoco.mj_step(model, data)
         if step * model.opt.timestep * fps >= len(frames) + 1:
             frames.append(start.copy())

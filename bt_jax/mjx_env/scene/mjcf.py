@@ -1,6 +1,6 @@
-"""The scene of a task as MJCF: floor, tables, kit and boxes, with contacts tuned for stacking.
+"""The scene of a task as MJCF: floor, tables, kits and objects, with contacts tuned for stacking.
 
-The kit is one mocap body, since its place differs from episode to episode; every box has a free joint. World frame: x
+Each kit is one mocap body, since its place differs from episode to episode; every object has a free joint. World frame: x
 along the row of tables, z up, floor at z = 0 or under the lowest table. Quaternions are wxyz.
 """
 
@@ -25,6 +25,8 @@ Geom = tuple[str, tuple[float | int, ...], tuple[float | int, ...], str]  # type
 
 GRAVITY = 9.81
 STEP = 0.01  # seconds, for boxes of REFERENCE_SIZE
+MAX_STEPS = 400  # until what still moves counts as at rest, where all edges are alike
+ROLLING = 0.05  # friction of a rolling cylinder, in its radii: without it, it would never come to rest
 REFERENCE_SIZE = 0.1
 FILLED = 0.97  # how much of the picture's width the tables fill
 FIELD_OF_VIEW = 42  # degrees across the picture, whatever its shape
@@ -32,20 +34,22 @@ FIELD_OF_VIEW = 42  # degrees across the picture, whatever its shape
 
 @dataclasses.dataclass(frozen=True)
 class Timing:
-    """Time, speed and length scales of a task, from its smallest box by Froude similarity: a scene half as large moves
-    the same way, in less time. `step` is the time step [s]; `speed` [m/s] and `spin` [rad/s] are what still counts as
-    rest; `far` [m] is where a box can only be after an explosion."""
+    """Time, speed and length scales of a task, from the shortest edge of its objects by Froude similarity: a scene half as
+    large moves the same way, in less time. `step` is the time step [s]; `speed` [m/s] and `spin` [rad/s] are what still
+    counts as rest; `far` [m] is where an object can only be after an explosion. `most_steps` is the most steps until rest:
+    they follow from the longest edge, since the larger an object is, the longer it falls."""
 
     size: float
     step: float
     speed: float
     spin: float
     far: float
+    most_steps: int
 
 
 def timing(task: Task) -> Timing:
     """Return the scales of a task."""
-    size = min(min(thing.size) for thing in task.objects)
+    size, longest = min(min(thing.size) for thing in task.objects), max(thing.edge for thing in task.objects)
     ratio = size / REFERENCE_SIZE
     extent = max(max(map(abs, table.position)) + max(table.size) for table in task.tables)
     return Timing(
@@ -53,17 +57,19 @@ def timing(task: Task) -> Timing:
         step=round(STEP * math.sqrt(ratio), 5),
         speed=0.01 * math.sqrt(ratio),
         spin=0.2 / math.sqrt(ratio),
-        far=extent + 50 * size,
+        far=extent + 50 * longest,
+        most_steps=round(MAX_STEPS * math.sqrt(longest / size)),
     )
 
 
 def build_mjcf(task: Task, boxes: Sequence[str] | None = None, *, gripper: bool = False) -> str:
-    """Return MJCF of the scene with the boxes named (default: all, in the task's order), and for pictures with a gripper.
+    """Return MJCF of the scene with the objects named, in that order (default: all, in the task's), and for pictures with a
+    gripper.
 
     qpos is the objects' poses one after another (xyz, wxyz) and the first rows of `mocap_pos` are the kits' frames. Lengths
     in metres.
     """
-    chosen = [box for box in task.objects if boxes is None or box.name in boxes]
+    chosen = task.objects if boxes is None else [task.thing(name) for name in boxes]
     scales = timing(task)
     contents = [
         _floor(task),
@@ -215,11 +221,10 @@ def _box(box: Object, index: int, task: Task) -> str:
     table = task.tables[index % len(task.tables)]
     position = _numbers(table.position[0], table.position[1], table.top + box.height / 2)
     half = [edge / 2 for edge in box.size]
-    size = (
-        f'type="cylinder" size="{_numbers(half[0], half[2])}"'
-        if box.shape == "cylinder"
-        else f'size="{_numbers(*half)}"'
-    )
+    size = f'size="{_numbers(*half)}"'
+    if box.shape == "cylinder":
+        friction = f'friction="1 .005 {_numbers(ROLLING * half[0])}" condim="6"'
+        size = f'type="cylinder" size="{_numbers(half[0], half[2])}" {friction}'
     return f"""<body name="{box.name}" pos="{position}">
   <freejoint/>
   <geom name="{box.name}" class="box" {size} density="{box.density:g}" material="{box.name}"/>

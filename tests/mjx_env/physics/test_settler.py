@@ -13,7 +13,7 @@ from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.skills import Released
 from bt_jax.mjx_env.world import snap
 from bt_jax.tasks import load_task
-from tests.helpers.samples import assert_same, semantics_of, walk
+from tests.helpers.samples import MIXED, assert_same, semantics_of, walk
 
 TASK = load_task("stack3")
 
@@ -37,7 +37,8 @@ def locality(task_name, *, seed, count, steps):
     settler = Settler(semantics.task, physics)
     poses, ok = settler.settle(released)
     assert ok.all()
-    assert settler.solved <= settler.asked <= len(ok)
+    assert settler.asked <= len(ok)
+    assert settler.solved < 1.2 * settler.asked  # those whose neighbourhood was too small are solved twice
     deviation = np.linalg.norm(poses[..., :3] - whole.poses[..., :3], axis=-1).max(axis=-1)
     return (deviation < 1e-3).mean(), deviation.max()
 
@@ -45,6 +46,23 @@ def locality(task_name, *, seed, count, steps):
 def test_neighbourhoods_decide():
     share, _ = locality("stack3", seed=0, count=30, steps=8)
     assert share >= 0.98
+
+
+def test_neighbourhoods_decide_among_unequal_objects_in_two_trays():
+    share, _ = locality(MIXED, seed=0, count=30, steps=8)
+    assert share >= 0.98
+
+
+@settings(max_examples=3)
+@given(st.integers(0, 2**31 - 1))
+def test_unequal_objects_settle_in_their_neighbourhood_as_in_the_whole_scene(seed):
+    semantics = semantics_of(MIXED, atoms=False)
+    physics = Kinematic(semantics.task)
+    _, released = walk(semantics, physics, seed=seed, count=8, steps=8)
+    whole = physics.settle(released.world.kits, released.poses, released.present & (released.box >= 0)[:, None])
+    poses, _ = Settler(semantics.task, physics).settle(released)
+    # Snapping may take away what just carried an object.
+    assert (np.abs(poses[..., :3] - whole.poses[..., :3]).max(axis=(1, 2)) < 1e-3).mean() > 0.97
 
 
 @pytest.mark.slow
