@@ -9,8 +9,9 @@ __all__ = ["condition_of", "target_of"]
 
 
 def condition_of(target: Target) -> Behavior:
-    """Return that an object is at a place."""
-    return Behavior("at", (target.object, target.position, target.frame))
+    """Return that an object is at a place, and turned as it says."""
+    turned = () if target.turn is None else (target.turn,)
+    return Behavior("at", (target.object, target.position, target.frame, *turned))
 
 
 def target_of(placement: Behavior) -> Target:
@@ -18,4 +19,4 @@ def target_of(placement: Behavior) -> Target:
     thing, position, frame = placement.object, placement.position, placement.frame
     if thing is None or position is None or frame is None:
         raise ValueError(f"{placement} is not a placement")
-    return Target(thing, position, frame)
+    return Target(thing, position, frame, placement.turn)

@@ -6,7 +6,7 @@ it. What stands in the way is known from the task's layouts (`obstacles`).
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, Control, Kind, Tree, expand
@@ -28,17 +28,19 @@ def plan(
     actions: Iterable[Behavior] = (),
     extra: Mapping[Behavior, tuple[Behavior, ...]] | None = None,
     obstacles: Obstacles | None = None,
+    parts: Collection[str] = (),
 ) -> Tree:
     """Return a tree that achieves all conditions of a goal, from wherever it is ticked.
 
     `actions` may be used besides those that the goal itself suggests (open and close the gripper, pick and place); `extra`
     are preconditions beyond the actions' own, for instance from `constraints.preconditions`. `obstacles` are those in a
-    task's layouts: they are put out of the way, and the goal may ask for its subgoals and for boxes to be clear.
+    task's layouts: they are put out of the way, and the goal may ask for its subgoals and for objects to be clear. `parts`
+    are names that stand for any of several interchangeable objects.
     Deterministic: the cheapest action that achieves a condition is taken, the first of equals. Where a later part would undo
     an earlier condition, it is moved before it. Raise UserError if no action achieves a condition, if the parts undo each
     other in a circle, or if no place is free for an obstacle.
     """
-    planner = _Planner(tuple(actions), extra or {}, obstacles)
+    planner = _Planner(tuple(actions), extra or {}, obstacles, parts)
     if obstacles is not None:
         # clear(X) already holds while what was on X hangs in the gripper, so it is not what the tree checks.
         goal = [part for one in goal for part in (obstacles.needed(one) if one.name == "clear" else (one,))]
@@ -84,7 +86,10 @@ def fold_moves(tree: Tree) -> Tree:
         if isinstance(last, Control) and gene.subtree == Control.fallback(
             first, _control(last.kind, last.children[-2:])
         ):
-            tree = Control.fallback(*tree.children[:-1], Control(last.kind, (*last.children[:-2], gene)))
+            before = last.children[:-2]
+            if not before:  # the gene itself begins with the first condition
+                return Control.fallback(*tree.children[1:-1], gene)
+            tree = Control.fallback(*tree.children[:-1], Control(last.kind, (*before, gene)))
     return _control(tree.kind, [fold_moves(child) for child in tree.children])
 
 
@@ -107,6 +112,7 @@ class _Planner:
     actions: tuple[Behavior, ...]
     extra: Mapping[Behavior, tuple[Behavior, ...]]
     obstacles: Obstacles | None
+    interchangeable: Collection[str]
     parts: dict[Behavior, _Part] = dataclasses.field(default_factory=dict)  # planned so far, by their condition
 
     def achieved(self, condition: Behavior, waiting: tuple[Behavior, ...]) -> _Part:
@@ -118,7 +124,8 @@ class _Planner:
             raise UserError(f"planning {condition} goes {MAX_DEPTH} conditions deep; demonstrate smaller subtasks")
         if condition not in self.parts:
             attempt = self.attempt(condition, (*waiting, condition))
-            fallback = [condition] if attempt is None else [condition, attempt]
+            elsewhere = self.obstacles.alternatives(condition) if self.obstacles else ()
+            fallback = [condition] if attempt is None else [condition, *elsewhere, attempt]
             self.parts[condition] = _Part(condition, _control(Kind.FALLBACK, fallback))
         return self.parts[condition]
 
@@ -184,7 +191,9 @@ class _Planner:
         return left is not None and any(self.undoes(action, condition) for action in _actions(left, levels))
 
     def undoes(self, action: Behavior, condition: Behavior) -> bool:
-        return undoes(action, condition) or (self.obstacles is not None and self.obstacles.undoes(action, condition))
+        if self.obstacles is not None:
+            return self.obstacles.undoes(action, condition)
+        return undoes(action, condition, parts=self.interchangeable)
 
     def remaining(self, tree: Tree, known: frozenset[Behavior]) -> Tree | None:
         """Return the tree without what is known to hold where it is ticked, None if nothing is left of it.
@@ -210,10 +219,7 @@ class _Planner:
 
     def holds(self, condition: Behavior, known: frozenset[Behavior]) -> bool:
         """Return whether a condition is known to hold, an obstacle being out of the way at any of the plan's places."""
-        if condition in known:
-            return True
-        aside = self.obstacles is not None and self.obstacles.is_aside(condition)
-        return aside and any(other.name == "at" and other.object == condition.object for other in known)
+        return condition in known or (self.obstacles is not None and self.obstacles.is_away(condition, known))
 
     def established(self, tree: Tree) -> frozenset[Behavior]:
         """Return the conditions that hold once a part of a plan has succeeded."""

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from bt_jax.tasks.task import Target, Task
 from bt_jax.tasks.things import Object, Table, Vec3
 
-__all__ = ["kit_origin", "resolve", "unsupported"]
+__all__ = ["about_vertical", "added", "kit_origin", "resolve", "start_turn", "unsupported"]
 
 COMBINED = 8  # loose boxes whose stacks are considered; with more, nearly every height is possible
 
@@ -36,13 +36,13 @@ def unsupported(task: Task) -> Iterator[tuple[int, float]]:
     What is not known before an episode counts as possible: the table of a kit that is placed at random, and boxes without a
     target in the same scene of reference, alone or stacked, in any place.
     """
-    places = [resolve(task, target) for target in task.targets]
+    places = [_resolved(task, target) for target in task.targets]
     for i, target in enumerate(task.targets):
-        root, (x, y, z) = places[i]
-        half_x, half_y, half = task.thing(target.object).half_at(target.turn)
+        root, (x, y, z), turn = places[i]
+        half_x, half_y, half = task.thing(target.object).half_at(turn)
         placed = [
-            (other.object, at, task.thing(other.object).half_at(other.turn))
-            for other, (of, at) in zip(task.targets, places, strict=True)
+            (other.object, at, task.thing(other.object).half_at(turned))
+            for other, (of, at, turned) in zip(task.targets, places, strict=True)
             if of == root and other is not target
         ]
         tops = [*_tops(task, root), *(_Top(at[0], at[1], a, b, at[2] + c) for _, at, (a, b, c) in placed)]
@@ -59,12 +59,42 @@ def unsupported(task: Task) -> Iterator[tuple[int, float]]:
 
 def resolve(task: Task, target: Target) -> tuple[str, Vec3]:
     """Return where a target is in the frame that its chain of objects begins with, and that frame: one without a target."""
-    targets = {other.object: other for other in task.targets if other.object in task.object_names}
-    x, y, z = target.position
-    while (below := targets.get(target.frame)) is not None:
-        target = below
-        x, y, z = x + target.position[0], y + target.position[1], z + target.position[2]
-    return target.frame, (x, y, z)
+    root, position, _ = _resolved(task, target)
+    return root, position
+
+
+def start_turn(task: Task, name: str) -> float | None:
+    """Return how an object is turned in the world at the start of an episode, degrees; None if that is not the same in all
+    layouts, or for all instances of a part."""
+    fixed = {place.object: place.turn or 0.0 for place in task.layout.fixed}
+    turns = {fixed.get(one, None if task.layout.turn else 0.0) for one in task.instances[name]}
+    return turns.pop() if len(turns) == 1 else None
+
+
+def _resolved(task: Task, target: Target) -> tuple[str, Vec3, float]:
+    """Return the frame that a target's chain of objects begins with, and position and turn [degrees] in it. An object that
+    no target turns is taken to be turned as at the start, or not at all if that is not known."""
+    below = next((one for one in task.targets if one.object == target.frame and one.object in task.object_names), None)
+    if below is None:
+        of_root = start_turn(task, target.frame) if target.frame in task.object_names else 0.0
+        turn = (start_turn(task, target.object) or 0.0) - (of_root or 0.0) if target.turn is None else target.turn
+        return target.frame, target.position, turn
+    root, base, turned = _resolved(task, below)
+    turn = _resolved(task, dataclasses.replace(target, frame=root))[2] if target.turn is None else turned + target.turn
+    return root, added(base, about_vertical(target.position, turned)), turn
+
+
+def about_vertical(point: Vec3, turn: float) -> Vec3:
+    """Return a point turned by so many degrees about the vertical."""
+    if not turn:
+        return point
+    c, s = math.cos(math.radians(turn)), math.sin(math.radians(turn))
+    return c * point[0] - s * point[1], s * point[0] + c * point[1], point[2]
+
+
+def added(a: Vec3, b: Vec3) -> Vec3:
+    """Return the sum of two vectors."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 def _is_used(thing: Object, used: Counter[str]) -> bool:

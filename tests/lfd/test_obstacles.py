@@ -15,7 +15,7 @@ from bt_jax.encoding.arrays import violations
 from bt_jax.encoding.walk import leaves
 from bt_jax.lfd.evaluation.random_tasks import random_task
 from bt_jax.lfd.evaluation.synthetic import with_boxes
-from bt_jax.lfd.extents import box_at
+from bt_jax.lfd.extents import block_at
 from bt_jax.lfd.obstacles import Obstacles
 from bt_jax.lfd.placements import condition_of, target_of
 from bt_jax.lfd.planner import plan, plan_task
@@ -48,11 +48,13 @@ def in_world(task, world, place):
     """What a box fills at a place in one layout."""
     index = np.array([task.frames.index(place.frame)])
     centre = to_world(frames(world, task), index, np.array([place.position], np.float32))[0, 0]
-    return box_at(tuple(map(float, centre)), task.edge(place.object))
+    return block_at(tuple(map(float, centre)), task.thing(place.object).half_at(None))
 
 
 def at_start(task, world, name):
-    return box_at(tuple(map(float, world.poses[0, task.object_names.index(name), :3])), task.edge(name))
+    return block_at(
+        tuple(map(float, world.poses[0, task.object_names.index(name), :3])), task.thing(name).half_at(None)
+    )
 
 
 def asides(task):
