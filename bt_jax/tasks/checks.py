@@ -87,7 +87,9 @@ def _check_sizes(task: Task, fail: Fail) -> None:
         if min(kit.inner) <= 0:
             fail(f"kits[{i}].wall_thickness", "the walls leave no room", "make the walls thinner or the kit larger")
         for table in task.tables:
-            if kit.table in ("", table.name) and any(a > b for a, b in zip(kit.size, table.size, strict=False)):
+            if (kit.table or task.layout.kit) in ("random", table.name) and any(
+                a > b for a, b in zip(kit.size, table.size, strict=False)
+            ):
                 fail(
                     f"kits[{i}].size",
                     f"{' x '.join(f'{edge:g}' for edge in dict.fromkeys(kit.size))} m is wider than {table.name}",

@@ -172,6 +172,11 @@ class Object:
         return math.hypot(*self.size) / 2 if self.shape == "cuboid" else math.hypot(self.size[0], self.size[2]) / 2
 
     @property
+    def reach(self) -> float:
+        """Of the circle around it, seen from above while it stands upright."""
+        return self.size[0] / 2 if self.shape == "cylinder" else math.hypot(*self.size[:2]) / 2
+
+    @property
     def volume(self) -> float:
         return math.prod(self.size) * (math.pi / 4 if self.shape == "cylinder" else 1.0)
 

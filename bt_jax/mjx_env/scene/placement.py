@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 from jaxtyping import Float64
@@ -13,6 +14,7 @@ from bt_jax.tasks import Table, Target, Task
 __all__ = ["draw_kit_table", "draw_poses"]
 
 TRIES = 1000
+DRAWS = 50  # of one object, before all are drawn again
 
 
 def draw_kit_table(task: Task, rng: np.random.Generator) -> int:
@@ -33,24 +35,54 @@ def draw_poses(task: Task, rng: np.random.Generator, kit_table: Table) -> Float6
         poses[i] = _fixed_pose(task, place)
     single = [i for i in range(len(names)) if i not in (*stack, *fixed)]
     groups = [group for group in ([stack] if stack else []) + [[i] for i in single]]
+    by_size = _by_size(task)
+    if by_size:
+        groups.sort(key=lambda group: -task.objects[group[0]].reach)  # the largest ones while there is room
     for _ in range(TRIES):
-        spots: list[np.ndarray] = []
+        placed = {i: poses[i, :2].copy() for i in fixed}
         for group in groups:
-            table = tables[rng.integers(len(tables))]
-            room = np.array(table.size[:2]) / 2 - task.layout.margin
-            spot = np.array(table.position[:2]) + rng.uniform(-room, room)
-            turn = rng.uniform(-1, 1) * task.layout.turn if task.layout.turn else 0.0
+            for _ in range(DRAWS if by_size else 1):
+                table = tables[rng.integers(len(tables))]
+                room = np.array(table.size[:2]) / 2 - _margin(task, group[0])
+                spot = np.array(table.position[:2]) + rng.uniform(-room, room)
+                turn = rng.uniform(-1, 1) * task.layout.turn if task.layout.turn else 0.0
+                if by_size and _is_apart(task, group[0], spot, placed):
+                    break
             height = table.top
             for i in group:
                 poses[i] = (*spot, height + task.objects[i].height / 2, *_turned(turn))
                 height += task.objects[i].height
-            spots.append(spot)
-        gaps = [np.linalg.norm(a - b) for i, a in enumerate(spots) for b in (*spots[:i], *poses[fixed, :2])]
-        if not gaps or min(gaps) >= task.layout.spacing:
+            placed[group[0]] = spot
+        rest = dict(placed)
+        if all(_is_apart(task, group[0], rest.pop(group[0]), rest) for group in groups):
             return poses
     raise UserError(
-        f"task {task.name}: no room for all boxes after {TRIES} tries; lower layout.spacing or layout.margin"
+        f"task {task.name}: no room for all objects after {TRIES} tries; lower layout.spacing or layout.margin"
     )
+
+
+def _by_size(task: Task) -> bool:
+    """Return whether objects are placed one after another, as far from others and from the table's edge as their sizes
+    take. Cubes around one kit, as in the published tasks, are all drawn at once until none is too near another."""
+    return not task.all_cubes or len(task.kits) > 1
+
+
+def _margin(task: Task, thing: int) -> float:
+    """Return how far the centre of an object stays away from a table's edge."""
+    return max(task.layout.margin, task.objects[thing].reach) if _by_size(task) else task.layout.margin
+
+
+def _is_apart(
+    task: Task, thing: int, spot: Float64[np.ndarray, "2"], placed: Mapping[int, Float64[np.ndarray, "2"]]
+) -> bool:
+    """Return whether an object is far enough from others; by size, so that two fingers fit between, whatever the turns."""
+    for other, there in placed.items():
+        least = task.layout.spacing
+        if _by_size(task):
+            least = max(least, task.objects[thing].reach + task.objects[other].reach + 2 * task.finger_room)
+        if math.dist(spot, there) < least:
+            return False
+    return True
 
 
 def _fixed_pose(task: Task, place: Target) -> Float64[np.ndarray, "7"]:
