@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float32, Int8, Int32, Shaped
+from jaxtyping import Bool, Float, Float32, Int8, Int32, Shaped
 
 from bt_jax.tasks import Task
 
@@ -124,7 +124,7 @@ def headings(quaternion: Float32[Array, "*S 4"]) -> Float32[Array, "*S"]:
     return xp.where(steep, along_y, along_x)
 
 
-def turned_about_vertical(quaternion: Float32[Array, "*S 4"], angle: Float32[Array, "*S"]) -> Float32[Array, "*S 4"]:
+def turned_about_vertical(quaternion: Float[Array, "*S 4"], angle: Float[Array, "*S"]) -> Float[Array, "*S 4"]:
     """Return quaternions (wxyz) turned by angles, radians, about the world's vertical."""
     c, s = namespace(quaternion).cos(angle / 2), namespace(quaternion).sin(angle / 2)
     w, x, y, z = (quaternion[..., i] for i in range(4))

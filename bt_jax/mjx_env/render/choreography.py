@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
 from bt_jax.mjx_env.episodes.playback import Playback, Tick
+from bt_jax.mjx_env.render.grasps import Grasp, grasps
 from bt_jax.mjx_env.render.offscreen import GripperPose
-from bt_jax.mjx_env.scene.mjcf import GRAVITY, REFERENCE_SIZE, compile_scene, timing
+from bt_jax.mjx_env.scene.mjcf import GRAVITY, REFERENCE_SIZE, compile_scene, gripper_unit, timing
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.skills import Released, act
-from bt_jax.mjx_env.world import World
+from bt_jax.mjx_env.surfaces import half_extents, standing_extents
+from bt_jax.mjx_env.world import World, turned_about_vertical
 from bt_jax.tasks import Task
 
 __all__ = ["Shot", "Stage", "shots"]
 
-WIDE = 1.25  # opening of the empty gripper, in sizes of the box that it is to take
-FINGER = 0.07  # half the thickness of a finger, in sizes of the largest box
+WIDE = 1.25  # opening of the empty gripper, in widths of the object that it is to take
+FINGER = 0.07  # half the thickness of a finger, in units of the gripper
+ENOUGH = 0.5  # room beside a finger that is as good as more, in units of the gripper
 GRASP_SECONDS = 0.22
 RISE_SECONDS = 0.4
 PAUSE_SECONDS = 0.4
@@ -33,7 +36,7 @@ Poses = Float[np.ndarray, "B 7"]
 
 @dataclasses.dataclass(frozen=True)
 class Shot:
-    """One frame: poses of all boxes (metres, world; quaternion wxyz) and of the gripper, and what is being done."""
+    """One frame: poses of all objects (metres, world; quaternion wxyz) and of the gripper, and what is being done."""
 
     poses: Poses
     gripper: GripperPose
@@ -41,7 +44,7 @@ class Shot:
 
 
 def shots(semantics: LeafSemantics, playback: Playback, *, fps: float) -> list[Shot]:
-    """Return the frames of a playback; motions of boxes run at their real pace."""
+    """Return the frames of a playback; motions of objects run at their real pace."""
     stage = Stage(semantics, playback.start, fps=fps)
     stage.hold(PAUSE_SECONDS)
     for i, tick in enumerate(playback.ticks):
@@ -56,7 +59,7 @@ def shots(semantics: LeafSemantics, playback: Playback, *, fps: float) -> list[S
 class Stage:
     """The scene as it is in the last of its `shots`; every method adds some.
 
-    It begins in `start`, a batch of one state (NumPy), and with the gripper where it is, at home or at the box that it
+    It begins in `start`, a batch of one state (NumPy), and with the gripper where it is, at home or at the object that it
     holds unless told otherwise.
     """
 
@@ -65,17 +68,19 @@ class Stage:
     ) -> None:
         self.semantics, self.task, self.fps = semantics, semantics.task, fps
         self.poses = start.poses[0].astype(float)
-        self.sizes = np.array([box.edge for box in self.task.objects])
-        self.scale = math.sqrt(self.sizes.max() / REFERENCE_SIZE)
+        self.unit = gripper_unit(self.task)
+        self.tall = max(self.unit, *(thing.height for thing in self.task.objects))
+        self.scale = math.sqrt(self.tall / REFERENCE_SIZE)
+        self.rising = RISE_SECONDS * self.scale
         self.top = max(table.top for table in self.task.tables)
         self.home = self._home()
         self.tip, self.yaw = self.home, 0.0
         self.held: int | None = None
-        self.opening = WIDE * self.sizes.max() if start.gripper_open[0] else 0.0
+        self.opening = WIDE * self.unit if start.gripper_open[0] else 0.0
         if start.held[0] >= 0:
             self.held = int(start.held[0])
-            self.tip, self.opening = self.poses[self.held, :3].copy(), self.sizes[self.held]
-            self.yaw = next(_face_yaws(self.poses[self.held]))
+            grasp = grasps(self.task, self.task.objects[self.held], self.poses[self.held])[0]
+            self.tip, self.opening, self.yaw = self._tip(self.poses[self.held], grasp.lift), grasp.width, grasp.yaw
         if gripper is not None:
             self.tip, self.opening, self.yaw = np.array(gripper.position, float), gripper.opening, gripper.yaw
         self.caption = "start"
@@ -91,25 +96,27 @@ class Stage:
         self.shots += [self.shots[-1]] * round(seconds * self.fps)
 
     def run(self, tick: Tick, later: Sequence[Tick]) -> None:
-        """Show the command of a tick, if it has one; `later` ticks tell where a box that is taken will be put."""
+        """Show the command of a tick, if it has one; `later` ticks tell where an object that is taken will be put."""
         command = tick.command
         if command is None:
             return
         released = self._released(tick)
         motion = _fall(self.task, released, tick.after.poses[0].astype(float), self.fps)
+        handled = int(released.box[0])
         match command.name:
             case "pick":
-                box = self.task.object_names.index(command.object)
-                self.travel(tick.before.poses[0, box, :3], self._grasp_yaw(box, tick, later), WIDE * self.sizes[box])
-                self.grip(self.sizes[box])
-                self.held = box
-                self.move(self._line(released.poses[0, box, :3]), RISE_SECONDS * self.scale, motion=motion)
+                grasp = self._choose_grasp(handled, tick, later)
+                self.travel(self._tip(tick.before.poses[0, handled], grasp.lift), grasp.yaw, WIDE * grasp.width)
+                self.grip(grasp.width)
+                self.held = handled
+                self.move(self._line(self._tip(released.poses[0, handled], grasp.lift)), self.rising, motion=motion)
             case "place":
-                box = self.task.object_names.index(command.object)
-                self.travel(released.poses[0, box, :3], self.yaw, self.opening)
-                self.let_go(WIDE * self.sizes[box], motion)
+                lift = self.tip[2] - self.poses[handled, 2]
+                turn = _turned(tick.before.poses[0, handled], released.poses[0, handled])
+                self.travel(self._tip(released.poses[0, handled], lift), self.yaw + turn, self.opening)
+                self.let_go(WIDE * self.opening, motion)
             case "open_gripper":
-                self.let_go(WIDE * self.sizes.max(), motion)
+                self.let_go(WIDE * self.unit, motion)
             case "close_gripper":
                 self.grip(0.0)
         self.poses = tick.after.poses[0].astype(float)
@@ -128,35 +135,37 @@ class Stage:
         opening: float | None = None,
         motion: Sequence[Poses] = (),
     ) -> None:
-        """Move the tip along `path` from 0 to 1; a held box comes along, the others follow `motion`."""
+        """Move the tip along `path` from 0 to 1; a held object comes along and turns with it, the others follow `motion`."""
         count = max(1, round(seconds * self.fps))
         yaw_before, opening_before, tip_before = self.yaw, self.opening, self.tip
-        grasp = None if self.held is None else self.poses[self.held, :3] - tip_before
+        held = None if self.held is None else self.poses[self.held].copy()
         for k in range(1, max(count, len(motion)) + 1):
             part = _ease(min(k / count, 1.0))
             self.tip = path(part)
             self.yaw = yaw_before if yaw is None else yaw_before + part * (yaw - yaw_before)
             self.opening = opening_before if opening is None else opening_before + part * (opening - opening_before)
             if len(motion):
-                held = None if self.held is None else self.poses[self.held].copy()
                 self.poses = motion[min(k, len(motion)) - 1].copy()
-                if held is not None:
-                    self.poses[self.held] = held
-            if self.held is not None:
-                self.poses[self.held, :3] = self.tip + grasp
+            if held is not None:
+                self.poses[self.held, :3] = self.tip + held[:3] - tip_before
+                self.poses[self.held, 3:] = turned_about_vertical(held[3:], np.asarray(self.yaw - yaw_before))
             self.shoot()
 
     def travel(self, goal: np.ndarray, yaw: float, opening: float) -> None:
-        """Travel along an arch that leaves and arrives vertically and clears everything that stands on the tables."""
+        """Travel along an arch that leaves and arrives vertically and clears everything that stands on the tables. An empty
+        gripper looks alike after half a turn, and turns the shorter way."""
         start, goal = self.tip, np.asarray(goal, float)
-        others = np.arange(len(self.sizes)) != self.held
-        walls = self.top + max(kit.wall_height for kit in self.task.kits)
-        high = np.max(self.poses[others, 2] + self.sizes[others] / 2, initial=walls)
+        others = np.arange(len(self.poses)) != self.held
+        walls = self.top + max(kit.rim + kit.plate for kit in self.task.kits)
+        tops = self.poses[:, 2] + half_extents(self.task.objects, self.poses[:, 3:].astype(np.float32))[:, 2]
+        high = np.max(tops[others], initial=walls)
         distance = float(np.linalg.norm(goal[:2] - start[:2]))
-        apex = max(high + 0.9 * self.sizes.max() + 0.07 * distance, goal[2], start[2])
+        apex = max(high + 0.9 * self.tall + 0.07 * distance, goal[2], start[2])
         rise = (8 * apex - start[2] - goal[2]) / 6
         control = np.array([start, [*start[:2], rise], [*goal[:2], rise], goal])
-        turn = (yaw - self.yaw + math.pi / 2) % math.pi - math.pi / 2
+        turn = yaw - self.yaw
+        if self.held is None:
+            turn = (turn + math.pi / 2) % math.pi - math.pi / 2
 
         def arch(s: float) -> np.ndarray:
             return np.array([(1 - s) ** 3, 3 * s * (1 - s) ** 2, 3 * s**2 * (1 - s), s**3]) @ control
@@ -169,12 +178,12 @@ class Stage:
         self.move(self._line(self.tip), GRASP_SECONDS, opening=opening)
 
     def let_go(self, opening: float, motion: Sequence[Poses]) -> None:
-        """Open the fingers, then rise; the boxes fall meanwhile."""
+        """Open the fingers, then rise; the objects fall meanwhile."""
         self.held = None
         first = round(GRASP_SECONDS * self.fps)
         self.move(self._line(self.tip), GRASP_SECONDS, opening=opening, motion=motion[:first])
-        above = self.tip + np.array([0, 0, 1.3 * self.sizes.max()])
-        self.move(self._line(above), RISE_SECONDS * self.scale, motion=motion[first:])
+        above = self.tip + np.array([0, 0, 1.3 * self.tall])
+        self.move(self._line(above), self.rising, motion=motion[first:])
 
     def _home(self) -> np.ndarray:
         """Return a point over the edge of the middle of the tables on the robot's side, where it hides nothing."""
@@ -182,7 +191,7 @@ class Stage:
         toward = np.array(self.task.robot_position[:2]) - middle
         half = min(min(table.size[:2]) for table in self.task.tables) / 2
         edge = middle + 0.8 * half * toward / max(float(np.linalg.norm(toward)), 1e-9)
-        return np.array([*edge, self.top + 2.4 * self.sizes.max()])
+        return np.array([*edge, self.top + 2.4 * self.tall])
 
     def _line(self, goal: np.ndarray) -> Callable[[float], np.ndarray]:
         start = self.tip
@@ -191,23 +200,30 @@ class Stage:
     def _released(self, tick: Tick) -> Released:
         return act(self.semantics, tick.before, np.array([self.semantics.commands.index(tick.command)], np.int32))
 
-    def _grasp_yaw(self, box: int, tick: Tick, later: Sequence[Tick]) -> float:
-        """Return the yaw at which the fingers close on two faces, with most room where the box is taken and where it is
-        put."""
-        scenes = [tick.before.poses[0]]
+    def _choose_grasp(self, box: int, tick: Tick, later: Sequence[Tick]) -> Grasp:
+        """Return the grasp with most room for the fingers where the object is taken and where it is put, the narrowest of
+        those that have enough."""
+        scenes = [(tick.before.poses[0], 0.0)]
         put = next((t for t in later if t.command is not None and t.command.name != "close_gripper"), None)
         if put is not None:
-            scenes.append(self._released(put).poses[0])
-        return max(_face_yaws(scenes[0][box]), key=lambda yaw: min(self._room(box, scene, yaw) for scene in scenes))
+            poses = self._released(put).poses[0]
+            scenes.append((poses, _turned(tick.before.poses[0, box], poses[box])))
+        choices = grasps(self.task, self.task.objects[box], tick.before.poses[0, box])
+        return max(choices, key=lambda grasp: min(self._room(box, poses, grasp, turn) for poses, turn in scenes))
 
-    def _room(self, box: int, poses: Poses, yaw: float) -> float:
-        """Return the distance of the fingers from the boxes beside, metres."""
-        reach = WIDE * self.sizes[box] / 2 + FINGER * self.sizes.max()
+    def _room(self, box: int, poses: Poses, grasp: Grasp, turn: float) -> float:
+        """Return the distance of the fingers from the objects beside, metres."""
+        reach, yaw = WIDE * grasp.width / 2 + FINGER * self.unit, grasp.yaw + turn
         along = reach * np.array([math.cos(yaw), math.sin(yaw)])
-        beside = np.abs(poses[:, 2] - poses[box, 2]) < (self.sizes + self.sizes[box]) / 2
+        half = standing_extents(self.task, poses[:, 3:].astype(np.float32))
+        beside = np.abs(poses[:, 2] - poses[box, 2]) < half[:, 2] + half[box, 2]
         beside[box] = False
-        away = np.abs(poses[beside, None, :2] - (poses[box, :2] + np.array([along, -along]))).max(axis=-1)
-        return float(np.min(away - self.sizes[beside, None] / 2, initial=self.sizes.max()))
+        away = np.abs(poses[beside, None, :2] - (poses[box, :2] + np.array([along, -along]))) - half[beside, None, :2]
+        return float(np.min(away.max(axis=-1), initial=ENOUGH * self.unit))
+
+    def _tip(self, pose: Pose, lift: float) -> np.ndarray:
+        """Return where the tips are that hold an object."""
+        return np.array([*pose[:2], pose[2] + lift], float)
 
 
 def _ease(part: float) -> float:
@@ -215,22 +231,21 @@ def _ease(part: float) -> float:
     return part**3 * (10 - 15 * part + 6 * part**2)
 
 
-def _face_yaws(pose: Pose) -> Iterator[float]:
-    """Yield the directions, about z, of the two axes of a box that are the most level."""
-    matrix = np.zeros(9)
-    mujoco.mju_quat2Mat(matrix, np.asarray(pose[3:], float))
-    axes = matrix.reshape(3, 3).T
-    for axis in sorted(axes, key=lambda a: abs(a[2]))[:2]:
-        yield math.atan2(axis[1], axis[0])
+def _turned(before: Pose, after: Pose) -> float:
+    """Return by how much [rad] a pose was turned about the vertical, the shorter way."""
+    w, x, y, z = np.asarray(before[3:], float) * (1, -1, -1, -1)
+    a, b, c, d = np.asarray(after[3:], float)
+    angle = 2 * math.atan2(a * z + b * y - c * x + d * w, a * w - b * x - c * y - d * z)
+    return math.remainder(angle, 2 * math.pi)
 
 
 def _fall(task: Task, released: Released, after: Poses, fps: float) -> list[Poses]:
-    """Return the poses of all boxes, frame by frame, from their release until they rest at `after`: as simulated, or,
+    """Return the poses of all objects, frame by frame, from their release until they rest at `after`: as simulated, or,
     if that leads elsewhere because the level has no dynamics, a glide."""
     start, present = released.poses[0].astype(float), released.present[0]
     if not present.any():
         return []
-    size = min(box.edge for box in task.objects)
+    size = timing(task).size
     frames = _simulate(task, released.world.kits[0], start, present, fps)
     if not _alike(frames[-1][present], after[present], size):
         height = max(float((start[:, 2] - after[:, 2]).max()), 0.5 * size)
@@ -248,7 +263,7 @@ def _alike(a: Poses, b: Poses, size: float) -> bool:
 
 
 def _simulate(task: Task, kits: np.ndarray, start: Poses, present: np.ndarray, fps: float) -> list[Poses]:
-    """Return how C MuJoCo moves the present boxes, sampled at `fps`; the others stay."""
+    """Return how C MuJoCo moves the present objects, sampled at `fps`; the others stay."""
     model, ids = compile_scene(task, tuple(np.array(task.object_names)[present].tolist()))
     data = mujoco.MjData(model)
     data.qpos[:] = start[present].ravel()

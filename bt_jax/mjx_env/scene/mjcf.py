@@ -18,7 +18,18 @@ from bt_jax._util.errors import UserError
 from bt_jax.tasks import Kit, Object, Slot, Task
 from bt_jax.tasks.support import kit_origin
 
-__all__ = ["SceneIds", "Timing", "build_mjcf", "compile_scene", "kit_geoms", "resolve_ids", "timing"]
+__all__ = [
+    "PAD",
+    "PALM",
+    "SceneIds",
+    "Timing",
+    "build_mjcf",
+    "compile_scene",
+    "gripper_unit",
+    "kit_geoms",
+    "resolve_ids",
+    "timing",
+]
 
 Vec3 = tuple[float, float, float]
 Geom = tuple[str, tuple[float | int, ...], tuple[float | int, ...], str]  # type, centre, half sizes, material
@@ -29,6 +40,7 @@ MAX_STEPS = 400  # until what still moves counts as at rest, where all edges are
 ROLLING = 0.05  # friction of a rolling cylinder, in its radii: without it, it would never come to rest
 REFERENCE_SIZE = 0.1
 FILLED = 0.97  # how much of the picture's width the tables fill
+PALM, PAD = 0.92, 0.3  # height of the palm over the tips, and half that of the pads, in units of the gripper
 FIELD_OF_VIEW = 42  # degrees across the picture, whatever its shape
 
 
@@ -191,7 +203,7 @@ def _kit(task: Task, kit: Kit) -> str:
         f'<geom name="{name}" class="fixed" pos="{_numbers(*pos)}" size="{_numbers(*size)}" material="kit"/>'
         for name, (pos, size) in parts
     ]
-    marks = [_slot_mark(kit, slot) for slot in kit.slots]
+    marks = [_slot_mark(kit, slot) for slot in (kit.slots if kit.dividers else kit.places)]
     return (
         f'<body name="{kit.name}" mocap="true" pos="{_numbers(*position)}">\n{_lines("  ", [*geoms, *marks])}\n</body>'
     )
@@ -207,10 +219,10 @@ def kit_geoms(task: Task, kit: Kit) -> list[str]:
 
 def _slot_mark(kit: Kit, slot: Slot) -> str:
     """Return a thin bright patch on the plate, with no contacts, so that pictures show where the slot is."""
-    edge = 0.04 * min(kit.size)
+    edge = 0.08 * min(kit.size)
     position = _numbers(*slot.position, kit.plate)
     yaw = f"0 0 {slot.turn:g}"
-    return f'<geom class="visual" pos="{position}" euler="{yaw}" size="{_numbers(edge, edge / 4, 0.0003)}" material="slot"/>'
+    return f'<geom class="visual" pos="{position}" euler="{yaw}" size="{_numbers(edge, edge / 4, 0.001)}" material="slot"/>'
 
 
 def _box_material(box: Object) -> str:
@@ -231,18 +243,23 @@ def _box(box: Object, index: int, task: Task) -> str:
 </body>"""
 
 
+def gripper_unit(task: Task) -> float:
+    """Return the length, metres, that the drawn gripper is made to: of the widest object, seen along its narrow side."""
+    return max(min(thing.size[:2]) for thing in task.objects)
+
+
 def _gripper(task: Task) -> str:
     """Return three mocap bodies without contacts: palm and two fingers; `render` places them."""
-    unit = max(box.edge for box in task.objects)
+    unit = gripper_unit(task)
     thick, wide, long = 0.07 * unit, 0.22 * unit, 0.55 * unit
     palm: list[Geom] = [
-        ("box", (0, 0, 1.02 * unit), (0.62 * unit, 0.26 * unit, 0.1 * unit), "metal"),
+        ("box", (0, 0, (PALM + 0.1) * unit), (0.62 * unit, 0.26 * unit, 0.1 * unit), "metal"),
         ("cylinder", (0, 0, 1.3 * unit), (0.2 * unit, 0.2 * unit), "metal"),
         ("cylinder", (0, 0, 1.52 * unit), (0.28 * unit, 0.06 * unit), "rubber"),
     ]
     finger: list[Geom] = [
         ("box", (thick, 0, long - 0.15 * unit), (thick, wide, long), "metal"),
-        ("box", (0.12 * thick, 0, 0), (0.2 * thick, 0.9 * wide, 0.3 * unit), "rubber"),
+        ("box", (0.12 * thick, 0, 0), (0.2 * thick, 0.9 * wide, PAD * unit), "rubber"),
     ]
     mirrored: list[Geom] = [(kind, (-pos[0], *pos[1:]), size, material) for kind, pos, size, material in finger]
     parts: dict[str, list[Geom]] = {"gripper": palm, "finger_right": finger, "finger_left": mirrored}

@@ -1,5 +1,6 @@
 import dataclasses
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from bt_jax.behaviors import Behavior, gene_pool
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.walk import prefix
 from bt_jax.mjx_env.episodes.playback import play
+from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.mjx_env.physics.factory import make_physics
 from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.mjx_env.physics.settler import Settler
@@ -17,7 +19,9 @@ from bt_jax.mjx_env.render.film import check_film, film, final_picture
 from bt_jax.mjx_env.render.offscreen import available
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.mjx_env.world import headings
 from bt_jax.tasks import load_task
+from tests.helpers.samples import MIXED
 
 FPS = 30.0
 STACK = "Sequence(move(YellowBox, (0, 0, 0.055), KittingBox), move(GreenBox, (0, 0, 0.1), YellowBox), {})"
@@ -30,7 +34,11 @@ draws = pytest.mark.skipif(available() is not True, reason="nothing can be drawn
 
 
 def episode(last, *, seed=0, level="physics"):
-    task, tree = load_task("stack3"), parse_tree(STACK.format(LAST[last]))
+    return played_tree("stack3", STACK.format(LAST[last]), seed=seed, level=level)
+
+
+def played_tree(name, text, *, seed, level="physics"):
+    task, tree = load_task(name), parse_tree(text)
     leaves = [node for node in prefix(tree) if isinstance(node, Behavior)]
     semantics = LeafSemantics(task, gene_pool(task).extended(leaves))
     physics = Kinematic(task) if level == "kinematic" else make_physics(task, "mujoco")
@@ -73,6 +81,28 @@ def test_a_grasped_box_stays_between_the_fingers():
             assert away.min() < 1e-3
             moved += 1
     assert moved > 2 * FPS
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_an_object_that_is_to_lie_turned_turns_with_the_hand(seed):
+    moves = (
+        "move(Plate, (-0.1, 0, 0.0125), TrayA, 90), move(Bolt, (-0.13, -0.0725, 0.0325), TrayB),"
+        "move(Brick, (0.1, 0, 0.0325), TrayA, 45), pick(Can)"
+    )
+    semantics, played = played_tree(MIXED, f"Sequence({moves})", seed=seed)
+    assert played.ending == Ending.SUCCESS
+    widths = {"Plate": 0.1, "Bolt": 0.024, "Brick": 0.06, "Can": 0.06}
+    names, seen = semantics.task.object_names, dict.fromkeys(widths, 0)
+    for before, after in itertools.pairwise(shots(semantics, played, fps=FPS)):
+        away = np.linalg.norm(after.poses[:, :2] - after.gripper.position[:2], axis=-1)
+        moved = np.abs(after.poses[:, :3] - before.poses[:, :3]).max(axis=-1) > 1e-3
+        for row in np.flatnonzero(moved & (away < 1e-6)):
+            name = next(part for part in widths if names[row].startswith(part))
+            seen[name] += 1
+            assert after.gripper.opening == pytest.approx(widths[name])
+            turns = [headings(np.float32(shot.poses[row, 3:])) - shot.gripper.yaw for shot in (before, after)]
+            assert math.remainder(turns[1] - turns[0], 2 * math.pi) == pytest.approx(0, abs=1e-3)
+    assert min(seen.values()) >= 0.2 * FPS
 
 
 @draws
