@@ -19,6 +19,7 @@ from benchmarks._report import report
 from benchmarks.plain_episode import PlainEpisode
 from bt_jax.behaviors import Behavior, Tree, gene_pool
 from bt_jax.behaviors.geometry import rests_on
+from bt_jax.behaviors.pose import Pose
 from bt_jax.encoding.arrays import decode, encode_all
 from bt_jax.encoding.formats.text import one_line
 from bt_jax.encoding.limits import MAX_NODES
@@ -81,9 +82,8 @@ class PickCarriesAll(PlainEpisode):
     def load(self, name: str) -> Iterator[str]:
         """Yield the boxes that stand on a box, and on those, from the bottom up."""
         for other in self.task.object_names:
-            if other != name and rests_on(
-                self.position(other), self.position(name), self.sizes[other], self.sizes[name]
-            ):
+            upper, lower = ((self.task.thing(one), Pose(tuple(self.position(one)))) for one in (other, name))
+            if other != name and rests_on(*upper, *lower):
                 yield other
                 yield from self.load(other)
 

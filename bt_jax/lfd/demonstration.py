@@ -6,12 +6,13 @@ Positions are metres in the named frame, quaternions are wxyz. `demonstration_fo
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
+from bt_jax.behaviors.pose import Pose
 from bt_jax.tasks import Task
 
 __all__ = [
@@ -27,26 +28,6 @@ __all__ = [
 
 END_EFFECTOR_HEIGHT = 0.12  # of the end effector above the centre of what it holds, metres
 Kind = Literal["pick", "place"]
-
-
-@dataclasses.dataclass(frozen=True)
-class Pose:
-    """A position in metres and a unit quaternion wxyz."""
-
-    position: tuple[float, float, float]
-    quaternion: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
-
-    def apply(self, point: Sequence[float]) -> Float[np.ndarray, "3"]:
-        """Return a point given in this pose's axes, in the frame that the pose is given in."""
-        w, axis = self.quaternion[0], self.quaternion[1:]
-        turn = 2 * _cross(axis, point)
-        return np.array(self.position) + point + w * turn + _cross(axis, turn)
-
-    def inverse(self) -> Pose:
-        """Return the pose, in this pose's axes, of the frame that this pose is given in."""
-        w, x, y, z = self.quaternion
-        back = Pose((0.0, 0.0, 0.0), (w, -x, -y, -z))
-        return dataclasses.replace(back, position=tuple(back.apply([-c for c in self.position]).tolist()))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,6 +94,10 @@ class Action:
         """Return where the origin of a frame is in another one [m]."""
         return self.poses[within].apply(self.poses[frame].inverse().position)
 
+    def pose(self, frame: str, within: str) -> Pose:
+        """Return the pose of a frame in another one."""
+        return self.poses[within].compose(self.poses[frame].inverse())
+
     def nearest(self, frames: Sequence[str]) -> str:
         """Return which of the frames the handled object is nearest to."""
         return min(frames, key=lambda frame: float(np.linalg.norm(self.handled(frame))))
@@ -149,9 +134,3 @@ class Demonstrations:
 
     def __len__(self) -> int:
         return len(self.demonstrations)
-
-
-def _cross(a: Iterable[float], b: Iterable[float]) -> Float[np.ndarray, "3"]:
-    """Return what np.cross does, in a tenth of its time."""
-    (x, y, z), (u, v, w) = a, b
-    return np.array([y * w - z * v, z * u - x * w, x * v - y * u])

@@ -46,17 +46,17 @@ def _holds(condition: Behavior, action: Action, task: Task) -> bool:
     name = condition.object or ""
     match condition.name:
         case "at":
-            in_robot, in_frame = (action.poses[frame] for frame in (task.robot_frame, condition.frame or ""))
-            in_hand = in_frame.inverse().apply(condition.position or (0.0, 0.0, 0.0))
-            goal = in_robot.apply(in_hand.tolist())
-            return is_at(action.origin(name, task.robot_frame), goal, task.episode.tolerance)
+            thing, pose = task.thing(name), action.pose(name, task.robot_frame)
+            frame = action.pose(condition.frame or "", task.robot_frame)
+            place = condition.position or (0.0, 0.0, 0.0)
+            return is_at(thing, pose, frame, place, turn=condition.turn, episode=task.episode)
         case "holding":
             return name == NOTHING
         case "gripper":
             return condition.args[0] == OPEN
         case "reachable":
             lowest = min(table.top for table in task.tables) - task.robot_position[2]
-            return is_reachable(float(action.origin(name, task.robot_frame)[2]), lowest, task.edge(name))
+            return is_reachable(task.thing(name), float(action.origin(name, task.robot_frame)[2]), lowest)
         case "clear":
             return not is_under(name, action, task)
     raise ValueError(f"{condition} is no condition of the scene")

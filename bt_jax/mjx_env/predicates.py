@@ -51,7 +51,7 @@ def _rests_on(world: World, task: Task) -> Bool[Array, "S B B"]:
 
 
 def turn_error(
-    quaternion: Float32[Array, "*S 4"],
+    quaternion: Float32[Array, "*#S 4"],
     frame: Float32[Array, "*#S 4"],
     wanted: Float32[Array, "*#S"],
     symmetry: Float32[Array, "*#S"],
@@ -65,30 +65,36 @@ def turn_error(
 
 
 def in_own_target(world: World, task: Task) -> Bool[Array, "S B"]:
-    """Return which objects are instances that stand in a target of their part, whichever of its instances is meant there."""
+    """Return which objects are instances that stand in a target of their part, whichever of its instances is meant there: in
+    each target the nearest of those that are at it."""
     xp = namespace(world.poses)
-    found = xp.zeros(world.poses.shape[:-1], bool)
+    targets = [target for target in task.targets if target.object not in task.object_names]
+    if not targets:
+        return xp.zeros(world.poses.shape[:-1], bool)
+    objects = np.arange(len(task.objects), dtype=np.int8)
+    frame = np.array([task.frames.index(target.frame) for target in targets])
+    parts = np.array([[thing.part == target.object for target in targets] for thing in task.objects])
+    own = parts & (objects[:, None] != frame)
     places = frames(world, task)
-    upright = is_upright(world, task)
-    for target in task.targets:
-        own = np.array([thing.part == target.object for thing in task.objects])
-        if not own.any():
-            continue
-        frame = np.array([task.frames.index(target.frame)])
-        goal = to_world(places, frame, np.array([target.position], np.float32))
-        there = upright & (distances(world.poses[..., :3], goal) < np.float32(task.episode.tolerance))
-        if target.turn is not None:
-            symmetry = np.array([math.radians(thing.symmetry) for thing in task.objects], np.float32)[None]
-            wanted = np.float32(math.radians(target.turn))
-            error = turn_error(world.poses[..., 3:], places[:, frame, 3:], wanted, symmetry)
-            there = there & (xp.abs(error) < np.float32(math.radians(task.episode.turn_tolerance)))
-        found = found | (there & own[None])
-    return found & (world.held[:, None] != np.arange(len(task.objects), dtype=np.int8)[None])
+    goal = to_world(places, frame, np.array([target.position for target in targets], np.float32))
+    away = distances(world.poses[:, :, None, :3], goal[:, None])
+    free = is_upright(world, task) & (world.held[:, None] != objects[None])
+    there = own[None] & free[..., None] & (away < np.float32(task.episode.tolerance))
+    wanted = np.array([math.nan if t.turn is None else math.radians(t.turn) for t in targets], np.float32)
+    if not np.isnan(wanted).all():
+        symmetry = np.array([math.radians(thing.symmetry) for thing in task.objects], np.float32)
+        turned = turn_error(
+            world.poses[:, :, None, 3:], places[:, None, frame, 3:], wanted[None, None], symmetry[None, :, None]
+        )
+        most = np.float32(math.radians(task.episode.turn_tolerance))
+        there = there & (np.isnan(wanted)[None, None] | (xp.abs(turned) < most))
+    nearest = xp.argmin(xp.where(there, away, np.float32(np.inf)), axis=1)
+    return (there & (nearest[:, None] == objects[None, :, None])).any(axis=-1)
 
 
 def graspable(world: World, task: Task) -> Bool[Array, "S B"]:
-    """Return which objects stand so that the gripper can take them: along a pair of parallel faces that fits the opening,
-    where both fingers have `finger_room` beside these faces, down to the object's middle."""
+    """Return which objects stand so that the gripper can take them: along a pair of parallel faces that fits the opening, or
+    along one of the world's axes if they are round, where both fingers have `finger_room` beside, down to the middle."""
     xp = namespace(world.poses)
     standing = is_upright(world, task)
     if not task.finger_room:
@@ -96,6 +102,9 @@ def graspable(world: World, task: Task) -> Bool[Array, "S B"]:
     surfaces = [fixed_surfaces(task, world.kits), object_surfaces(task, world.poses)]
     bottoms = world.poses[..., 2] - half_extents(task.objects, world.poses[..., 3:])[..., 2]
     top = world.poses[..., 2] + standing_extents(task, world.poses[..., 3:])[..., 2]
+    is_round = np.array([thing.shape == "cylinder" for thing in task.objects])
+    unturned = xp.asarray([1, 0, 0, 0], np.float32)[None, None]
+    turns = xp.where(is_round[None, :, None], unturned, world.poses[..., 3:])
     found = xp.zeros(standing.shape, bool)
     for axis in (0, 1):
         half = np.array([thing.size[axis] / 2 for thing in task.objects], np.float32)
@@ -103,7 +112,7 @@ def graspable(world: World, task: Task) -> Bool[Array, "S B"]:
         for side in (-1, 1):
             away = np.zeros((len(task.objects), 3), np.float32)
             away[:, axis] = side * (half + task.finger_room / 2)
-            finger = world.poses[..., :3] + rotate(world.poses[..., 3:], away[None])
+            finger = world.poses[..., :3] + rotate(turns, away[None])
             walls, others = (_hits(one, finger, task.finger_room) for one in surfaces)
             walls = walls & (surfaces[0].top[:, None] > world.poses[..., 2, None])
             beside = (surfaces[1].top[:, None] > world.poses[..., 2, None]) & (bottoms[:, None] < top[..., None])

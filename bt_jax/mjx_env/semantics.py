@@ -46,7 +46,6 @@ __all__ = [
     "Selection",
     "command_of",
     "holding_subgoals",
-    "pickable",
     "subgoals_by_sight",
     "subgoals_of",
     "taken_by",
@@ -268,11 +267,16 @@ class LeafSemantics:
         opened, closed = world.gripper_open[:, None], ~world.gripper_open[:, None]
         can_pick = opened & can_hold & conditions[:, named["reachable"]]
         if not self._picks_are_plain:
-            can_pick = opened & self.any_of(pickable(self, world))
+            count = len(self.task.objects)
+            free = can_hold[:, :count] & conditions[:, named["reachable"][:count]] & graspable(world, self.task)
+            can_pick = opened & self._any_left(world, free)
         at = conditions[:, : len(place_name)]
         done = xp.concatenate([opened & empty, closed, holding, at & empty], axis=1)
         always = xp.ones((conditions.shape[0], 2), bool)
-        possible = xp.concatenate([always, can_pick, holding[:, place_name]], axis=1)
+        can_place = holding[:, place_name]
+        if self.has_parts:  # an instance is not put where it is itself
+            can_place = can_place & (world.held[:, None] != self.place_frame[places].astype(np.int8)[None])
+        possible = xp.concatenate([always, can_pick, can_place], axis=1)
         numbers = np.arange(len(self.commands), dtype=np.int32)
         others = len(self.commands) - len(self.places)
         numbers = np.concatenate([numbers[:others], numbers[others:][places]])
@@ -322,24 +326,30 @@ class LeafSemantics:
         name, frame = self.place_name[places], self.place_frame[places]
         poses_of_frames = frames(world, self.task)
         goal = to_world(poses_of_frames, frame, self.place_position[places])
-        tolerance = np.float32(self.task.episode.tolerance)
-        upright = None if self.task.all_cubes else is_upright(world, self.task)
-        found = xp.zeros(goal.shape[:-1], bool)
-        for turn in range(int(self.members.sum(axis=1).max())):
-            # The first, second, ... object of each name; the last one again where a name has fewer.
-            own = self._instances[name, turn]
-            there = distances(world.poses[:, own, :3], goal) < tolerance
-            there = there & (world.held[:, None] != own.astype(np.int8)[None])
-            if upright is not None:
-                there = there & upright[:, own]
-            if self.turns:
-                wanted = self.place_turn[places][None]
-                error = turn_error(
-                    world.poses[:, own, 3:], poses_of_frames[:, frame, 3:], wanted, self.symmetry[own][None]
-                )
-                most = np.float32(math.radians(self.task.episode.turn_tolerance))
-                there = there & (np.isnan(wanted) | (xp.abs(error) < most))
-            found = found | there
+        wanted, own, counts = self.place_turn[places], self._instances[name, 0], self._counts[name]
+        if self.has_parts:  # all pairs of a place and an instance, those of a place side by side
+            place, instance = np.nonzero(np.arange(self._instances.shape[1]) < counts[:, None])
+            goal, frame, wanted, own = (
+                goal[:, place],
+                frame[place],
+                wanted[place],
+                self._instances[name[place], instance],
+            )
+        there = distances(world.poses[:, own, :3], goal) < np.float32(self.task.episode.tolerance)
+        there = there & (world.held[:, None] != own.astype(np.int8)[None])
+        if not self.task.all_cubes:
+            there = there & is_upright(world, self.task)[:, own]
+        if self.turns:
+            turns, of_frames = world.poses[:, own, 3:], poses_of_frames[:, frame, 3:]
+            error = turn_error(turns, of_frames, wanted[None], self.symmetry[own][None])
+            most = np.float32(math.radians(self.task.episode.turn_tolerance))
+            there = there & (np.isnan(wanted)[None] | (xp.abs(error) < most))
+        if not self.has_parts:
+            return there
+        there = there & (own != frame)[None]
+        found = there[:, first := np.cumsum(counts) - counts]
+        for k in range(1, self._instances.shape[1]):
+            found = found | there[:, first + np.minimum(k, counts - 1)]
         return found
 
     @functools.cached_property
@@ -350,30 +360,42 @@ class LeafSemantics:
         return np.array([np.pad(own, (0, most - len(own)), mode="edge") for own in of_names])
 
     @functools.cached_property
+    def _counts(self) -> np.ndarray:
+        """How many objects each name stands for, int[names]."""
+        return self.members.sum(axis=1)
+
+    @property
+    def has_parts(self) -> bool:
+        """Whether leaves may name a part for any of its instances."""
+        return len(self.names) > len(self.task.objects)
+
+    def _any_left(self, world: World, free: Bool[Array, "S B"]) -> Bool[Array, "S names"]:
+        """Return for each name whether it can be picked: an object if it is `free`, that is clear, within reach and
+        graspable, a part if an instance is that does not stand in a target of it already."""
+        if not self.has_parts:
+            return free
+        left = self.any_of(free & ~in_own_target(world, self.task))
+        return namespace(free).concatenate([free, left[:, len(self.task.objects) :]], axis=1)
+
+    @functools.cached_property
     def _picks_are_plain(self) -> bool:
         """Whether whatever is clear and within reach can be picked: the gripper takes every object in every position, and
         no part leaves a choice."""
-        return self.task.all_cubes and not self.task.finger_room and len(self.names) == len(self.task.objects)
-
-
-def pickable(semantics: LeafSemantics, world: World) -> Bool[Array, "S B"]:
-    """Return which objects an open and empty gripper can take by the name of their part, or by their own if they have none:
-    clear, within reach, graspable, and no instance that stands in a target of its part already."""
-    task = semantics.task
-    return is_clear(world, task) & reachable(world, task) & graspable(world, task) & ~in_own_target(world, task)
+        return self.task.all_cubes and not self.task.finger_room and not self.has_parts
 
 
 def taken_by(semantics: LeafSemantics, world: World, pick: Int32[Array, " S"]) -> Int32[Array, " S"]:
-    """Return which object a `pick` takes in each state, given as an index of `LeafSemantics.names`: of a part, the pickable
-    instance that is nearest to the robot, the first of several."""
-    xp = namespace(world.poses)
-    if len(semantics.names) == len(semantics.task.objects):
+    """Return which object a `pick` takes in each state, given as an index of `LeafSemantics.names`: of a part, the nearest
+    to the robot of the instances that can be taken and do not stand in a target of it already, the first of several."""
+    xp, task, count = namespace(world.poses), semantics.task, len(semantics.task.objects)
+    if not semantics.has_parts or (xp is np and (pick < count).all()):
         return pick
-    x, y, _ = semantics.task.robot_position
+    x, y, _ = task.robot_position
     away = (world.poses[..., 0] - np.float32(x)) ** 2 + (world.poses[..., 1] - np.float32(y)) ** 2
-    candidates = xp.asarray(semantics.members)[pick] & pickable(semantics, world)
-    nearest = xp.argmin(xp.where(candidates, away, np.float32(np.inf)), axis=1)
-    return xp.where(pick < len(semantics.task.objects), pick, nearest).astype(np.int32)
+    free = is_clear(world, task) & reachable(world, task) & graspable(world, task)
+    left = xp.asarray(semantics.members)[pick] & free & ~in_own_target(world, task)
+    nearest = xp.argmin(xp.where(left, away, np.float32(np.inf)), axis=1)
+    return xp.where(pick < count, pick, nearest).astype(np.int32)
 
 
 def subgoals_by_sight(task: Task, world: World) -> Bool[Array, "S G"]:

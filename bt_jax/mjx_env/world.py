@@ -15,6 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int8, Int32, Shaped
 
+from bt_jax.behaviors.geometry import GEOMETRY
+from bt_jax.behaviors.pose import Pose
 from bt_jax.tasks import Task
 
 __all__ = [
@@ -25,6 +27,7 @@ __all__ = [
     "frames",
     "headings",
     "namespace",
+    "poses_by_name",
     "rotate",
     "row_names",
     "snap",
@@ -38,7 +41,6 @@ __all__ = [
 Array: TypeAlias = Any  # NumPy's or JAX's, and a function returns the kind it was given, which no union can say
 
 POSITION_GRID = 1e-4  # metres
-STEEP = 0.7  # sine of the inclination from which an axis says nothing about the heading
 ROTATION_GRID = 1e-3  # of a quaternion's components: about 0.1 mm at the corner of a 0.1 m cube
 
 
@@ -72,7 +74,7 @@ def concatenate(worlds: list[World]) -> World:
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *worlds)
 
 
-def distances(a: Float32[Array, "*S 3"], b: Float32[Array, "*#S 3"]) -> Float32[Array, "*S"]:
+def distances(a: Float32[Array, "*#S 3"], b: Float32[Array, "*#S 3"]) -> Float32[Array, "*S"]:
     """Return distances between points, in their unit."""
     x, y, z = (a[..., i] - b[..., i] for i in range(3))  # NumPy takes long for sums of three
     return namespace(a).sqrt(x * x + y * y + z * z)
@@ -99,6 +101,12 @@ def frames(world: World, task: Task) -> Float32[Array, "*S F 7"]:
     return xp.concatenate([world.poses, kits, xp.broadcast_to(robot, (*batch, 1, 7))], axis=-2, dtype=np.float32)
 
 
+def poses_by_name(world: World, task: Task, row: int = 0) -> dict[str, Pose]:
+    """Return the poses of all frames of the task in one state, as `behaviors.geometry` takes them."""
+    poses = np.asarray(frames(take(world, slice(row, row + 1)), task))[0].tolist()
+    return dict(zip(task.frames, map(Pose.of, poses), strict=True))
+
+
 def to_world(
     frame_poses: Float32[Array, "*S F 7"], frame: np.ndarray, position: np.ndarray
 ) -> Float32[Array, "*S n 3"]:
@@ -120,7 +128,7 @@ def headings(quaternion: Float32[Array, "*S 4"]) -> Float32[Array, "*S"]:
     w, x, y, z = (quaternion[..., i] for i in range(4))
     along_x = xp.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
     along_y = xp.arctan2(2 * (w * z - x * y), 1 - 2 * (x * x + z * z))
-    steep = xp.abs(x * z - w * y) > np.float32(STEEP / 2)
+    steep = xp.abs(x * z - w * y) > np.float32(GEOMETRY.steep / 2)
     return xp.where(steep, along_y, along_x)
 
 

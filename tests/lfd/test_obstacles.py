@@ -25,7 +25,7 @@ from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.mjx_env.physics.settler import Settler
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics, holding_subgoals
-from bt_jax.mjx_env.world import frames, take, to_world
+from bt_jax.mjx_env.world import frames, poses_by_name, take, to_world
 from bt_jax.tasks import Layout, Target, load_task, task_names
 from tests.helpers.demonstrations import RESTACK, STACK3
 
@@ -193,12 +193,12 @@ def test_what_stands_on_a_box_and_fills_a_place_in_a_layout_is_foreseen(seed):
     for layout in range(3):
         world = sample_layouts(task, [seed, layout], 1)
         starts = {name: at_start(task, world, name) for name in task.object_names}
-        centres = {name: world.poses[0, i, :3].tolist() for i, name in enumerate(task.object_names)}
+        poses = poses_by_name(world, task)
         for name in task.object_names:
             direct = {
                 other
                 for other in task.object_names
-                if other != name and rests_on(centres[other], centres[name], task.edge(other), task.edge(name))
+                if other != name and rests_on(task.thing(other), poses[other], task.thing(name), poses[name])
             }
             assert direct <= above(task, name)
             assert bool(direct) == bool(above(task, name))

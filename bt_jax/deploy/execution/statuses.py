@@ -10,8 +10,9 @@ from collections.abc import Mapping
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax.behaviors import NOTHING, OPEN, Behavior, Kind, subgoal_conditions
-from bt_jax.behaviors.geometry import is_at, is_reachable, rests_on
+from bt_jax.behaviors.geometry import is_at, is_reachable
 from bt_jax.deploy.execution.observation import Observation
+from bt_jax.deploy.planning.pose_geometry import plain, stands_on
 from bt_jax.encoding.status import Status
 from bt_jax.tasks import Task
 
@@ -41,7 +42,6 @@ class Statuses:
         self.task, self.seen, self.context = task, seen, context
         self.undecided: list[Behavior] = []
         self.ticked: set[str] = set()
-        self._sizes = {box.name: box.edge for box in task.objects}
         self._lowest = min(table.top for table in task.tables) - task.robot_position[2]
 
     def __call__(self, leaf: Behavior, _: int) -> Status:
@@ -75,7 +75,9 @@ class Statuses:
             case "reachable":
                 return known and self._in_reach(name)
             case "clear":
-                return known and not any(self._rests_on(other, name, self.seen.poses) for other in self._sizes)
+                return known and not any(
+                    self._rests_on(other, name, self.seen.poses) for other in self.task.object_names
+                )
             case "reached":
                 return self._is_reached(str(condition.args[0]))
         raise ValueError(f"{condition} is no condition")
@@ -111,7 +113,9 @@ class Statuses:
         frame = RigidTransform.identity() if at.frame == self.task.robot_frame else poses.get(at.frame)
         if frame is None:
             return False
-        return is_at(poses[at.object].translation, frame.apply(at.position), self.task.episode.tolerance)
+        thing, pose = self.task.thing(at.object), plain(poses[at.object])
+        place = at.position or (0.0, 0.0, 0.0)
+        return is_at(thing, pose, plain(frame), place, turn=at.turn, episode=self.task.episode)
 
     def _in_reach(self, name: str) -> bool:
         return self._above_tables(name) and name not in self.context.unreachable
@@ -119,14 +123,14 @@ class Statuses:
     def _above_tables(self, name: str) -> bool:
         if name not in self.seen.poses:  # in the hand
             return True
-        return is_reachable(float(self.seen.poses[name].translation[2]), self._lowest, self._sizes[name])
+        return is_reachable(self.task.thing(name), float(self.seen.poses[name].translation[2]), self._lowest)
 
     def _may_be_covered(self, lower: str) -> bool:
         """Could a box out of sight stand on it, since it did when it was seen last, or never was seen?"""
         last, seen = self.context.last, self.seen.poses
         if last is None:
             return False
-        hidden = [name for name in self._sizes if name not in (*seen, self.seen.holding)]
+        hidden = [name for name in self.task.object_names if name not in (*seen, self.seen.holding)]
         return any(name not in last or self._rests_on(name, lower, {**last, **seen}) for name in hidden)
 
     def _rests_on(self, upper: str, lower: str, poses: Mapping[str, RigidTransform]) -> bool:
@@ -134,7 +138,7 @@ class Statuses:
         held = self.seen.holding
         if upper == lower or upper not in poses or lower not in poses or held in (upper, lower):
             return False
-        return rests_on(poses[upper].translation, poses[lower].translation, self._sizes[upper], self._sizes[lower])
+        return stands_on(self.task, upper, lower, poses)
 
 
 def subgoals_by_sight(task: Task, seen: Observation) -> frozenset[str]:

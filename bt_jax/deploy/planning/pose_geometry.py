@@ -13,10 +13,11 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.behaviors.geometry import GEOMETRY, rests_on
+from bt_jax.behaviors.pose import Pose
 from bt_jax.deploy.robot.arrays import Point
 from bt_jax.tasks import Table, Task
 
-__all__ = ["distance_between", "is_over_kit", "lean", "level", "stands_on", "table_under", "turn_between"]
+__all__ = ["distance_between", "is_over_kit", "lean", "level", "plain", "stands_on", "table_under", "turn_between"]
 
 
 def distance_between(a: RigidTransform, b: RigidTransform) -> float:
@@ -56,8 +57,14 @@ def stands_on(
     above_most: float = GEOMETRY.above_most,
 ) -> bool:
     """Does a box stand over another one, close enough to rest on it? `above_most` as for `rests_on`."""
-    places = poses[upper].translation, poses[lower].translation
-    return upper != lower and rests_on(*places, task.edge(upper), task.edge(lower), above_most=above_most)
+    return upper != lower and rests_on(
+        task.thing(upper), plain(poses[upper]), task.thing(lower), plain(poses[lower]), above_most=above_most
+    )
+
+
+def plain(pose: RigidTransform) -> Pose:
+    """Return a pose as `behaviors.geometry` takes it."""
+    return Pose.of([*pose.translation, *pose.rotation.as_quat(scalar_first=True)])
 
 
 def is_over_kit(task: Task, kit: RigidTransform, place: Point) -> bool:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from bt_jax.behaviors.geometry import is_at, is_reachable, rests_on
 from bt_jax.mjx_env.episodes.playback import Playback, Tick
 from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.mjx_env.surfaces import fixed_surfaces, object_surfaces, overlaps, surface_names
-from bt_jax.mjx_env.world import World, frames, to_world
+from bt_jax.mjx_env.world import World, frames, poses_by_name, to_world
 from bt_jax.tasks import Target, Task
 from bt_jax.tasks.things import Vec3
 
@@ -41,7 +43,7 @@ def _why_missed(task: Task, playback: Playback, target: Target) -> str:
     if puts and not _arrived(task, puts[-1]):
         return _why_not_there(task, puts[-1])
     lowest = min(table.top for table in task.tables)
-    if not is_reachable(_centre(task, final, name)[2], lowest, task.edge(name)):
+    if not is_reachable(task.thing(name), _centre(task, final, name)[2], lowest):
         return f"{name} has fallen to the floor"
     if puts and _is_met(task, puts[-1].after, target):
         return f"{name} does not stay in its place"
@@ -50,15 +52,15 @@ def _why_missed(task: Task, playback: Playback, target: Target) -> str:
     if final.held[0] == task.object_names.index(name):
         return f"{name} is still in the gripper"
     for other in task.object_names:
-        centres = _centre(task, final, other), _centre(task, final, name)
-        if other != name and rests_on(*centres, task.edge(other), task.edge(name)):
+        poses = poses_by_name(final, task)
+        if other != name and rests_on(task.thing(other), poses[other], task.thing(name), poses[name]):
             return f"{other} stands on {name} and is not taken away"
     return f"{name} is never put anywhere"
 
 
 def _arrived(task: Task, tick: Tick) -> bool:
     """Return whether a `place` has left its object where it should be."""
-    return is_at(_centre(task, tick.after, _carried(tick)), _goal(task, tick), task.episode.tolerance)
+    return math.dist(_centre(task, tick.after, _carried(tick)), _goal(task, tick)) < task.episode.tolerance
 
 
 def _why_not_there(task: Task, tick: Tick) -> str:
@@ -82,8 +84,9 @@ def _why_not_there(task: Task, tick: Tick) -> str:
 
 
 def _is_met(task: Task, world: World, target: Target) -> bool:
-    place = _in_world(task, world, target.frame, target.position)
-    return is_at(_centre(task, world, target.object), place, task.episode.tolerance)
+    poses, thing = poses_by_name(world, task), task.thing(target.object)
+    place = poses[target.frame], target.position
+    return is_at(thing, poses[thing.name], *place, turn=target.turn, episode=task.episode)
 
 
 def _carried(tick: Tick) -> str:

@@ -17,6 +17,7 @@ from bt_jax.tasks import Task
 __all__ = ["WORST_FITNESS", "Misses", "fitness", "subgoals_missed", "target_misses"]
 
 WORST_FITNESS = -1e6  # of an individual whose simulation diverged
+IMPOSSIBLE = np.float32(1e9)  # cost of an instance that is the frame of the target
 
 
 @jax.tree_util.register_dataclass
@@ -26,12 +27,12 @@ class Misses:
 
     distance: Float32[np.ndarray, "*S targets"]  # metres, of the object from where it should be
     turn: Float32[np.ndarray, "*S targets"]  # radians, of the object from how it should lie; 0 where any turn will do
-    met: Bool[np.ndarray, "*S targets"]  # both within the tolerances, and the object stands upright
+    met: Bool[np.ndarray, "*S targets"]  # both within the tolerances, and the object stands upright and is not held
 
 
 def target_misses(task: Task, world: World) -> Misses:
     """Return how far each target is from being met, with the instances of each part assigned to its targets so that they
-    cost least (Kuhn 1955)."""
+    cost least (Kuhn 1955). An instance is never assigned to a place in its own frame."""
     instances = task.instances
     candidates = [np.array([task.object_names.index(name) for name in instances[t.object]]) for t in task.targets]
     poses_of_frames = frames(world, task)
@@ -63,11 +64,12 @@ def target_misses(task: Task, world: World) -> Misses:
             cost = np.stack([weights.distance * away + weights.turn * turned for away, turned in each], axis=-2)[
                 ..., at
             ]
+            cost = np.where(own[:, None] == frame[at], IMPOSSIBLE, cost)
             for state, costs in enumerate(cost):
                 rows, columns = linear_sum_assignment(costs)
                 chosen[state, at[columns]] = own[rows]
     distance, turn = misses(chosen)
-    met = distance < task.episode.tolerance
+    met = (distance < task.episode.tolerance) & (world.held[..., None] != chosen)
     if not task.all_cubes:
         upright = is_upright(world, task)
         met = met & (upright[..., chosen] if chosen.ndim == 1 else np.take_along_axis(upright, chosen, axis=-1))

@@ -1,0 +1,97 @@
+"""A task with objects of every shape, parts, and two trays, and random states of it."""
+
+import dataclasses
+
+import numpy as np
+
+from bt_jax.mjx_env.world import World, snap
+from bt_jax.tasks import Task, load_task, task_from_dict
+from bt_jax.tasks.support import kit_origin
+
+COLOR = [0.5, 0.5, 0.5]
+MIXED = task_from_dict(
+    {
+        **{key: load_task("stack").to_dict()[key] for key in ("tables", "robot_frame", "robot_position")},
+        "name": "mixed",
+        "description": "",
+        "objects": [
+            {"name": "Cube", "size": 0.05, "color": COLOR},
+            {"name": "Plate", "size": [0.12, 0.06, 0.02], "color": COLOR},
+            {"name": "Block", "size": [0.06, 0.06, 0.03], "color": COLOR},
+            {"name": "Can", "radius": 0.03, "height": 0.08, "color": COLOR},
+            {"part": "Bolt", "count": 3, "radius": 0.012, "height": 0.05, "color": COLOR},
+            {"part": "Bar", "count": 2, "size": [0.1, 0.03, 0.03], "color": COLOR},
+        ],
+        "kits": [
+            {
+                "name": "TrayA",
+                "size": [0.3, 0.24],
+                "table": "TableLeft",
+                "slots": [
+                    {"name": "a1", "position": [-0.08, 0.0], "turn": 90, "takes": "Bar"},
+                    {"name": "a2", "position": [0.05, -0.05], "takes": "Bolt"},
+                    {"name": "a3", "position": [0.05, 0.05], "takes": "Bolt"},
+                ],
+            },
+            {"name": "TrayB", "size": [0.3, 0.2], "table": "TableMiddle", "grid": [1, 2], "dividers": True},
+        ],
+        "targets": [
+            {"object": "Plate", "position": [0.07, 0.0, 0.0125], "frame": "TrayB", "turn": 90},
+            {"object": "Bar", "slot": "TrayA.a1"},
+            {"object": "Bolt", "slot": "TrayA.a2"},
+            {"object": "Bolt", "slot": "TrayA.a3"},
+            {"object": "Block", "position": [0, 0, 0.025], "frame": "Plate", "turn": 45},
+            {"object": "Cube", "position": [0, 0, 0.04], "frame": "Block"},
+        ],
+        "layout": {"kit": "TableLeft", "spacing": 0.1, "margin": 0.1},
+        "gripper_opening": 0.08,
+        "finger_room": 0.02,
+    },
+    source="mixed",
+)
+TILTS = (0.0, 0.0, 0.0, 0.0, 0.1, 0.5, np.pi / 2, np.pi)  # radians, about a horizontal axis
+
+
+def random_world(rng: np.random.Generator, task: Task = MIXED) -> World:
+    """One state: objects turned and tilted at random, near the places of the task or near each other, some in stacks."""
+    top = min(table.top for table in task.tables)
+    kits = np.array([[kit_origin(task, task.tables[0], name) for name in task.kit_names]], np.float32)
+    poses = np.zeros((1, len(task.objects), 7), np.float32)
+    goals = [(target, task.frames.index(target.frame)) for target in task.targets]
+    for i, thing in enumerate(task.objects):
+        spot = np.array([*rng.uniform(-0.15, 0.15, 2), top + thing.height / 2 + rng.choice([0, 0, 0, -0.6])])
+        kind = rng.integers(3)
+        own = [(target, frame) for target, frame in goals if target.object in (thing.name, thing.part)]
+        if kind == 1 and own:
+            target, frame = own[rng.integers(len(own))]
+            origin = kits[0, frame - len(task.objects)] if frame >= len(task.objects) else poses[0, frame, :3]
+            spot = origin + target.position + rng.uniform(-0.012, 0.012, 3)
+        elif kind == 2 and i:
+            below = rng.integers(i)
+            height = (task.objects[below].height + thing.height) / 2
+            spot = poses[0, below, :3] + [*rng.uniform(-0.05, 0.05, 2), height * rng.choice([1, 1, 0.53, 1.37])]
+        turn, tilt = rng.choice([0, 90, 180, 45, -90]) + rng.uniform(-15, 15), rng.choice(TILTS)
+        poses[0, i] = (*spot, *_turned(np.radians(turn), tilt + rng.uniform(0, 0.01), rng.uniform(0, np.pi)))
+    held = int(rng.integers(-len(task.objects), len(task.objects)))
+    return World(
+        kits=kits,
+        poses=snap(poses),
+        held=np.array([max(held, -1)], np.int8),
+        gripper_open=np.array([held < 0]),
+        reached=np.zeros((1, len(task.subgoals)), bool),
+    )
+
+
+def jittered(world: World, rng: np.random.Generator) -> World:
+    """The same state but for 0.02 mm and as much of a turn, by which what is near a limit changes."""
+    return dataclasses.replace(
+        world, poses=world.poses + rng.uniform(-2e-5, 2e-5, world.poses.shape).astype(np.float32)
+    )
+
+
+def _turned(turn: float, tilt: float, about: float) -> np.ndarray:
+    """A quaternion (wxyz): turned about the vertical, then tilted about a horizontal axis."""
+    w, z = np.cos(turn / 2), np.sin(turn / 2)
+    c, s = np.cos(tilt / 2), np.sin(tilt / 2)
+    a, b = s * np.cos(about), s * np.sin(about)
+    return np.array([c * w, a * w + b * z, b * w - a * z, c * z])
