@@ -12,15 +12,17 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 from bt_jax.behaviors import NOTHING, Behavior, Control, ExtendedNode, Kind, Tree
-from bt_jax.tasks import Task
+from bt_jax.tasks import Kit, Object, Slot, Target, Task
+from bt_jax.tasks.slots import slot_position, slot_turn
 
 __all__ = ["Words", "differences", "differing_settings"]
 
-NEAR = 0.2  # offsets below this part of a box's size are not mentioned
+NEAR = 0.2  # offsets below this part of an object's shorter side are not mentioned
+IN_SLOT = 0.01  # metres from the middle of a slot, within which a place is that slot
 SETTINGS: Mapping[str, str] = MappingProxyType(
     {  # of a task, besides its targets and starts
         "tables": "tables",
-        "kit": "kit",
+        "kits": "kits",
         "genes": "places to try",
         "episode": "length and tolerance of an episode",
         "weights": "weights",
@@ -28,9 +30,10 @@ SETTINGS: Mapping[str, str] = MappingProxyType(
         "subgoal_reward": "rule for subgoals",
         "robot_position": "place of the robot",
         "gripper_opening": "gripper",
+        "finger_room": "room for the fingers",
     }
 )
-LEVEL = 0.3  # heights that differ by less than this part of a box's size are the same level
+LEVEL = 0.3  # heights that differ by less than this part of an object's height are the same level
 Vec3 = tuple[float, float, float]
 
 
@@ -46,7 +49,7 @@ class Words:
             return "Do all, in this order" if node.kind == Kind.SEQUENCE else "Try in turn, until one works"
         if isinstance(node, ExtendedNode):
             return _extended(node)
-        name, thing = node.name, node.object
+        name, thing = node.name, self.named(node.object)
         if node.position is not None:
             where = self._where(node)
             texts = {"move": f"Put {thing} {where}", "place": f"Set down {thing} {where}", "at": f"Is {thing} {where}?"}
@@ -55,11 +58,13 @@ class Words:
             case "pick":
                 return f"Pick up {thing}"
             case "holding":
-                return "Is the gripper empty?" if thing == NOTHING else f"Is {thing} in the gripper?"
+                return "Is the gripper empty?" if node.object == NOTHING else f"Is {thing} in the gripper?"
             case "gripper":
                 return f"Is the gripper {node.args[0]}?"
             case "reachable":
                 return f"Is {thing} within reach?"
+            case "clear" if self._is_part(node.object):
+                return f"Is there {thing} with nothing on it?"
             case "clear":
                 return f"Is nothing on {thing}?"
             case "reached":
@@ -70,33 +75,74 @@ class Words:
 
     def statement(self, condition: Behavior) -> str:
         """Say a condition as a statement: "GreenBox is on top of YellowBox"."""
-        name, thing = condition.name, condition.object
+        name, thing = condition.name, self.named(condition.object)
         if condition.position is not None:
             return f"{thing} is {self._where(condition)}"
         match name:
             case "holding":
-                return "the gripper is empty" if thing == NOTHING else f"{thing} is in the gripper"
+                return "the gripper is empty" if condition.object == NOTHING else f"{thing} is in the gripper"
             case "gripper":
                 return f"the gripper is {condition.args[0]}"
             case "reachable":
                 return f"{thing} is within reach"
+            case "clear" if self._is_part(condition.object):
+                return f"there is {thing} with nothing on it"
             case "clear":
                 return f"nothing is on {thing}"
         return f"“{_spoken(condition.args[0])}” was reached before"
 
-    def place(self, thing: str, position: Vec3, frame: str) -> str:
-        """Say where `thing` is with its centre at `position` [m] in `frame`: "on top of YellowBox". If the task does not
-        have the thing or the frame, say it in numbers."""
-        if thing not in self.task.object_names or frame not in self.task.frames:
-            return f"at {_numbers(position)} cm from {frame}"
-        if frame == self.task.kit.name:
-            return self._in_kit(thing, position)
+    def named(self, name: object) -> str:
+        """Return how an object is called in a sentence, and one of a part: "GreenBox", "a Bolt"."""
+        if not self._is_part(name):
+            return str(name)
+        return f"{'an' if str(name)[0] in 'AEIOUaeiou' else 'a'} {name}"
+
+    @property
+    def things(self) -> str:
+        """Return what the task's objects are called together."""
+        return "boxes" if self.task.all_cubes else "objects"
+
+    @property
+    def thing(self) -> str:
+        """Return what one of the task's objects is called."""
+        return "box" if self.task.all_cubes else "object"
+
+    @property
+    def a_thing(self) -> str:
+        return f"{'a' if self.task.all_cubes else 'an'} {self.thing}"
+
+    def kit(self, name: str) -> str:
+        """Return how a kit is called: by its name, unless there is only one, without slots."""
+        return "the kit" if len(self.task.kits) == 1 and not self.task.kits[0].places else name
+
+    def target(self, target: Target) -> str:
+        """Say where a target is, and how its object should lie."""
+        return self.place(target.object, target.position, target.frame, target.turn)
+
+    def place(self, thing: str, position: Vec3, frame: str, turn: float | None = None) -> str:
+        """Say where `thing` is with its centre at `position` [m] in `frame`, and how far it is turned [degrees]: "on top of
+        YellowBox", "in slot a1 of TrayA". If the task does not have the thing or the frame, say it in numbers."""
+        turned = "" if turn is None else f", turned by {turn:g} degrees"
+        if thing not in self.task.instances or frame not in self.task.frames:
+            return f"at {_numbers(position)} cm from {frame}{turned}"
+        one = self.task.thing(thing)
+        if frame in self.task.kit_names:
+            kit = self.task.kits[self.task.kit_names.index(frame)]
+            slot = _slot(kit, one, position)
+            if slot is not None:
+                own = slot_turn(slot, one)
+                as_the_slot = turn is None or (own is not None and (turn - own) % (one.symmetry or 1) == 0)
+                return f"in slot {slot.name} of {frame}{'' if as_the_slot else turned}"
+            return f"{self._in_kit(one, position, kit)}{turned}"
         if frame == self.task.robot_frame:
-            return self._on_table(thing, position)
-        return self._by_box(thing, position, frame)
+            return f"{self._on_table(one, position)}{turned}"
+        return f"{self._by_object(one, position, self.task.thing(frame), turn)}{turned}"
+
+    def _is_part(self, name: object) -> bool:
+        return name in self.task.instances and name not in self.task.object_names
 
     def _where(self, node: Behavior) -> str:
-        return self.place(str(node.object), node.position or (0.0, 0.0, 0.0), str(node.frame))
+        return self.place(str(node.object), node.position or (0.0, 0.0, 0.0), str(node.frame), node.turn)
 
     def _seen(self, position: Sequence[float]) -> tuple[float, float]:
         """Return how far to the right and how far away, metres."""
@@ -105,31 +151,33 @@ class Words:
         )
         return right, away
 
-    def _by_box(self, thing: str, position: Vec3, frame: str) -> str:
-        size, other = self.task.edge(thing), self.task.edge(frame)
+    def _by_object(self, thing: Object, position: Vec3, other: Object, turn: float | None) -> str:
+        size, frame = min(thing.size[:2]), other.name
         right, away = self._seen(position)
-        above = position[2] - (size + other) / 2
-        level = position[2] - (size - other) / 2
+        above = position[2] - (thing.height + other.height) / 2
+        level = position[2] - (thing.height - other.height) / 2
         if max(abs(right), abs(away)) < NEAR * size:
-            if abs(above) < LEVEL * size:
+            if abs(above) < LEVEL * thing.height:
                 return f"on top of {frame}"
             if above > 0:
                 return f"{_length(above)} above {frame}"
-        if abs(level) < LEVEL * size and min(abs(right), abs(away)) < NEAR * size:
-            gap = max(abs(right), abs(away)) - (size + other) / 2
+        if abs(level) < LEVEL * thing.height and min(abs(right), abs(away)) < NEAR * size:
+            along = self.task.right if abs(right) > abs(away) else self.task.away
+            reach = [a + b for a, b in zip(thing.half_at(turn), other.half_at(None), strict=True)]
+            gap = max(abs(right), abs(away)) - abs(sum(a * b for a, b in zip(reach, along, strict=True)))
             side = ("right of" if right > 0 else "left of") if abs(right) > abs(away) else None
             side = side or ("behind" if away > 0 else "in front of")
             return f"{side} {frame}" + (f", {_length(gap)} away" if gap > 0.05 * size else "")
         raised = f" and {_length(abs(level))} {'higher' if level > 0 else 'lower'}"
-        return f"{self._offset(right, away, size)} {frame}" + (raised if abs(level) >= LEVEL * size else "")
+        return f"{self._offset(right, away, size)} {frame}" + (raised if abs(level) >= LEVEL * thing.height else "")
 
-    def _in_kit(self, thing: str, position: Vec3) -> str:
-        kit, size = self.task.kit, self.task.edge(thing)
+    def _in_kit(self, thing: Object, position: Vec3, kit: Kit) -> str:
+        size, called = min(thing.size[:2]), self.kit(kit.name)
         right, away = self._seen(position)
-        raised = position[2] - (kit.thickness + size) / 2
-        height = f", {_length(raised)} up" if raised >= LEVEL * size else ""
+        raised = position[2] - kit.plate - thing.height / 2
+        height = f", {_length(raised)} up" if raised >= LEVEL * thing.height else ""
         if max(abs(right), abs(away)) < NEAR * size:
-            return f"in the middle of the kit{height}"
+            return f"in the middle of {called}{height}"
         pitch = self.task.genes.pitch
         cells = [round(x / pitch) if pitch else 0 for x in (right, away)]
         spread = (self.task.genes.grid - 1) // 2
@@ -137,20 +185,20 @@ class Words:
         if spread == 1 and close and max(map(abs, cells)) == 1:
             side, depth = {-1: "left", 0: "", 1: "right"}[cells[0]], {-1: "front", 0: "", 1: "back"}[cells[1]]
             if side and depth:
-                return f"in the {depth} {side} corner of the kit{height}"
-            return f"at the {side or depth} of the kit{height}"
-        return f"{self._offset(right, away, size)} the middle of the kit{height}"
+                return f"in the {depth} {side} corner of {called}{height}"
+            return f"at the {side or depth} of {called}{height}"
+        return f"{self._offset(right, away, size)} the middle of {called}{height}"
 
-    def _on_table(self, thing: str, position: Vec3) -> str:
+    def _on_table(self, thing: Object, position: Vec3) -> str:
         """Say a place in the robot's frame by the table that is there."""
-        size = self.task.edge(thing)
+        size = min(thing.size[:2])
         point = [a + b for a, b in zip(position, self.task.robot_position, strict=True)]
         for table in self.task.tables:
             offset = [a - b for a, b in zip(point, table.position, strict=True)]
             if all(abs(offset[k]) <= table.size[k] / 2 for k in (0, 1)):
                 right, away = self._seen(offset)
-                raised = point[2] - size / 2 - table.top
-                height = f", {_length(raised)} up" if raised >= LEVEL * size else ""
+                raised = point[2] - thing.height / 2 - table.top
+                height = f", {_length(raised)} up" if raised >= LEVEL * thing.height else ""
                 if max(abs(right), abs(away)) < NEAR * size:
                     return f"in the middle of {table.name}{height}"
                 return f"on {table.name}, {self._offset(right, away, size)} its middle{height}"
@@ -185,26 +233,31 @@ def _extended(node: ExtendedNode[Behavior]) -> str:
 
 
 def differences(one: Task, other: Task) -> list[str]:
-    """Say in what the goal of a task differs from that of another with the same boxes: "GreenBox on top of YellowBox"."""
-    words, theirs = Words(one), {target.object: target for target in other.targets}
-    ours = {target.object: target for target in one.targets}
-    said = []
-    for name in one.object_names:
-        target = ours.get(name)
-        if target == theirs.get(name):
-            continue
-        place = "may be anywhere" if target is None else words.place(name, target.position, target.frame)
-        said.append(f"{name} {place}")
+    """Say in what the goal of a task differs from that of another with the same objects: "GreenBox on top of YellowBox"."""
+    words, said = Words(one), []
+    for name in dict.fromkeys([*one.object_names, *one.kinds]):
+        ours, theirs = ([target for target in task.targets if target.object == name] for task in (one, other))
+        said += [f"{words.named(name)} {words.target(target)}" for target in ours if target not in theirs]
+        if not ours and theirs:
+            said.append(f"{words.named(name)} may be anywhere")
+        elif len(ours) < len(theirs):
+            said += [f"no {name} has to be {words.target(target)}" for target in theirs if target not in ours]
     if one.layout != other.layout:
         same_kind = bool(one.layout.fixed) == bool(other.layout.fixed)
         places = "in fixed places" if one.layout.fixed else "at random"
-        said.append(f"boxes start {places}{', others' if same_kind else ''}")
+        said.append(f"{words.things} start {places}{', others' if same_kind else ''}")
     return said
 
 
 def differing_settings(one: Task, other: Task) -> list[str]:
-    """Name what differs between two tasks besides their boxes, targets and starts: "weights"."""
+    """Name what differs between two tasks besides their objects, targets and starts: "weights"."""
     return [words for key, words in SETTINGS.items() if getattr(one, key) != getattr(other, key)]
+
+
+def _slot(kit: Kit, thing: Object, position: Vec3) -> Slot | None:
+    """Return the slot in which an object stands with its centre at a position in a kit's frame."""
+    places = [slot for slot in kit.places if math.dist(slot_position(kit, slot, thing), position) < IN_SLOT]
+    return min(places, key=lambda slot: math.dist(slot.position, position[:2]), default=None)
 
 
 def _length(metres: float) -> str:

@@ -1,4 +1,4 @@
-from bt_jax.tasks.changes import with_goal_of, with_subgoal, with_targets
+from bt_jax.tasks.changes import with_goal_of, with_subgoal, with_target, with_targets
 from bt_jax.tasks.files import load_task, task_from_dict, task_names, task_of_folder
 from bt_jax.tasks.task import Episode, GeneSettings, Layout, Subgoal, Target, Task, Weights
 from bt_jax.tasks.things import Kit, Object, Slot, Table
@@ -21,5 +21,6 @@ __all__ = [
     "task_of_folder",
     "with_goal_of",
     "with_subgoal",
+    "with_target",
     "with_targets",
 ]

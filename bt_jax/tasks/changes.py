@@ -10,7 +10,7 @@ from bt_jax._util.words import listed
 from bt_jax.tasks.checks import check
 from bt_jax.tasks.task import Subgoal, Target, Task
 
-__all__ = ["not_taken_over", "with_goal_of", "with_subgoal", "with_targets"]
+__all__ = ["not_taken_over", "with_goal_of", "with_subgoal", "with_target", "with_targets"]
 
 SCENE = ("objects", "tables", "kits", "robot_frame", "robot_position", "gripper_opening", "finger_room")
 WORTH = ("episode", "weights", "subgoals", "subgoal_reward")
@@ -20,6 +20,14 @@ def with_targets(task: Task, targets: Sequence[Target], *, source: str) -> Task:
     """Return the task with more targets, each in place of one that the same object has; `source` is named in errors."""
     kept = {target.object: target for target in (*task.targets, *targets)}
     changed = dataclasses.replace(task, targets=tuple(kept.values()))
+    check(changed, source)
+    return changed
+
+
+def with_target(task: Task, target: Target, *, instead_of: Target | None, source: str) -> Task:
+    """Return the task with a target in place of another, or behind the others; `source` is named in errors."""
+    kept = tuple(target if other is instead_of else other for other in task.targets)
+    changed = dataclasses.replace(task, targets=kept if instead_of is not None else (*task.targets, target))
     check(changed, source)
     return changed
 

@@ -125,14 +125,14 @@ class _Combine:
     def _show(self, preview: _Preview, lesson: Lesson | None) -> None:
         """Show the targets as they will be; new ones are marked."""
         words, known = Words(preview.after), preview.before.targets
-        objects = [target.object for target in known]
+        objects = [target.object for target in known if target.object in preview.before.object_names]
         self.where.set_visibility(not preview.anywhere)
         if preview.anywhere:
             self.where.set_value(ANYWHERE)
         self.targets.clear()
         with self.targets:
             for target in preview.after.targets:
-                said = f"{target.object} {words.place(target.object, target.position, target.frame)}"
+                said = f"{words.named(target.object)} {words.target(target)}"
                 mark = "" if target in known else " (changed)" if target.object in objects else " (new)"
                 _line(said + mark, marked=bool(mark))
             for subgoal in preview.after.subgoals:

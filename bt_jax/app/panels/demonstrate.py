@@ -18,8 +18,8 @@ from bt_jax.app.widgets.holder_line import holder_line
 __all__ = ["build"]
 
 LAYOUTS = (
-    "Boxes begin elsewhere in each demonstration. Only then do the demonstrations show whether a place is relative to the "
-    "table, the kit, or another box."
+    "Things begin elsewhere in each demonstration. Only then do the demonstrations show whether a place is relative to the "
+    "table, a kit, or another thing."
 )
 
 

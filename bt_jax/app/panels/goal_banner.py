@@ -48,9 +48,7 @@ class GoalBanner:
         if same:
             said = _said(evolution.run, task, studio.edited.task)
         else:
-            said = (
-                f"The evolution {evolution.run} works for other boxes; to evolve for those here, press Start in step 2."
-            )
+            said = f"The evolution {evolution.run} works for other objects; to evolve for those here, press Start in step 2."
         self._text.set_text(said)
         only_places = same and not differing_settings(task, studio.edited.task)
         self._old.set_text("Back to the old targets" if only_places else "Back to the old task")
@@ -77,7 +75,7 @@ class GoalBanner:
 
 
 def _said(run: str | None, theirs: Task, ours: Task) -> str:
-    """Say in what the task of an evolution and that of step 1 differ; they have the same boxes."""
+    """Say in what the task of an evolution and that of step 1 differ; they have the same objects."""
     said, settings = [], ", ".join(differing_settings(ours, theirs))
     if not same_places(theirs, ours):
         said += [

@@ -32,10 +32,10 @@ async def ask_goal(studio: Studio, changes: Changes = NO_CHANGES) -> Changes | N
             _column("The evolution works for", _sentences(evolved))
             _column("Step 1 says", _sentences(edited))
         if not same_things(evolved, edited):
-            ui.label("The boxes differ: to evolve for the task in step 1, press Start in step 2.")
+            ui.label("The objects differ: to evolve for the task in step 1, press Start in step 2.")
         else:
             if evolved.layout != edited.layout:
-                ui.label("Boxes start in different places.")
+                ui.label("They start in different places.")
             if settings := differing_settings(edited, evolved):
                 ui.label(f"Other settings: {', '.join(settings)}. To evolve with them, press Start in step 2.")
         with ui.row().classes("self-end gap-2"):
@@ -58,7 +58,7 @@ async def ask_goal(studio: Studio, changes: Changes = NO_CHANGES) -> Changes | N
 
 def _sentences(task: Task) -> list[str]:
     words = Words(task)
-    return [f"{target.object} {words.place(target.object, target.position, target.frame)}" for target in task.targets]
+    return [f"{words.named(target.object)} {words.target(target)}" for target in task.targets]
 
 
 def _column(title: str, sentences: Sequence[str]) -> None:

@@ -15,6 +15,7 @@ from bt_jax.app.panels.parts import button, css_color, heading, known
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.state.teaching import Direction
 from bt_jax.app.widgets.dialogs import ask
+from bt_jax.app.widgets.scene_view import Ghost
 from bt_jax.teaching.teleoperation import Landing, Teleoperation
 
 __all__ = ["GripperControls"]
@@ -27,6 +28,7 @@ MOVES: dict[str, Direction] = {
     "PageUp": "up",
     "PageDown": "down",
 }
+KEYS = 9  # objects that a number picks
 PAD: tuple[tuple[Direction, str, str, str], ...] = (  # direction, icon, what it does, place in the grid
     ("away", "arrow_upward", "Away from you (arrow up)", "1 / 2"),
     ("left", "arrow_back", "To the left (arrow left)", "2 / 1"),
@@ -138,7 +140,7 @@ class GripperControls:
                 self.done = ui.element("ol").classes("teach-done").props("data-testid=demonstrate-done")
         ui.label(
             "Keys: the numbers pick; arrows and page up/down carry; + and - change the step; R releases; Ctrl+Z undoes. "
-            "Or click a box in the scene to pick it."
+            "Or click what you want to pick in the scene."
         ).classes("teach-hint")
 
     def _mover(self, direction: Direction) -> Callable[[], Awaitable[None]]:
@@ -207,26 +209,27 @@ class GripperControls:
         self.picks.clear()
         self._pick_buttons = []
         with self.picks:
-            for number, box in enumerate(self.studio.edited.task.objects, start=1):
+            for number, thing in enumerate(self.studio.edited.task.objects, start=1):
+                has_key = number <= KEYS
                 pick = button(
-                    f"{number} {box.name}",
-                    f"demonstrate-pick-{box.name}",
-                    "stop",
-                    self._guard(functools.partial(self._pick, box.name)),
-                    more=f"outline title='Key {number}'",
+                    f"{number} {thing.name}" if has_key else thing.name,
+                    f"demonstrate-pick-{thing.name}",
+                    "stop" if thing.shape == "cuboid" else "circle",
+                    self._guard(functools.partial(self._pick, thing.name)),
+                    more=f"outline title='Key {number}'" if has_key else "outline",
                 )
-                pick.style(f"--box: {css_color(box)}").classes("teach-pick")
+                pick.style(f"--box: {css_color(thing)}").classes("teach-pick")
                 self._pick_buttons.append(pick)
         self.over.clear()
         self._over_buttons = {}
         with self.over:
-            for frame in (*self.studio.edited.task.object_names, self.studio.edited.task.kit.name):
+            for frame in (*self.studio.edited.task.object_names, *self.studio.edited.task.kit_names):
                 carry = self._guard(functools.partial(self.teaching.carry_over, frame))
                 text = f"outline title='Carry straight over {frame}'"
                 self._over_buttons[frame] = button(
                     self._called(frame), f"demonstrate-over-{frame}", "vertical_align_bottom", carry, more=text
                 )
-        numbers = " ".join(str(number) for number in range(1, min(10, len(self.studio.edited.task.objects) + 1)))
+        numbers = " ".join(str(number) for number in range(1, min(KEYS, len(self.studio.edited.task.objects)) + 1))
         self.pad.props(f'data-teach-keys="{" ".join(MOVES)} {numbers} + = - r"')
         self._posed = None
         self.refresh()
@@ -245,7 +248,7 @@ class GripperControls:
             self.clear()
             return
         pose[:3] = landing.position
-        self.page.scene.ghost({held: pose}, group="landing", texts={held: "lands here"})
+        self.page.scene.ghost({held: Ghost(held, pose, "lands here")}, group="landing")
 
     def _refresh_poses(self, session: Teleoperation) -> None:
         """Show where the held object is, in every frame."""

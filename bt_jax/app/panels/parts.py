@@ -9,6 +9,7 @@ from nicegui import ui
 from nicegui.element import Element
 
 from bt_jax._util.errors import UserError
+from bt_jax.app.plain_words import Words
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.dialogs import ask
 from bt_jax.tasks import Object, Task
@@ -49,15 +50,15 @@ def heading(text: str) -> ui.label:
     return ui.label(text).classes("part-heading").props("role=heading aria-level=2")
 
 
-def css_color(box: Object) -> str:
-    """Return the colour of a box."""
-    red, green, blue = (round(255 * part) for part in box.color)
+def css_color(thing: Object) -> str:
+    """Return the colour of an object."""
+    red, green, blue = (round(255 * part) for part in thing.color)
     return f"rgb({red} {green} {blue})"
 
 
 def known(frame: str, task: Task, *, robot: str) -> str:
     """Return the everyday name of a frame; `robot` is the name of the robot's frame."""
-    return {task.kit.name: "the kit", task.robot_frame: robot}.get(frame, frame)
+    return robot if frame == task.robot_frame else Words(task).kit(frame) if frame in task.kit_names else frame
 
 
 def whole_field(label: str, testid: str, value: int | None) -> ui.number:

@@ -1,4 +1,4 @@
-"""Step 6: watch a tree at work; play, pause, step, look back, and move boxes while it runs."""
+"""Step 6: watch a tree at work; play, pause, step, look back, and move objects while it runs."""
 
 from __future__ import annotations
 
@@ -12,9 +12,11 @@ from bt_jax._util.errors import UserError
 from bt_jax.app.panels.context import PanelContext
 from bt_jax.app.panels.parts import button, may_leave
 from bt_jax.app.plain_words import Words
+from bt_jax.app.state.goals import target_keys
 from bt_jax.app.state.player import Player
 from bt_jax.app.state.playing import SPEEDS
-from bt_jax.app.state.spots import Spot, origins, spot_at
+from bt_jax.app.state.scene_words import THERE, target_state
+from bt_jax.app.state.spots import Spot, origins, references, spot_at
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.context import Step
 from bt_jax.app.widgets.holder_line import holder_line
@@ -22,7 +24,6 @@ from bt_jax.app.widgets.place_fields import PlaceFields
 from bt_jax.app.widgets.tree_view import TreeView
 from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.mjx_env.scene.layouts import sample_layouts
-from bt_jax.tasks import Task
 from bt_jax.training.settings import UNSEEN
 
 __all__ = ["build"]
@@ -81,7 +82,7 @@ class _Run:
                 pass
             self.verdict = ui.label().props("data-testid=run-verdict")
             with ui.row().classes("items-center gap-2") as self.hint:
-                ui.label("Drag a box in the scene at any time, and watch how the tree reacts.").classes("hint")
+                self.drag = ui.label().classes("hint")
                 self.hand = (
                     ui.select([], label="or by numbers", clearable=True)
                     .on("update:model-value", page.guard(self._take))
@@ -184,29 +185,31 @@ class _Run:
             self._refresh()
 
     def _take(self) -> None:
-        """Show fields for the place of the chosen box."""
+        """Show fields for the place of the chosen object."""
         self.numbers.clear()
         self.fields, player, task = None, self.studio.playing.player, self.studio.edited.task
         if self.hand.value not in task.object_names or player is None:
             return
         name = self.hand.value
-        others = [other for other in task.object_names if other != name]
-        references = [*(table.name for table in task.tables), task.kit.name, *others]
+        thing = task.thing(name)
         with self.numbers:
             spot = spot_at(task, player.world, name)
             moved = functools.partial(self._move, name)
-            self.fields = PlaceFields(self.page, name, references, spot, moved, step="run")
+            turns = bool(thing.symmetry) and not thing.is_cube
+            self.fields = PlaceFields(self.page, name, references(task, name), spot, moved, step="run", turns=turns)
 
     async def _move(self, name: str, spot: Spot) -> None:
         self.page.steer("run")
         task = self.studio.edited.task
-        await self.studio.playing.put(name, lambda world: spot.point(task, name, origins(task, world, ended=False)))
+        await self.studio.playing.put(
+            name, lambda world: spot.point(task, name, origins(task, world, ended=False)), spot.turn
+        )
 
     async def _drop(self, dragged: str, name: str, position: np.ndarray) -> None:
         if self.page.step != "run":
             return
         if self.studio.playing.player is None:
-            raise UserError("nothing runs yet; press Play first, or arrange boxes in step 1")
+            raise UserError("nothing runs yet; press Play first, or arrange the start in step 1")
         self.page.steer("run")
         await self.studio.playing.put(name, lambda world: position)
 
@@ -220,6 +223,8 @@ class _Run:
         for control in (self.toggle, self.step, self.over, self.other):
             control.set_enabled(studio.playing.tree is not None)
         self.hint.set_visibility(player is not None)
+        words = Words(studio.edited.task)
+        self.drag.set_text(f"Drag {words.a_thing} in the scene at any time, and watch how the tree reacts.")
         self.tree.show(studio.playing.tree if player is None else player.tree, studio.edited.task)
         self.targets.clear()
         names = list(studio.edited.task.object_names)
@@ -234,14 +239,16 @@ class _Run:
             self.verdict.set_text("")
             return
         self._set_timeline(player.at, len(player.snapshots) - 1)
-        self.what.set_text(_said(Words(studio.edited.task), player))
+        self.what.set_text(_said(words, player))
         self.verdict.set_text(_verdict(studio, player))
         self.tree.colour(player.statuses)
         if self.fields is not None:
             self.fields.show(spot_at(studio.edited.task, player.world, self.hand.value))
         with self.targets:
-            for target in studio.edited.task.targets:
-                _target(studio.edited.task, target.object, player.distances[target.object])
+            for (key, target), state in zip(
+                target_keys(player.task).items(), target_state(player.task, player.world), strict=True
+            ):
+                _target(f"{target.object} {target.slot}".strip() if target.slot else key.replace("-", " "), state)
 
     def _set_timeline(self, value: int, last: int) -> None:
         self.timeline.props(f"max={max(last, 1)}")
@@ -271,7 +278,7 @@ def _ended(player: Player) -> str:
     """Say how the episode has ended, nothing if it goes on."""
     if player.ending == Ending.OPEN:
         return ""
-    there = all(x < player.task.episode.tolerance for x in player.distances.values())
+    there = all(player.in_place)
     if player.ending == Ending.SUCCESS:
         return (
             f"{ENDINGS[player.ending]} {'Everything is where it should be.' if there else 'But not all is in place.'}"
@@ -279,10 +286,9 @@ def _ended(player: Player) -> str:
     return ENDINGS[player.ending]
 
 
-def _target(task: Task, name: str, distance: float) -> None:
-    """Show whether a box is where it should be, by a mark and in words."""
-    there = distance < task.episode.tolerance
-    text = f"{name} in place" if there else f"{name} {100 * distance:.0f} cm away"
+def _target(name: str, state: str) -> None:
+    """Show whether an object is where it should be, by a mark and in words."""
+    there = state == THERE
     with ui.row().classes(f"run-target {'there' if there else ''}"):
         ui.icon("check_circle" if there else "radio_button_unchecked")
-        ui.label(text)
+        ui.label(f"{name} {'in place' if there else state}")

@@ -1,9 +1,9 @@
-"""Step 1: what is to be done; choose a task, set where boxes should end and where they start, save it."""
+"""Step 1: what is to be done; choose a task, set where objects should end and where they start, save it."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -14,8 +14,10 @@ from bt_jax._util.errors import UserError
 from bt_jax.app.panels.context import PanelContext
 from bt_jax.app.panels.parts import button, css_color, may_leave
 from bt_jax.app.plain_words import Words, differences, differing_settings
-from bt_jax.app.state.arrangement import fixed_layout, free_layout, kit_table, move_kit, put, retarget, untarget
-from bt_jax.app.state.spots import Spot, origins, spot_at, spot_of_target
+from bt_jax.app.state.arrangement import fixed_layout, free_layout, kit_table, kit_tables, move_kit, put
+from bt_jax.app.state.goals import kind_of, new_key, target_keys
+from bt_jax.app.state.retargeting import retarget, spare_place, untarget
+from bt_jax.app.state.spots import Spot, origins, references, spot_at, spot_of_target
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.dialogs import ask
 from bt_jax.app.widgets.holder_line import holder_line
@@ -29,12 +31,12 @@ __all__ = ["build"]
 Side = Literal["targets", "start"]
 Place = Callable[
     [Task, World], Float[np.ndarray, "3"]
-]  # where a box should be [m, world], computed when its turn comes
+]  # where an object should be [m, world], computed when its turn comes
 CHOSEN = "update:model-value"  # sent for choices of a person only, not for changes by the program
 UNSAVED = "Changed, and not saved yet."
 HINTS = {
-    "targets": "Drag a dashed box in the scene to where the box should be, or write it here.",
-    "start": "Drag a box in the scene to where it should start, or write it here.",
+    "targets": "Drag a dashed {thing} in the scene to where the {thing} should be, or write it here.",
+    "start": "Drag {a_thing} in the scene to where it should start, or write it here.",
 }
 
 
@@ -67,7 +69,7 @@ class _Task:
                 self.redo.props('aria-label="Redo" title="Redo (Ctrl+Shift+Z)"')
                 self.description = ui.label().classes("hint").props("data-testid=task-description")
             with ui.tabs().props("dense no-caps align=left").classes("task-tabs") as self.tabs:
-                ui.tab("targets", "Where boxes should be").props("data-testid=task-targets")
+                self.ends = ui.tab("targets", "").props("data-testid=task-targets")
                 ui.tab("start", "Where they start").props("data-testid=task-start")
             self.hint = ui.label().classes("hint")
             with ui.element("div").classes("task-rows") as self.rows:
@@ -113,7 +115,7 @@ class _Task:
             self._refresh()
 
     def _turn(self) -> None:
-        self.page.scene.arrange("targets" if self.side == "targets" else "boxes")
+        self.page.scene.arrange("targets" if self.side == "targets" else "objects")
         self._refresh()
 
     def _refresh(self) -> None:
@@ -122,11 +124,16 @@ class _Task:
         studio, task = self.studio, self.studio.edited.task
         names = studio.workspace.task_names()
         self.choice.set_options([*names, *([] if task.name in names else [task.name])], value=task.name)
-        self.kit.set_options([table.name for table in task.tables], value=kit_table(task, studio.edited.start))
+        words, tables = Words(task), kit_tables(task)
+        self.kit.set_visibility(bool(tables))
+        if tables:
+            self.kit.set_options(tables, value=kit_table(task, studio.edited.start))
+        self.kit.props(f'label="The kit{"s stand" if len(task.kits) > 1 else " stands"} on"')
+        self.ends.props(f'label="Where {words.things} should be"')
         self.fixed.set_value(bool(task.layout.fixed))
         self.description.set_text(task.description)
         self.beginning.set_visibility(self.side == "start")
-        self.hint.set_text(HINTS[self.side])
+        self.hint.set_text(HINTS[self.side].format(thing=words.thing, a_thing=words.a_thing))
         if not self.name.value or self.suggested_for != task.name:
             self.suggested_for = task.name
             self.name.set_value(task.name if task.name not in task_names() else f"my_{task.name}")
@@ -134,17 +141,17 @@ class _Task:
         self.revert.set_visibility(not studio.edited.saved)
         self.undo.set_enabled(studio.edited.can_undo)
         self.redo.set_enabled(studio.edited.can_redo)
-        targets = {target.object: target for target in task.targets}
-        shape = (self.side, task.objects, tuple(targets))
+        targets = target_keys(task)
+        shape = (self.side, task.objects, task.kits, tuple(targets))
         if shape != self.shape:
             self.shape = shape
-            self._build_rows(targets)
-        for name, fields in self.fields.items():
+            self._build_rows()
+        for key, fields in self.fields.items():
             if self.side == "start":
-                fields.show(spot_at(task, studio.edited.start, name))
+                fields.show(spot_at(task, studio.edited.start, key))
             else:
-                fields.show(spot_of_target(task, studio.edited.start, name))
-                self.words[name].set_text(Words(task).place(name, targets[name].position, targets[name].frame))
+                fields.show(spot_of_target(task, studio.edited.start, key))
+                self.words[key].set_text(words.target(targets[key]))
 
     def _state(self) -> str:
         """Say whether the changes are saved."""
@@ -153,86 +160,111 @@ class _Task:
             return "" if name in task_names() else f"Saved as tasks/{name}.yaml"
         return UNSAVED if studio.unsaved else f"The task of the run {studio.playing.run}; not saved as a task."
 
-    def _build_rows(self, targets: Collection[str]) -> None:
-        """Build one row for each box; rows stay as long as their shape does, so that the focus stays, too."""
+    def _build_rows(self) -> None:
+        """Build one row for each object or target; rows stay as long as their shape does, so that the focus stays, too."""
         self.fields, self.words = {}, {}
+        task = self.studio.edited.task
         self.rows.clear()
         with self.rows:
-            for box in self.studio.edited.task.objects:
-                with ui.element("div").classes("task-row").props(f"data-testid=task-row-{box.name}"):
-                    if self.side == "start":
-                        self._start_row(box)
-                    else:
-                        self._target_row(box, box.name in targets)
-
-    def _start_row(self, box: Object) -> None:
-        task = self.studio.edited.task
-        with ui.row().classes("items-center gap-2 no-wrap"):
-            _name(box)
-            self._fields(
-                box.name, [table.name for table in task.tables], spot_at(task, self.studio.edited.start, box.name)
-            )
-
-    def _target_row(self, box: Object, has_target: bool) -> None:
-        task, name = self.studio.edited.task, box.name
-        with ui.row().classes("items-center gap-2 no-wrap"):
-            _name(box)
-            self.words[name] = ui.label("may be anywhere").classes("task-words").props(f"data-testid=task-words-{name}")
-            if not has_target:
-                button("Add a target", f"task-add-{name}", "add", self._guard(lambda: self._add(name)))
+            if self.side == "start":
+                for thing in task.objects:
+                    self._start_row(thing)
                 return
-            hint = f"{name} may be anywhere"
-            remove = self._guard(lambda: self._edit(untarget(self.studio.edited.task, name)))
-            with ui.button(icon="close", on_click=remove).props(
-                f'flat dense size=sm data-testid=task-remove-{name} aria-label="{hint}"'
-            ):
-                ui.tooltip(hint)
-        with ui.row().classes("items-center gap-2 no-wrap task-numbers"):
-            others = [other for other in task.object_names if other != name]
-            references = [task.kit.name, *others, *(table.name for table in task.tables)]
-            self._fields(name, references, spot_of_target(task, self.studio.edited.start, name))
+            keys = target_keys(task)
+            for kind in dict.fromkeys([*task.kinds, *map(kind_of, keys)]):
+                own = [key for key in keys if kind_of(key) == kind]
+                for key in own:
+                    self._target_row(kind, key)
+                if len(own) < len(task.instances[kind]):
+                    self._spare_row(kind, new_key(task, kind))
 
-    def _fields(self, name: str, references: list[str], spot: Spot) -> None:
-        self.fields[name] = PlaceFields(
-            self.page, name, references, spot, functools.partial(self._place, self.side, name)
+    def _start_row(self, thing: Object) -> None:
+        task = self.studio.edited.task
+        with self._row(thing.name), ui.row().classes("items-center gap-2 no-wrap"):
+            _name(thing, thing.name)
+            tables = [table.name for table in task.tables]
+            self._fields(thing, thing.name, tables, spot_at(task, self.studio.edited.start, thing.name))
+
+    def _target_row(self, kind: str, key: str) -> None:
+        task, thing = self.studio.edited.task, self.studio.edited.task.thing(kind)
+        with self._row(key):
+            with ui.row().classes("items-center gap-2 no-wrap"):
+                _name(thing, kind)
+                self.words[key] = ui.label().classes("task-words").props(f"data-testid=task-words-{key}")
+                hint = f"{kind} may be anywhere" if thing.name == kind else f"No {kind} has to be there"
+                remove = self._guard(lambda: self._edit(untarget(self.studio.edited.task, key)))
+                with ui.button(icon="close", on_click=remove).props(
+                    f'flat dense size=sm data-testid=task-remove-{key} aria-label="{hint}"'
+                ):
+                    ui.tooltip(hint)
+            with ui.row().classes("items-center gap-2 no-wrap task-numbers"):
+                self._fields(thing, key, references(task, kind), spot_of_target(task, self.studio.edited.start, key))
+
+    def _spare_row(self, kind: str, key: str) -> None:
+        """Offer a target for an object, or an instance, that may be anywhere."""
+        task = self.studio.edited.task
+        spare = len(task.instances[kind]) - sum(target.object == kind for target in task.targets)
+        said = "may be anywhere" if kind == key else f"{spare} may be anywhere"
+        with self._row(key), ui.row().classes("items-center gap-2 no-wrap"):
+            _name(task.thing(kind), kind)
+            ui.label(said).classes("task-words").props(f"data-testid=task-words-{key}")
+            button("Add a target", f"task-add-{key}", "add", self._guard(lambda: self._add(kind)))
+
+    def _row(self, key: str) -> ui.element:
+        return ui.element("div").classes("task-row").props(f"data-testid=task-row-{key}")
+
+    def _fields(self, thing: Object, key: str, measured_from: list[str], spot: Spot) -> None:
+        self.fields[key] = PlaceFields(
+            self.page,
+            key,
+            measured_from,
+            spot,
+            functools.partial(self._place, self.side, key),
+            turns=bool(thing.symmetry) and (not thing.is_cube or (self.side == "targets" and spot.turn is not None)),
+            any_turn=self.side == "targets",
         )
 
-    async def _place(self, side: Side, name: str, spot: Spot) -> None:
+    async def _place(self, side: Side, key: str, spot: Spot) -> None:
         self.page.steer("task")
 
         def place(task: Task, start: World) -> Float[np.ndarray, "3"]:
-            return spot.point(task, name, origins(task, start, ended=side == "targets"))
+            return spot.point(task, kind_of(key), origins(task, start, ended=side == "targets"))
 
         if side == "targets":
-            await self._target(name, place, spot.frame(self.studio.edited.task))
+            await self._target(key, place, spot.frame(self.studio.edited.task), turn=spot.turn)
         else:
-            await self._start(name, place)
+            await self._start(key, place, turn=spot.turn)
 
-    async def _add(self, name: str) -> None:
-        """Add a target where the box is now."""
-        index = self.studio.edited.task.object_names.index(name)
-        await self._target(name, lambda task, start: np.asarray(start.poses[0, index, :3], float))
+    async def _add(self, kind: str) -> None:
+        """Add a target where the object, or an instance without one, is now."""
+        await self._target(new_key(self.studio.edited.task, kind), lambda task, start: spare_place(task, start, kind))
 
     async def _drop(self, dragged: str, name: str, position: Float[np.ndarray, "3"]) -> None:
-        if self.page.step == "task":
-            self.page.steer("task")
-            await (self._target if dragged == "targets" else self._start)(name, lambda task, start: position)
+        if self.page.step != "task":
+            return
+        self.page.steer("task")
+        if dragged == "targets":
+            target = target_keys(self.studio.edited.task).get(name)
+            await self._target(name, lambda task, start: position, turn=None if target is None else target.turn)
+        else:
+            await self._start(name, lambda task, start: position)
 
-    async def _target(self, name: str, place: Place, frame: str | None = None) -> None:
+    async def _target(self, key: str, place: Place, frame: str | None = None, turn: float | None = None) -> None:
         studio = self.studio
         async with studio.edited.turn:
             task, start = studio.edited.task, studio.edited.start
             changed = await studio.worker.work(
-                retarget, task, studio.worker.physics(task), start, name, place(task, start), frame
+                retarget, task, studio.worker.physics(task), start, key, place(task, start), frame, turn
             )
             self._check_same(task, start)
             self._edit(changed)
 
-    async def _start(self, name: str, place: Place) -> None:
+    async def _start(self, name: str, place: Place, turn: float | None = None) -> None:
         studio = self.studio
         async with studio.edited.turn:
             task, start = studio.edited.task, studio.edited.start
-            world = await studio.worker.work(put, task, studio.worker.physics(task), start, name, place(task, start))
+            physics = studio.worker.physics(task)
+            world = await studio.worker.work(put, task, physics, start, name, place(task, start), turn)
             self._check_same(task, start)
             self._begin(world)
 
@@ -327,6 +359,6 @@ class _Task:
         self.page.say(f"{what}: now {'; '.join(said)}.", "success")
 
 
-def _name(box: Object) -> None:
-    ui.element("span").classes("task-chip").style(f"background: {css_color(box)}")
-    ui.label(box.name).classes("task-box")
+def _name(thing: Object, name: str) -> None:
+    ui.element("span").classes("task-chip").style(f"background: {css_color(thing)}")
+    ui.label(name).classes("task-box")

@@ -199,6 +199,6 @@ def _agreement(candidate: Candidate | None) -> str:
 def _reason(inference: Inference, lesson: Lesson) -> str:
     """Say why it is this frame, and how well the demonstrations agree in it."""
     said = inference.reason
-    for frame in (lesson.task.kit.name, lesson.task.robot_frame):
+    for frame in (*lesson.task.kit_names, lesson.task.robot_frame):
         said = re.sub(rf"\b{frame}\b", known(frame, lesson.task, robot="a fixed place"), said)
     return f"{said[:1].upper()}{said[1:]}."

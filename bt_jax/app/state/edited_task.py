@@ -75,7 +75,7 @@ class EditedTask:
         self._filed = self._workspace.filed(name)
 
     def edit(self, task: Task, start: World | None = None) -> None:
-        """Change the targets or the start of the task, which keeps its boxes and frames."""
+        """Change the targets or the start of the task, which keeps its objects and frames."""
         self._history = self._history.changed(_version(task, self.start if start is None else start))
 
     def undo(self) -> None:
@@ -88,7 +88,7 @@ class EditedTask:
 
 
 def same_things(one: Task, other: Task) -> bool:
-    """Whether two tasks have the same boxes and frames, so that a tree of one can run in the other."""
+    """Whether two tasks have the same objects and frames, so that a tree of one can run in the other."""
     return (one.objects, one.frames) == (other.objects, other.frames)
 
 
@@ -105,7 +105,7 @@ def same_places(one: Task, other: Task) -> bool:
 
 
 def _goal(task: Task) -> Task:
-    targets = tuple(sorted(task.targets, key=lambda target: target.object))
+    targets = tuple(sorted(task.targets, key=lambda target: (target.object, target.frame, target.position)))
     return dataclasses.replace(task, name="", description="", targets=targets)
 
 

@@ -1,4 +1,4 @@
-"""A tree that runs in the scene while a person watches, steps back and forth, and moves boxes."""
+"""A tree that runs in the scene while a person watches, steps back and forth, and moves objects."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ AT_HOME = 1e-3  # metres
 
 @dataclasses.dataclass(frozen=True)
 class Snapshot:
-    """The scene between two ticks, and what led to it: a `tick`, or the name of the box that a person `moved` after that
+    """The scene between two ticks, and what led to it: a `tick`, or the name of the object that a person `moved` after that
     tick. The last of the `shots` is how the scene looks now, those before it are the motion of the tick."""
 
     episode: EpisodeState
@@ -84,10 +84,9 @@ class Player:
         return dict(zip(self._ids, self.now.tick.statuses, strict=True))
 
     @property
-    def distances(self) -> dict[str, float]:
-        """Distance of the object of each target from where it should be, metres."""
-        away = target_misses(self.task, self.world).distance[0]
-        return {target.object: float(x) for target, x in zip(self.task.targets, away, strict=True)}
+    def in_place(self) -> tuple[bool, ...]:
+        """Whether each target is met."""
+        return tuple(target_misses(self.task, self.world).met[0].tolist())
 
     def tick(self) -> Snapshot:
         """Go one tick on, through the recorded snapshots first. At the end, do nothing."""
@@ -104,10 +103,10 @@ class Player:
         self.at = min(max(at, 0), len(self.snapshots) - 1)
         return self.now
 
-    def put(self, name: str, position: Float[np.ndarray, "3"]) -> Snapshot:
-        """Move a box (metres, world) in the snapshot that is shown; later ones are dropped, and the tree has all its ticks
-        again. Raise UserError, and change nothing, as `arrangement.put` does."""
-        world = put(self.task, self.physics, self.world, name, position)
+    def put(self, name: str, position: Float[np.ndarray, "3"], turn: float | None = None) -> Snapshot:
+        """Move an object (metres, world; degrees) in the snapshot that is shown; later ones are dropped, and the tree has
+        all its ticks again. Raise UserError, and change nothing, as `arrangement.put` does."""
+        world = put(self.task, self.physics, self.world, name, position, turn)
         del self.snapshots[self.at + 1 :]
         shot = dataclasses.replace(self.now.shots[-1], poses=np.asarray(world.poses[0], float))
         self.snapshots.append(Snapshot(self._episode(world), self.now.tick, name, (shot,)))
@@ -118,7 +117,7 @@ class Player:
         return EpisodeState(self._semantics, self._settler, expand(self.tree), world)
 
     def _motion(self, tick: Tick, after: EpisodeState) -> tuple[Shot, ...]:
-        """Return the motion of gripper and boxes; the tick that would follow tells where a box will be put."""
+        """Return the motion of gripper and objects; the tick that would follow tells where an object will be put."""
         stage = Stage(self._semantics, tick.before, fps=FPS, gripper=self.now.shots[-1].gripper)
         stage.run(tick, [after.tick()[0]] if after.ending == Ending.OPEN else [])
         if tick.command is None and np.linalg.norm(stage.tip - stage.home) > AT_HOME:

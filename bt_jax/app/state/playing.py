@@ -1,4 +1,4 @@
-"""The tree that is looked at, run in real time: play, pause, single ticks, speed, and boxes that a person moves."""
+"""The tree that is looked at, run in real time: play, pause, single ticks, speed, and objects that a person moves."""
 
 from __future__ import annotations
 
@@ -150,14 +150,15 @@ class Playing:
             player.seek(at)
             self._show(player, moving=False)
 
-    async def put(self, name: str, place: Callable[[World], Float[np.ndarray, "3"]]) -> None:
-        """Move a box, once the motion that is shown has ended, to its `place` [m, world] in the scene as it is then, and go
-        on as before. Raise UserError, and change nothing, if the box cannot be put there."""
+    async def put(self, name: str, place: Callable[[World], Float[np.ndarray, "3"]], turn: float | None = None) -> None:
+        """Move an object, once the motion that is shown has ended, to its `place` [m, world] in the scene as it is then,
+        turned by `turn` degrees or else as it lies, and go on as before. Raise UserError, and change nothing, if the object
+        cannot be put there."""
         async with self._turn:
             player = self._player()
             if self._left is None:
                 await asyncio.sleep(max(0.0, self._ends - self._now()))
-            await self._worker.work(player.put, name, place(player.world))
+            await self._worker.work(player.put, name, place(player.world), turn)
             self._left = None
             self._show(player, moving=False)
         if self._lasting and not self.on:

@@ -20,7 +20,7 @@ from bt_jax.teaching.teleoperation import Teleoperation
 
 __all__ = ["ReplayStep", "described", "handled", "replay_steps", "world_of"]
 
-CARRY = 1.5  # how high a box is lifted before it is carried, in its sizes
+CARRY = 1.5  # how high an object is lifted before it is carried, in its longest edges
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,7 +34,7 @@ class ReplayStep:
 def replay_steps(demonstration: Demonstration, frames: Frames, task: Task, physics: Physics) -> list[ReplayStep]:
     """Return the pictures of a replay: for each action, the state as it was recorded, and the way there.
 
-    Raise UserError if the demonstration was recorded without one of the task's boxes.
+    Raise UserError if the demonstration was recorded without one of the task's objects.
     """
     for name in task.frames:
         if name not in frames.names:

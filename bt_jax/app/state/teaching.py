@@ -38,7 +38,7 @@ Direction = Literal["left", "right", "away", "near", "up", "down"]
 DIRECTIONS: tuple[Direction, ...] = ("left", "right", "away", "near", "up", "down")
 STEP_SIZES = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2)  # metres, for the keys + and -
 FIRST_STEP = 0.02
-OVER = 1.5  # how high the held object is carried over another, in its sizes
+OVER = 0.5  # how far the held object is carried over another, in its heights
 PACE = 0.9  # seconds for which each step of a replay is shown
 
 
@@ -132,7 +132,7 @@ class Teaching:
 
     def restore(self, draft: DemonstrationDraft, session: Teleoperation) -> None:
         """Go on with a demonstration that an earlier page has left, and that was done again in `session`. Raise UserError
-        if its set cannot be used; its task must have the boxes and frames of the one that is edited."""
+        if its set cannot be used; its task must have the objects and frames of the one that is edited."""
         self._folder = self._library.restore_set(draft.set_name)
         self.session, self._draft = session, draft
         self.shown = session.world
@@ -158,7 +158,8 @@ class Teaching:
             if session.held is None:
                 raise UserError("the gripper holds nothing; pick an object first")
             height = float(session.position(frame)[2])
-            low = OVER * next(box.edge for box in session.task.objects if box.name == session.held)
+            held, below = session.task.thing(session.held), session.task.instances.get(frame, (session.held,))[0]
+            low = (held.height + session.task.thing(below).height) / 2 + OVER * held.height
             session.move_to((0.0, 0.0, max(height, low)), frame)
             self._done("carry", session.position(session.task.robot_frame).tolist())
 

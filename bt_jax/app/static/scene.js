@@ -3,7 +3,7 @@
 import { OrbitControls, THREE } from "nicegui-scene";
 import { stateAt } from "bt_jax-scene/motion.js";
 import { pointer } from "bt_jax-scene/pointer.js";
-import { discard, ghostOf, meshOf, nameTag, poseOf, setPose, softwareOnly } from "bt_jax-scene/shapes.js";
+import { discard, ghostOf, meshOf, nameTag, poseOf, setPose, slotTag, softwareOnly } from "bt_jax-scene/shapes.js";
 import { view } from "bt_jax-scene/view.js";
 
 const GLIDE = 180; // milliseconds
@@ -97,11 +97,19 @@ export default {
       this.motion = this.drag = this.frozen = this.dropped = this.gripper = null; // until Python shows a state
       this.dragging = "";
       for (const geom of this.model.geoms.filter(({ type }) => type !== "plane")) this.body(geom.body).add(meshOf(geom));
-      this.tags = this.model.boxes.map((box) => {
-        const tag = nameTag(box.name);
-        this.bodies[box.name].add(tag);
+      this.tags = this.model.objects.map(({ name }) => {
+        const tag = nameTag(name);
+        this.bodies[name].add(tag);
         return tag;
       });
+      for (const { name, slots } of this.model.kits) {
+        for (const slot of slots) {
+          const tag = slotTag(slot.name);
+          tag.position.set(...slot.position);
+          this.bodies[name].add(tag);
+          this.tags.push(tag);
+        }
+      }
       this.lookAtAll();
       this.resize();
     },
@@ -115,19 +123,19 @@ export default {
       return this.bodies[name];
     },
 
-    box(name) {
-      return this.model.boxes.find((box) => box.name === name);
+    thing(name) {
+      return this.model.objects.find((thing) => thing.name === name);
     },
 
-    // Glides to a state: {boxes: [pose, ...], kit: pose, gripper: [x, y, z, opening, yaw]}.
+    // Glides to a state: {objects: [pose, ...], kits: [pose, ...], gripper: [x, y, z, opening, yaw]}.
     show(state, glide = true) {
-      setPose(this.bodies[this.model.kit], state.kit);
+      this.model.kits.forEach(({ name }, k) => setPose(this.bodies[name], state.kits[k]));
       const now = this.state();
       this.frozen = this.dropped = null;
       this.last = state;
       if (!glide || document.hidden || STILL.matches) {
         this.motion = null;
-        this.place(state.boxes, state.gripper);
+        this.place(state.objects, state.gripper);
       } else {
         this.motion = { states: [now, state], began: performance.now(), milliseconds: GLIDE };
       }
@@ -138,7 +146,11 @@ export default {
     play(states, milliseconds) {
       this.frozen = null;
       this.last = states.at(-1);
-      if (STILL.matches) return this.show({ ...this.last, kit: poseOf(this.bodies[this.model.kit]) }, false);
+      if (STILL.matches) {
+        this.motion = null;
+        this.place(this.last.objects, this.last.gripper);
+        return this.draw();
+      }
       this.motion = { states, began: performance.now(), milliseconds };
       this.draw();
     },
@@ -155,44 +167,45 @@ export default {
       }
     },
 
-    // Translucent copies of boxes, [{name, pose, text}]; those of the group "targets" can be dragged.
+    // Translucent copies of objects, [{key, name, pose, text}]; those of the group "targets" can be dragged.
     setGhosts(group, ghosts) {
-      for (const [key, ghost] of Object.entries(this.ghosts)) {
+      for (const [id, ghost] of Object.entries(this.ghosts)) {
         if (ghost.userData.group !== group) continue;
         ghost.removeFromParent();
         discard(ghost);
-        delete this.ghosts[key];
+        delete this.ghosts[id];
       }
-      for (const { name, pose, text } of ghosts) {
-        const ghost = ghostOf(this.box(name), pose);
-        ghost.userData = { group, text };
-        this.ghosts[`${group} ${name}`] = ghost;
+      for (const { key, name, pose, text } of ghosts) {
+        const ghost = ghostOf(this.thing(name), pose);
+        ghost.name = key;
+        ghost.userData = { group, text, thing: this.thing(name) };
+        this.ghosts[`${group} ${key}`] = ghost;
         this.scene.add(ghost);
       }
       this.draw();
     },
 
-    // Python has taken or refused a box that was dropped, and shows the scene next.
+    // Python has taken or refused what was dropped, and shows the scene next.
     drop() {
       this.dropped = null;
-      if (!this.motion && !this.frozen) this.place(this.last.boxes, this.last.gripper);
+      if (!this.motion && !this.frozen) this.place(this.last.objects, this.last.gripper);
       this.draw();
     },
 
-    // What can be dragged: "boxes", "targets" or "" for nothing.
+    // What can be dragged: "objects", "targets" or "" for nothing.
     setDragging(what) {
       this.cancelDrag();
       this.dragging = what;
     },
 
     state() {
-      return { boxes: this.model.boxes.map(({ name }) => poseOf(this.bodies[name])), gripper: this.gripper };
+      return { objects: this.model.objects.map(({ name }) => poseOf(this.bodies[name])), gripper: this.gripper };
     },
 
-    place(boxes, gripper) {
-      this.model.boxes.forEach(({ name }, i) => {
+    place(objects, gripper) {
+      this.model.objects.forEach(({ name }, i) => {
         const body = this.bodies[name];
-        if (body !== this.drag?.object && body !== this.dropped) setPose(body, boxes[i]);
+        if (body !== this.drag?.object && body !== this.dropped) setPose(body, objects[i]);
       });
       this.gripper = gripper;
       const [x, y, z, opening, yaw] = gripper;
@@ -205,8 +218,8 @@ export default {
 
     advance(time) {
       const { states, began, milliseconds } = this.motion;
-      const { boxes, gripper } = stateAt(states, (time - began) / milliseconds);
-      this.place(boxes, gripper);
+      const { objects, gripper } = stateAt(states, (time - began) / milliseconds);
+      this.place(objects, gripper);
       if (time >= began + milliseconds) this.motion = null;
     },
 

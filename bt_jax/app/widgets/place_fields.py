@@ -1,4 +1,5 @@
-"""A place in number fields: its reference, and how far to the right, back and up, in centimetres."""
+"""A place in number fields: its reference, how far to the right, back and up, in centimetres, and how an object lies there,
+in degrees."""
 
 from __future__ import annotations
 
@@ -17,13 +18,14 @@ from bt_jax.app.widgets.context import PageContext
 __all__ = ["PlaceFields"]
 
 AXES = (("right", "right, cm"), ("away", "back, cm"), ("up", "up, cm"))
-NAMES = ("right", "away", "up")
+TURN = ("turn", "turned, °")
 APPLY = ("blur", "keydown.enter", "keyup.up", "keyup.down")
 
 
 class PlaceFields:
     """Number fields that call `moved(spot)` when a person has left one, pressed Enter or stepped with the arrow keys; after
-    a UserError they show the place as it was."""
+    a UserError they show the place as it was. With `turns`, there is one for how the object lies; empty, with `any_turn`, if
+    that does not matter."""
 
     def __init__(
         self,
@@ -34,8 +36,10 @@ class PlaceFields:
         moved: Callable[[Spot], Awaitable[None]],
         *,
         step: str = "task",
+        turns: bool = False,
+        any_turn: bool = False,
     ) -> None:
-        self._name, self._moved, self._spot = name, moved, spot
+        self._name, self._moved, self._spot, self._any_turn = name, moved, spot, any_turn
         self._apply = page.guard(self._move)
         self._turn = asyncio.Lock()  # each number applies to the place that the ones before it have led to
         self._reference = (
@@ -45,13 +49,15 @@ class PlaceFields:
             .classes("place-reference")
         )
         self._fields: dict[str, ui.number] = {}
-        for axis, label in AXES:
+        for axis, label in (*AXES, TURN) if turns else AXES:
             field = ui.number(label, step=1, format="%.1f").props(
                 f'dense outlined data-testid={step}-{axis}-{name} aria-label="{name}, {label}"'
             )
             for event in APPLY:
                 field.on(event, functools.partial(self._left, axis))
             self._fields[axis] = field.classes("place-number")
+        if turns and any_turn:
+            self._fields["turn"].props("placeholder=any stack-label")
         self._restore()
 
     def show(self, spot: Spot) -> None:
@@ -60,28 +66,29 @@ class PlaceFields:
         if spot.reference != before.reference:
             self._restore()
         else:
-            self._restore([axis for axis in self._fields if _centimetres(spot, axis) != _centimetres(before, axis)])
+            self._restore([axis for axis in self._fields if _shown(spot, axis) != _shown(before, axis)])
 
-    def _restore(self, axes: Collection[str] = NAMES) -> None:
+    def _restore(self, axes: Collection[str] | None = None) -> None:
         self._reference.set_value(self._spot.reference)
-        for axis in axes:
-            self._fields[axis].set_value(_centimetres(self._spot, axis))
+        for axis in self._fields if axes is None else axes:
+            self._fields[axis].set_value(_shown(self._spot, axis))
 
     async def _left(self, axis: str) -> None:
         """Apply what was written into a field, if it is something else than before."""
         value = self._fields[axis].value
         written = None if value is None else round(value, 1)
         async with self._turn:
-            if written == _centimetres(self._spot, axis):
+            if written == _shown(self._spot, axis):
                 return
             await self._apply(axis, written)
             if self._fields[axis].value in (value, written):
                 self._restore([axis])
 
     async def _move(self, axis: str, written: float | None) -> None:
-        if written is None:
-            raise UserError(f"a number is missing for {self._name}; write how many centimetres")
-        changed: dict[str, Any] = {axis: written / 100}
+        if written is None and not (axis == "turn" and self._any_turn):
+            unit = "degrees" if axis == "turn" else "centimetres"
+            raise UserError(f"a number is missing for {self._name}; write how many {unit}")
+        changed: dict[str, Any] = {axis: written if axis == "turn" or written is None else written / 100}
         await self._moved(dataclasses.replace(self._spot, **changed))
 
     async def _change(self) -> None:
@@ -89,10 +96,13 @@ class PlaceFields:
         reference = self._reference.value
         async with self._turn:
             try:
-                await self._moved(Spot(reference, 0.0, 0.0, 0.0))
+                await self._moved(Spot(reference, 0.0, 0.0, 0.0, self._spot.turn))
             finally:
                 self._restore([])
 
 
-def _centimetres(spot: Spot, axis: str) -> float:
+def _shown(spot: Spot, axis: str) -> float | None:
+    """Return what a field says: centimetres, or degrees."""
+    if axis == "turn":
+        return None if spot.turn is None else round(spot.turn, 1) + 0.0
     return round(100 * getattr(spot, axis), 1) + 0.0

@@ -1,11 +1,11 @@
 """The scene for people who do not see it: a list that a screen reader reads on demand, and a line that it reads aloud when a
-box has come to stand on something else."""
+object has come to stand on something else."""
 
 from __future__ import annotations
 
 from nicegui import ui
 
-from bt_jax.app.state.scene_words import box_words, gripper_words, target_words
+from bt_jax.app.state.scene_words import gripper_words, object_words, target_words
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.context import PageContext
 from bt_jax.app.widgets.scene_view import SceneView
@@ -32,8 +32,8 @@ class SceneText:
 
     def _refresh(self) -> None:
         task, world = self._studio.edited.task, self._scene.world
-        boxes = box_words(task, world)
-        lines = [*(box.sentence for box in boxes.values()), gripper_words(task, world)]
+        things = object_words(task, world)
+        lines = [*(thing.sentence for thing in things.values()), gripper_words(task, world)]
         if self._scene.shows_targets:
             lines += target_words(task, world)
         if lines == self._lines:
@@ -44,9 +44,9 @@ class SceneText:
             for line in lines:
                 with ui.element("li"):
                     ui.label(f"{line[:1].upper()}{line[1:]}.")
-        supports = {name: box.support for name, box in boxes.items()}
+        supports = {name: thing.support for name, thing in things.items()}
         if self._shown == (task, self._page.step):
-            moved = [boxes[name].sentence for name in supports if supports[name] != self._supports.get(name)]
+            moved = [things[name].sentence for name in supports if supports[name] != self._supports.get(name)]
             if moved:
                 self._news.set_text(f"{'; '.join(moved)}.")
         self._supports, self._shown = supports, (task, self._page.step)

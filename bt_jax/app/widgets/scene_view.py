@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import inspect
 import itertools
@@ -18,7 +19,7 @@ from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
 from bt_jax.app.plain_words import Words
-from bt_jax.app.state.arrangement import goals
+from bt_jax.app.state.goals import goals
 from bt_jax.app.state.playing import Cue
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.context import PageContext
@@ -26,24 +27,33 @@ from bt_jax.behaviors import Behavior, Vocabulary
 from bt_jax.mjx_env.render.choreography import Shot, Stage
 from bt_jax.mjx_env.scene.mjcf import compile_scene
 from bt_jax.mjx_env.semantics import LeafSemantics
-from bt_jax.mjx_env.surfaces import fixed_surfaces
+from bt_jax.mjx_env.surfaces import fixed_surfaces, surface_names
 from bt_jax.mjx_env.world import World
-from bt_jax.tasks import Task
+from bt_jax.tasks import Kit, Task
 
-__all__ = ["Dragging", "SceneView"]
+__all__ = ["Dragging", "Ghost", "SceneView"]
 
 THREE = Path(nicegui.__file__).parent / "elements" / "scene" / "dist"  # NiceGUI's copy of three.js, a private folder
 PARTS = Path(__file__).parents[1] / "static" / "scene"
 PITCH, TURN = math.radians(42), math.radians(-8)  # of the view at the beginning, below the horizon and about z
-Dragging = Literal["", "boxes", "targets"]
+Dragging = Literal["", "objects", "targets"]
 Pose = Sequence[float] | Float[np.ndarray, "7"]
 
 
-class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": str(THREE), "bt_jax-scene": str(PARTS)}):
-    """Tables, kit, boxes and gripper, and translucent copies of boxes where they should be.
+@dataclasses.dataclass(frozen=True, eq=False)
+class Ghost:
+    """A translucent copy of the object `name` at a pose [m, world; wxyz], with a text to show on hover."""
 
-    What is shown depends on the step of the window: where things start, what the player does, or what teaching shows. A box
-    that was dropped or clicked is reported to whoever has asked for it with `on_drop` and `on_pick`.
+    name: str
+    pose: Pose
+    text: str
+
+
+class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": str(THREE), "bt_jax-scene": str(PARTS)}):
+    """Tables, kits, objects and gripper, and translucent copies of objects where they should be.
+
+    What is shown depends on the step of the window: where things start, what the player does, or what teaching shows. An
+    object that was dropped or clicked is reported to whoever has asked for it with `on_drop` and `on_pick`.
     """
 
     def __init__(self, studio: Studio, page: PageContext) -> None:
@@ -69,22 +79,24 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
         page.on_step(lambda step: self._enter())
 
     def on_drop(self, callback: Callable[[Dragging, str, np.ndarray], Any]) -> None:
-        """Call back with what was dragged (boxes or targets), its name, and where its centre was dropped [m, world]."""
+        """Call back with what was dragged (objects or targets), its name or key, and where its centre was dropped [m,
+        world]."""
         self._on_drop.append(callback)
 
     def on_pick(self, callback: Callable[[str], Any]) -> None:
-        """Call back with the name of a box that was clicked."""
+        """Call back with the name of an object that was clicked."""
         self._on_pick.append(callback)
 
     def arrange(self, dragging: Dragging) -> None:
-        """Set what a person may drag in the step `task`: boxes or targets."""
+        """Set what a person may drag in the step `task`: objects or targets."""
         self._arranging = dragging
         self._enter()
 
-    def ghost(self, poses: Mapping[str, Pose], *, group: str, texts: Mapping[str, str] | None = None) -> None:
-        """Show translucent copies of boxes at these poses [m, world; wxyz], in place of those that `group` had before."""
-        texts = {} if texts is None else texts
-        ghosts = [{"name": name, "pose": _plain(pose), "text": texts.get(name, name)} for name, pose in poses.items()]
+    def ghost(self, copies: Mapping[str, Ghost], *, group: str) -> None:
+        """Show translucent copies of objects by their keys, in place of those that `group` had before."""
+        ghosts = [
+            {"key": key, "name": one.name, "pose": _plain(one.pose), "text": one.text} for key, one in copies.items()
+        ]
         if ghosts != self._ghosts.get(group, []):
             self._ghosts[group] = ghosts
             self._call("setGhosts", group, ghosts)
@@ -102,7 +114,7 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
 
     @property
     def shows_targets(self) -> bool:
-        """Whether this step of the window shows where boxes should be."""
+        """Whether this step of the window shows where objects should be."""
         return self.page.step in ("task", "evolve", "combine", "run")
 
     def _rebuild(self) -> None:
@@ -127,7 +139,7 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
 
     @property
     def _dragging(self) -> Dragging:
-        return {"task": self._arranging, "run": "boxes"}.get(self.page.step, "")
+        return {"task": self._arranging, "run": "objects"}.get(self.page.step, "")
 
     def _show(self, *, glide: bool = True) -> None:
         world, playing = self.world, self.studio.playing
@@ -135,21 +147,20 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
             shot, self._cue = playing.player.now.shots[-1], playing.cue
         else:
             shot, self._cue = _at_rest(self.studio.edited.task, world), None
-        kit = [*_plain(np.asarray(world.kits)[0, 0]), 1, 0, 0, 0]
-        self._call("show", {**_state(shot), "kit": kit}, glide)
+        kits = [[*_plain(origin), 1, 0, 0, 0] for origin in np.asarray(world.kits)[0]]
+        self._call("show", {**_state(shot), "kits": kits}, glide)
         self._show_targets()
 
     def _show_targets(self) -> None:
         task = self.studio.edited.task
-        poses: dict[str, Pose] = {}
-        texts: dict[str, str] = {}
-        if self.shows_targets:
-            words = Words(task)
-            poses = {name: (*goal, 1, 0, 0, 0) for name, goal in goals(task, self.world).items()}
-            texts = {
-                t.object: f"{t.object} should be {words.place(t.object, t.position, t.frame)}" for t in task.targets
-            }
-        self.ghost(poses, group="targets", texts=texts)
+        found, words = goals(task, self.world) if self.shows_targets else {}, Words(task)
+        copies = {
+            key: Ghost(
+                goal.thing, goal.pose, f"{words.named(goal.target.object)} should be {words.target(goal.target)}"
+            )
+            for key, goal in found.items()
+        }
+        self.ghost(copies, group="targets")
 
     def _follow(self) -> None:
         """Play what the player does."""
@@ -171,7 +182,7 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
             self.run_method(method, *arguments)
 
     async def _drop(self, event: GenericEventArguments) -> None:
-        """Report a drop; the box stays there only if a callback has put it there."""
+        """Report a drop; the object stays there only if a callback has put it there."""
         dragged, name = event.args["kind"], event.args["name"]
         position = np.array(event.args["position"], float)
         try:
@@ -195,26 +206,34 @@ async def _finished(result: Any) -> None:
 def _model(task: Task) -> dict[str, Any]:
     """Return what the browser builds the scene from: the shapes of the compiled scene, the surfaces, and the view."""
     model, _ = compile_scene(task, gripper=True)
-    surfaces = fixed_surfaces(task, np.zeros((1, 3), np.float32))
+    surfaces = fixed_surfaces(task, np.zeros((1, len(task.kits), 3), np.float32))
     tops = [
         {"x": x, "y": y, "half": half, "top": top}
         for (x, y), half, top in zip(
             surfaces.centre[0].tolist(), surfaces.half[0].tolist(), surfaces.top[0].tolist(), strict=True
         )
     ]
-    count = len(task.tables)
+    of = surface_names(task)
     low, high = _extent(task)
     return {
         "geoms": [_geom(model, i) for i in range(model.ngeom)],
-        "boxes": [{"name": box.name, "size": box.edge, "color": box.color} for box in task.objects],
-        "kit": task.kit.name,
-        "tables": tops[1 : 1 + count],
-        "kit_parts": tops[1 + count :],
+        "objects": [
+            {"name": thing.name, "shape": thing.shape, "size": thing.size, "color": thing.color}
+            for thing in task.objects
+        ],
+        "kits": [_kit(kit, [top for name, top in zip(of, tops, strict=True) if name == kit.name]) for kit in task.kits],
+        "tables": tops[1 : 1 + len(task.tables)],
         "top": max(table.top for table in task.tables),
         "room": [(low - 0.1 * (high - low)).tolist(), (high + 0.1 * (high - low)).tolist()],
         "light": (np.array([0, 0, 3.0]) - 1.2 * np.array(task.right) - 0.9 * np.array(task.away)).tolist(),
         "camera": _camera(task),
     }
+
+
+def _kit(kit: Kit, parts: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return what is drawn of a kit besides its shapes: the surfaces to stand on, and the names of its slots."""
+    slots = [{"name": slot.name, "position": [*slot.position, kit.plate]} for slot in kit.places]
+    return {"name": kit.name, "parts": parts, "slots": slots}
 
 
 def _geom(model: mujoco.MjModel, index: int) -> dict[str, Any]:
@@ -233,7 +252,7 @@ def _extent(task: Task) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]
     """Return the lowest and highest corner of what is in view [m]: the upper part of the tables, and a stack on them."""
     middles, halves = (np.array([getattr(t, key) for t in task.tables]) for key in ("position", "size"))
     low, high = (middles - halves / 2).min(axis=0), (middles + halves / 2).max(axis=0)
-    unit = max(box.edge for box in task.objects)
+    unit = max(thing.height for thing in task.objects)
     low[2] = max(low[2], high[2] - 2.5 * unit)
     high[2] += 4 * unit
     return low, high
@@ -268,7 +287,7 @@ def _at_rest(task: Task, world: World) -> Shot:
 def _state(shot: Shot) -> dict[str, Any]:
     gripper = shot.gripper
     return {
-        "boxes": [_plain(pose) for pose in shot.poses],
+        "objects": [_plain(pose) for pose in shot.poses],
         "gripper": _plain([*gripper.position, gripper.opening, gripper.yaw]),
     }
 

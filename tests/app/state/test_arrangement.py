@@ -3,15 +3,14 @@ import itertools
 
 import numpy as np
 import pytest
-import yaml
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from bt_jax._util.errors import UserError
-from bt_jax.app.state.arrangement import fixed_layout, free_layout, goals, kit_table, move_kit, put, retarget, untarget
+from bt_jax.app.state.arrangement import fixed_layout, free_layout, kit_table, kit_tables, move_kit, put
+from bt_jax.app.state.extents import heading
 from bt_jax.mjx_env.physics.mujoco import MujocoPhysics
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.tasks import load_task, task_from_dict
+from tests.helpers.trays import TRAYS
 
 TASK = load_task("stack3")
 PHYSICS = MujocoPhysics(TASK, threads=1)
@@ -114,70 +113,6 @@ def test_the_kit_changes_places_with_what_is_on_a_table(table):
     np.testing.assert_allclose(back.poses, world.poses, atol=1e-6)
 
 
-def test_goals_follow_each_other():
-    where = goals(TASK, START)
-    np.testing.assert_allclose(where["GreenBox"] - where["YellowBox"], [0, 0, 0.1], atol=1e-6)
-    np.testing.assert_allclose(where["YellowBox"] - START.kits[0, 0], [0, 0, 0.052], atol=1e-6)
-    two = retarget(TASK, PHYSICS, START, "YellowBox", kit(0.12))
-    moved = goals(two, START)
-    np.testing.assert_allclose(moved["BlueBox"] - where["BlueBox"], [0.133, 0, 0], atol=2e-3)  # where the gene is
-
-
-def test_a_target_is_relative_to_what_carries_it():
-    where = goals(TASK, START)
-    on_blue = retarget(
-        untarget(TASK, "BlueBox"), PHYSICS, START, "YellowBox", np.add(pose(START, "BlueBox")[:3], (0.01, 0, 0.1))
-    )
-    assert on_blue.targets[0] == dataclasses.replace(TASK.targets[0], position=(0.0, 0.0, 0.1), frame="BlueBox")
-    beside = retarget(TASK, PHYSICS, START, "BlueBox", kit(-0.1, 0.01))
-    assert beside.targets[2].frame == "KittingBox"
-    assert beside.targets[2].position[:2] == (-0.1, 0.01)
-    table = retarget(TASK, PHYSICS, START, "BlueBox", on_table(free_table()))
-    assert table.targets[2].frame == "base_link"
-    np.testing.assert_allclose(goals(table, START)["BlueBox"], on_table(free_table()), atol=2e-3)
-    chosen = retarget(TASK, PHYSICS, START, "BlueBox", np.add(where["YellowBox"], (0.12, 0, 0)), "YellowBox")
-    assert chosen.targets[2] == dataclasses.replace(TASK.targets[2], position=(0.12, 0.0, 0.0), frame="YellowBox")
-
-
-@pytest.mark.parametrize(
-    ("name", "position", "frame", "says"),
-    [
-        ("BlueBox", (0.0, 3.0, 1.0), None, "no table there, out of reach"),
-        ("BlueBox", tuple(kit(0.05)), None, "inside YellowBox"),
-        ("BlueBox", tuple(kit(TASK.kit.inner[0])), None, "kit's wall"),
-        ("BlueBox", tuple(on_table(free_table(), z=0.2)), None, "hang in the air, 20 cm"),
-        ("BlueBox", tuple(kit(-0.204, -0.176, 0.041)), None, "would not stay there"),
-        ("YellowBox", tuple(kit(0.13)), "GreenBox", "circular"),
-        ("YellowBox", tuple(kit(0.13)), "YellowBox", "choose another frame"),
-        ("RedBox", tuple(kit()), None, "no box 'RedBox'"),
-    ],
-)
-def test_where_no_target_can_be(name, position, frame, says):
-    with pytest.raises(UserError, match=says):
-        retarget(TASK, PHYSICS, START, name, np.array(position), frame)
-
-
-def test_the_last_target_stays():
-    task = untarget(untarget(TASK, "BlueBox"), "GreenBox")
-    with pytest.raises(UserError, match="only target"):
-        untarget(task, "YellowBox")
-
-
-@settings(max_examples=40)
-@given(
-    st.sampled_from(TASK.object_names),
-    st.tuples(st.floats(-1.5, 1.5), st.floats(-0.5, 0.5), st.floats(0.7, 1.3)),
-    st.sampled_from([None, *TASK.frames]),
-)
-def test_whatever_is_accepted_is_a_task_with_that_goal(name, position, frame):
-    try:
-        task = retarget(TASK, PHYSICS, START, name, np.array(position), frame)
-    except UserError:
-        return
-    assert task_from_dict(yaml.safe_load(yaml.safe_dump(task.to_dict())), source="yaml") == task
-    assert np.linalg.norm(goals(task, START)[name] - position) < 0.03
-
-
 def test_a_layout_can_be_fixed_and_set_free():
     world = put(TASK, PHYSICS, START, "BlueBox", on_table(free_table(), 0.1, 0.2))
     task = fixed_layout(TASK, world)
@@ -194,3 +129,48 @@ def test_a_tilted_or_held_box_cannot_be_a_beginning():
         fixed_layout(TASK, dataclasses.replace(START, poses=tilted))
     with pytest.raises(UserError, match="gripper"):
         fixed_layout(TASK, dataclasses.replace(START, held=np.array([0], np.int8)))
+
+
+def test_the_start_of_objects_that_lie_turned_is_kept():
+    world = sample_layouts(TRAYS, 0, 1)
+    physics = MujocoPhysics(TRAYS, threads=1)
+    plate = TRAYS.object_names.index("Plate")
+    turned = put(TRAYS, physics, world, "Plate", world.poses[0, plate, :3].astype(float), 70.0)
+    assert heading(turned.poses[0, plate]) == pytest.approx(70, abs=0.2)
+    aside = put(TRAYS, physics, turned, "Plate", np.add(turned.poses[0, plate, :3], (0.02, 0, 0)))
+    assert heading(aside.poses[0, plate]) == pytest.approx(70, abs=0.2)  # as it lay
+    task = fixed_layout(TRAYS, turned)
+    assert [place.turn for place in task.layout.fixed] == [None, pytest.approx(70, abs=0.2), *[None] * 4]
+    again = sample_layouts(task_from_dict(task.to_dict(), source="dict"), 5, 1)
+    np.testing.assert_allclose(again.poses, turned.poses, atol=2e-3)
+
+
+def test_what_fits_a_place_only_when_it_is_turned():
+    world = sample_layouts(TRAYS, 0, 1)
+    physics = MujocoPhysics(TRAYS, threads=1)
+    wall = np.add(world.kits[0, 0], (0.2, 0, 0.0125))  # 0.045 m beside the wall of TrayA
+    with pytest.raises(UserError, match="inside TrayA's wall"):
+        put(TRAYS, physics, world, "Plate", wall, 0.0)
+    after = put(TRAYS, physics, world, "Plate", wall, 90.0)
+    np.testing.assert_allclose(after.poses[0, 1, :3], wall, atol=2e-3)
+
+
+def test_what_stands_on_nothing_level_topples():
+    world = sample_layouts(TRAYS, 0, 1)
+    cube = world.poses[0, 0, :3].astype(float)
+    with pytest.raises(UserError, match=r"topples over|slides off"):
+        put(TRAYS, MujocoPhysics(TRAYS, threads=1), world, "Can", np.add(cube, (0.045, 0, 0.08)))
+
+
+def test_kits_with_a_table_of_their_own_stay_there():
+    kits = (dataclasses.replace(TRAYS.kits[0], table="TableLeft"), TRAYS.kits[1])
+    close = dataclasses.replace(TRAYS.layout, spacing=0.1, margin=0.1)
+    task = dataclasses.replace(TRAYS, kits=kits, layout=close)
+    world = sample_layouts(task, 0, 1)
+    assert kit_tables(TRAYS) == [table.name for table in TRAYS.tables]
+    assert (kit_tables(task), kit_table(task, world)) == (["TableMiddle", "TableRight"], "TableMiddle")
+    moved = move_kit(task, world, "TableRight")
+    np.testing.assert_array_equal(moved.kits[0, 0], world.kits[0, 0])
+    np.testing.assert_allclose(moved.kits[0, 1] - world.kits[0, 1], [1, 0, 0], atol=1e-6)
+    both = dataclasses.replace(task, kits=(kits[0], dataclasses.replace(kits[1], table="TableRight")))
+    assert kit_tables(both) == []

@@ -109,7 +109,7 @@ def test_a_box_that_is_moved_while_it_runs_is_put_back(studio):
         assert studio.playing.on  # since it had not been paused
         await until(lambda: not studio.playing.on)
         assert studio.playing.player.ending == Ending.SUCCESS
-        assert max(studio.playing.player.distances.values()) < 0.03
+        assert all(studio.playing.player.in_place)
 
     asyncio.run(check())
 

@@ -1,11 +1,15 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
-from bt_jax.app.state.arrangement import goals, retarget, untarget
-from bt_jax.app.state.spots import Spot, origins, spot_at, spot_of_target
+from bt_jax.app.state.goals import goals, target_keys
+from bt_jax.app.state.retargeting import retarget, untarget
+from bt_jax.app.state.spots import Spot, origins, references, spot_at, spot_of_target
 from bt_jax.mjx_env.physics.mujoco import MujocoPhysics
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.tasks import load_task, task_names
+from tests.helpers.trays import TRAYS
 
 
 @pytest.mark.parametrize("name", task_names())
@@ -17,10 +21,27 @@ def test_spots_are_where_things_are(name):
         point = spot.point(task, box, origins(task, world, ended=False))
         np.testing.assert_allclose(point, world.poses[0, i, :3], atol=1e-6)
         assert spot.up == pytest.approx(task.layout.stack.index(box) * 0.1 if box in task.layout.stack else 0, abs=2e-4)
-    for box, goal in goals(task, world).items():
-        spot = spot_of_target(task, world, box)
-        np.testing.assert_allclose(spot.point(task, box, origins(task, world, ended=True)), goal, atol=1e-6)
-        assert spot.frame(task) == next(t.frame for t in task.targets if t.object == box)
+    assert_spots_of_targets(task, world)
+
+
+def assert_spots_of_targets(task, world):
+    for key, goal in goals(task, world).items():
+        spot = spot_of_target(task, world, key)
+        point = spot.point(task, goal.thing, origins(task, world, ended=True))
+        np.testing.assert_allclose(point, goal.pose[:3], atol=1e-6)
+        assert (spot.frame(task), spot.turn) == (target_keys(task)[key].frame, target_keys(task)[key].turn)
+
+
+def test_spots_in_several_kits_and_of_several_targets_of_one_part():
+    world = sample_layouts(dataclasses.replace(TRAYS, layout=dataclasses.replace(TRAYS.layout, turn=80.0)), 3, 1)
+    assert_spots_of_targets(TRAYS, world)
+    for i, name in enumerate(TRAYS.object_names):
+        spot = spot_at(TRAYS, world, name)
+        point = spot.point(TRAYS, name, origins(TRAYS, world, ended=False))
+        np.testing.assert_allclose(point, world.poses[0, i, :3], atol=1e-6)
+    assert spot_at(TRAYS, world, "Can").turn is None
+    assert abs(spot_at(TRAYS, world, "Plate").turn) > 1
+    assert references(TRAYS, "Bolt") == ["TrayA", "TrayB", "Cube", "Plate", "Can", *(t.name for t in TRAYS.tables)]
 
 
 @pytest.mark.parametrize("name", ["stack", "yumi_stack"])

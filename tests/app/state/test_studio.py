@@ -8,7 +8,7 @@ import pytest
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.plain_words import differing_settings
-from bt_jax.app.state.arrangement import untarget
+from bt_jax.app.state.retargeting import untarget
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.state.workspace import Workspace
 from bt_jax.encoding.formats.text import parse_tree

@@ -48,7 +48,7 @@ def click(page: Page, name: str) -> None:
 def drag(page: Page, name: str, to: list[float], *, target: bool = False) -> None:
     """Takes a box, or its target, at its middle and lets it go over a point of the world [m]."""
     at_rest(page)
-    what = "targets" if target else "boxes"
+    what = "targets" if target else "objects"
     page.wait_for_function(f"() => {{ {COMPONENT} return c.dragging === '{what}'; }}")
     here = position(page, name, target=target)
     page.mouse.move(*on_screen(page, here))

@@ -1,4 +1,4 @@
-// Motions: states {boxes: [pose, ...], gripper} that follow each other evenly.
+// Motions: states {objects: [pose, ...], gripper} that follow each other evenly.
 import { THREE } from "nicegui-scene";
 
 // The state at a part (0 to 1) of a motion.
@@ -10,11 +10,11 @@ export function stateAt(states, part) {
 
 function between(a, b, part) {
   const mix = (p, q) => p.map((value, k) => value + part * (q[k] - value));
-  const boxes = a.boxes.map((from, k) => {
-    const to = b.boxes[k];
+  const objects = a.objects.map((from, k) => {
+    const to = b.objects[k];
     const turn = new THREE.Quaternion(from[4], from[5], from[6], from[3]);
     turn.slerp(new THREE.Quaternion(to[4], to[5], to[6], to[3]), part);
     return [...mix(from.slice(0, 3), to.slice(0, 3)), turn.w, turn.x, turn.y, turn.z];
   });
-  return { boxes, gripper: a.gripper ? mix(a.gripper, b.gripper) : b.gripper };
+  return { objects, gripper: a.gripper ? mix(a.gripper, b.gripper) : b.gripper };
 }

@@ -1,7 +1,7 @@
-// Boxes and targets under the pointer: they are clicked, or dragged over what can carry them.
+// Objects and targets under the pointer: they are clicked, or dragged over what can carry them.
 import { THREE } from "nicegui-scene";
 import { poseOf, setPose } from "./shapes.js";
-import { supportHeight } from "./support.js";
+import { halfOf, supportHeight } from "./support.js";
 
 const AXIS = new THREE.Vector3(0, 0, 1);
 const CLICK = 4; // pixels by which a pointer may move in a click
@@ -18,9 +18,9 @@ export const pointer = {
   },
 
   handle(event) {
-    const boxes = this.model.boxes.map(({ name }) => this.bodies[name]);
+    const objects = this.model.objects.map(({ name }) => this.bodies[name]);
     const targets = Object.values(this.ghosts).filter((ghost) => ghost.userData.group === "targets");
-    const found = this.hit(event, this.dragging === "targets" ? targets : boxes);
+    const found = this.hit(event, this.dragging === "targets" ? targets : objects);
     if (!found) return null;
     let object = found.object;
     while (object.parent !== this.scene) object = object.parent;
@@ -61,19 +61,19 @@ export const pointer = {
     const plane = new THREE.Plane(AXIS, -point.z);
     const offset = object.position.clone().sub(point);
     this.tip.style.display = "none";
-    this.drag = { object, plane, offset, before: poseOf(object), size: this.box(object.name).size };
+    this.drag = { object, plane, offset, before: poseOf(object), half: halfOf(this.thingOf(object), object) };
   },
 
   dragTo(event) {
-    const { object, plane, offset, size } = this.drag;
+    const { object, plane, offset, half } = this.drag;
     this.hit(event, []);
     const point = this.raycaster.ray.intersectPlane(plane, new THREE.Vector3());
     if (!point) return;
     const [low, high] = this.model.room;
     const x = THREE.MathUtils.clamp(point.x + offset.x, low[0], high[0]);
     const y = THREE.MathUtils.clamp(point.y + offset.y, low[1], high[1]);
-    const height = this.support(x, y, size / 2);
-    object.position.set(x, y, (height ?? this.model.top) + size / 2);
+    const height = this.support(x, y, half);
+    object.position.set(x, y, (height ?? this.model.top) + half[2]);
     this.warn(object, height === null);
     event.target.style.cursor = "grabbing";
     this.draw();
@@ -85,7 +85,7 @@ export const pointer = {
     if (!pressed) return;
     event.target.style.cursor = "";
     if (!drag) {
-      if (!this.dragging || this.dragging === "boxes") this.$emit("pick", pressed.object.name);
+      if (!this.dragging || this.dragging === "objects") this.$emit("pick", pressed.object.name);
       return;
     }
     this.warn(drag.object, false);
@@ -111,19 +111,21 @@ export const pointer = {
     });
   },
 
-  // Height of the highest thing that the dragged box would stand on there, null if that is the floor.
+  // What a body or a translucent copy shows: its name, shape and size.
+  thingOf(object) {
+    return object.userData.thing ?? this.thing(object.name);
+  },
+
+  // Height of the highest thing that the dragged object would stand on there, null if that is the floor.
   support(x, y, half) {
-    const kit = this.bodies[this.model.kit].position;
-    const parts = this.model.kit_parts.map((part) => ({
-      x: kit.x + part.x,
-      y: kit.y + part.y,
-      half: part.half,
-      top: kit.z + part.top,
-    }));
-    const boxes = this.model.boxes.map(({ name }) => this.bodies[name]);
-    const others = (this.dragging === "targets" ? Object.values(this.ghosts) : boxes)
+    const parts = this.model.kits.flatMap(({ name, parts }) => {
+      const kit = this.bodies[name].position;
+      return parts.map((part) => ({ x: kit.x + part.x, y: kit.y + part.y, half: part.half, top: kit.z + part.top }));
+    });
+    const objects = this.model.objects.map(({ name }) => this.bodies[name]);
+    const others = (this.dragging === "targets" ? Object.values(this.ghosts) : objects)
       .filter((other) => other !== this.drag.object)
-      .map((other) => ({ object: other, size: this.box(other.name).size }));
+      .map((other) => ({ object: other, thing: this.thingOf(other) }));
     return supportHeight(x, y, half, [...this.model.tables, ...parts], others);
   },
 };

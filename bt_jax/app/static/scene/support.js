@@ -1,23 +1,31 @@
-// What a box would stand on.
+// What an object would stand on.
 import { THREE } from "nicegui-scene";
 
-const TOUCH = 0.02; // as in bt_jax/mjx_env/scene/surfaces.py
+const TOUCH = 0.02; // as in bt_jax/mjx_env/surfaces.py
 
-// Height of the highest surface under a box with this half size at x, y, null if there is none. `fixed` are surfaces
-// {x, y, half: [x, y], top}, `boxes` are {object, size}; all in metres.
-export function supportHeight(x, y, half, fixed, boxes) {
-  const slim = half * (1 - 2 * TOUCH);
-  const under = [...fixed, ...boxes.map(topOf)].filter(
-    (top) => Math.abs(top.x - x) < top.half[0] + slim && Math.abs(top.y - y) < top.half[1] + slim,
+// Height of the highest surface under an object with these half extents at x, y, null if there is none. `fixed` are
+// surfaces {x, y, half: [x, y], top}, `others` are {object, thing}; all in metres.
+export function supportHeight(x, y, half, fixed, others) {
+  const [across, along] = half.map((extent) => extent * (1 - 2 * TOUCH));
+  const under = [...fixed, ...others.map(topOf)].filter(
+    (top) => Math.abs(top.x - x) < top.half[0] + across && Math.abs(top.y - y) < top.half[1] + along,
   );
   return under.length ? Math.max(...under.map(({ top }) => top)) : null;
 }
 
-// The upper surface of a box that may be tilted.
-function topOf({ object: { position, quaternion }, size }) {
+// Half the extents of a cuboid or cylinder along the world's axes, as it is turned.
+export function halfOf({ shape, size }, { quaternion }) {
   const turn = new THREE.Matrix4().makeRotationFromQuaternion(quaternion).elements;
-  const extent = [0, 1, 2].map(
-    (k) => (size / 2) * (Math.abs(turn[k]) + Math.abs(turn[k + 4]) + Math.abs(turn[k + 8])),
-  );
-  return { x: position.x, y: position.y, half: extent.slice(0, 2), top: position.z + extent[2] };
+  const [x, y, z] = size.map((edge) => edge / 2);
+  return [0, 1, 2].map((k) => {
+    const up = Math.abs(turn[k + 8]);
+    if (shape === "cylinder") return x * Math.sqrt(Math.max(0, 1 - up * up)) + z * up;
+    return x * Math.abs(turn[k]) + y * Math.abs(turn[k + 4]) + z * up;
+  });
+}
+
+// The upper surface of an object that may be tilted.
+function topOf({ object, thing }) {
+  const half = halfOf(thing, object);
+  return { x: object.position.x, y: object.position.y, half: half.slice(0, 2), top: object.position.z + half[2] };
 }

@@ -1,6 +1,5 @@
 // The camera: a view that shows everything, turned and zoomed by keys.
 import { THREE } from "nicegui-scene";
-import { TAG } from "./shapes.js";
 
 const AXIS = new THREE.Vector3(0, 0, 1);
 const LOOKS = {
@@ -31,8 +30,11 @@ export const view = {
     const tangent = Math.max(upright, across / this.camera.aspect);
     this.camera.fov = 2 * THREE.MathUtils.radToDeg(Math.atan(tangent));
     this.camera.updateProjectionMatrix();
-    const height = (TAG * 2 * tangent) / this.$el.clientHeight;
-    for (const tag of this.tags) tag.scale.set(height * tag.userData.shape, height, 1);
+    const pixel = (2 * tangent) / this.$el.clientHeight;
+    for (const tag of this.tags) {
+      const height = tag.userData.height * pixel;
+      tag.scale.set(height * tag.userData.shape, height, 1);
+    }
   },
 
   lookAtAll() {
