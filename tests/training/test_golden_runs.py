@@ -10,14 +10,17 @@ from pathlib import Path
 import pytest
 
 from bt_jax.encoding.formats.text import one_line
-from bt_jax.tasks import load_task, task_names
+from bt_jax.tasks import load_task
 from bt_jax.training.published import published_config
 from bt_jax.training.training import evolve
 
 GOLDEN = Path(__file__).parents[1] / "data" / "golden_runs.json"
 
 
-NAMES = [name if name == "stack" else pytest.param(name, marks=pytest.mark.slow) for name in task_names()]
+NAMES = [
+    "stack",
+    *(pytest.param(name, marks=pytest.mark.slow) for name in ("pyramid", "restack", "stack3", "yumi_stack")),
+]
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -16,8 +16,12 @@ def test_bodies_have_the_sizes_and_weights_of_the_task(name):
     assert len(ids.objects) == len(task.objects)
     for box, body in zip(task.objects, ids.objects, strict=True):
         assert model.body(body).name == box.name
-        np.testing.assert_allclose(model.body_mass[body], box.density * box.edge**3, rtol=1e-6)
-        np.testing.assert_allclose(model.geom(box.name).size, box.edge / 2)
+        geom, half = model.geom(box.name), np.array(box.size) / 2
+        is_round = geom.type[0] == mujoco.mjtGeom.mjGEOM_CYLINDER
+        assert is_round == (box.shape == "cylinder")
+        volume = np.pi * half[0] ** 2 * box.size[2] if is_round else np.prod(box.size)
+        np.testing.assert_allclose(model.body_mass[body], box.density * volume, rtol=1e-6)
+        np.testing.assert_allclose(geom.size[: 2 if is_round else 3], [half[0], half[2]] if is_round else half)
     for table in task.tables:
         geom = model.geom(table.name)
         np.testing.assert_allclose(geom.pos[2] + geom.size[2], table.top)
