@@ -108,7 +108,8 @@ def _edit(console: Console, folder: DemonstrationFolder, arguments: DemonstrateA
         return
     shown = folder.read()
     for one in shown:
-        things = ", ".join(action.nearest(shown.frames.objects) for action in one.actions if action.kind == "pick")
+        handled = zip(one.actions, one.things(shown.frames), strict=True)
+        things = ", ".join(thing for action, thing in handled if action.kind == "pick")
         console.print(f"[bold]{escape(one.name)}[/]: {len(one.actions)} actions, moves {escape(things)}")
     for problem in shown.problems:
         console.print(f"[yellow]{escape(problem)}[/]")

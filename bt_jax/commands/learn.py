@@ -153,8 +153,11 @@ def as_data(lesson: Lesson, tried: Evaluation) -> dict[str, Any]:
                 "behavior": str(inference.behavior),
                 "frame": inference.frame,
                 "chosen": inference.chosen,
+                "turn": inference.turn,
+                "slot": inference.slot,
                 "tolerance": round(inference.tolerance, 5),
                 "reason": inference.reason,
+                "note": inference.note,
                 "candidates": [
                     {
                         "frame": candidate.frame,

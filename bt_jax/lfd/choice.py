@@ -8,14 +8,16 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from bt_jax._util.errors import UserError
+from bt_jax.lfd.clustering import observe
 from bt_jax.lfd.demonstration import Demonstrations, Instance
-from bt_jax.lfd.inference import SAME_PLACE, Inference, rounded
+from bt_jax.lfd.inference import SAME_PLACE, Inference, placed
+from bt_jax.tasks import Task
 
 __all__ = ["with_chosen"]
 
 
 def with_chosen(
-    inferences: Sequence[Inference], demonstrations: Demonstrations, chosen: Mapping[Instance, str]
+    inferences: Sequence[Inference], demonstrations: Demonstrations, chosen: Mapping[Instance, str], task: Task
 ) -> tuple[Inference, ...]:
     """Return the inferences with the chosen frames; the frame of one instance is that of the whole inference.
 
@@ -23,7 +25,7 @@ def with_chosen(
     UserError if a frame is not a possible one.
     """
     found: list[Inference] = []
-    decided = [_decided(inference, demonstrations, chosen) for inference in inferences]
+    decided = [_decided(inference, demonstrations, chosen, task) for inference in inferences]
     for one in sorted(decided, key=lambda inference: inference.chosen):  # chosen ones join those that are there
         same = next((other for other in found if one.chosen and _same(one, other)), None)
         if same is None:
@@ -31,41 +33,40 @@ def with_chosen(
         else:
             instances = tuple(sorted((*same.instances, *one.instances), key=lambda m: (m.demonstration, m.index)))
             known = max(same, one, key=lambda inference: len(inference.instances))
-            found[found.index(same)] = _placed(known, demonstrations, one.frame, instances, one.reason)
+            found[found.index(same)] = _placed(known, demonstrations, one.frame, instances, one.reason, task)
     return tuple(sorted(found, key=lambda inference: min((m.index, m.demonstration) for m in inference.instances)))
 
 
-def _decided(inference: Inference, demonstrations: Demonstrations, chosen: Mapping[Instance, str]) -> Inference:
+def _decided(
+    inference: Inference, demonstrations: Demonstrations, chosen: Mapping[Instance, str], task: Task
+) -> Inference:
     """Return the inference in the frame chosen for one of its instances, the first if they differ."""
     frame = next((chosen[instance] for instance in inference.instances if instance in chosen), None)
     if frame is None:
         return inference
     if inference.kind == "pick":
         raise UserError(f"a pick is always relative to its object; choose a frame for a place of {inference.object}")
-    others = [name for name in demonstrations.frames.names if name != inference.object]
+    own = task.instances.get(inference.object, (inference.object,))
+    others = [name for name in demonstrations.frames.names if name not in own]
     if frame not in others:
         raise UserError(f"a place of {inference.object} cannot be in the frame '{frame}'; choose {', '.join(others)}")
     reason = "chosen by hand"
     if frame != inference.frame:
         reason += f"; the demonstrations alone say {inference.frame}: {inference.reason}"
-    return _placed(inference, demonstrations, frame, inference.instances, reason)
+    return _placed(inference, demonstrations, frame, inference.instances, reason, task)
 
 
 def _placed(
-    inference: Inference, demonstrations: Demonstrations, frame: str, instances: tuple[Instance, ...], reason: str
+    inference: Inference,
+    demonstrations: Demonstrations,
+    frame: str,
+    instances: tuple[Instance, ...],
+    reason: str,
+    task: Task,
 ) -> Inference:
-    shown = demonstrations.demonstrations
-    points = np.array([shown[m.demonstration].actions[m.index].handled(frame) for m in instances])
-    mean = points.mean(axis=0)
-    return dataclasses.replace(
-        inference,
-        frame=frame,
-        position=rounded(mean),
-        tolerance=float(np.linalg.norm(points - mean, axis=1).max()),
-        instances=instances,
-        reason=reason,
-        chosen=True,
-    )
+    rows = [one for one in observe(demonstrations, task) if one.instance in instances]
+    one = placed(rows, task, frame, reason, inference.candidates, kits=[frame])
+    return dataclasses.replace(one, tied=inference.tied, chosen=True)
 
 
 def _same(one: Inference, other: Inference) -> bool:

@@ -19,9 +19,21 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bt_jax.lfd.dbscan import dbscan
-from bt_jax.lfd.demonstration import Action, Instance, Kind
+from bt_jax.lfd.demonstration import Action, Demonstrations, Instance, Kind
+from bt_jax.tasks import Task
 
-__all__ = ["NEEDED", "REACH", "SPREAD_FLOOR", "Candidate", "Group", "Observed", "Rows", "Vec3", "occurrences"]
+__all__ = [
+    "NEEDED",
+    "REACH",
+    "SPREAD_FLOOR",
+    "Candidate",
+    "Group",
+    "Observed",
+    "Rows",
+    "Vec3",
+    "observe",
+    "occurrences",
+]
 
 NEEDED = 3  # demonstrations from which a frame can be inferred
 REACH = 0.2  # metres; what agrees lies closer together than this
@@ -83,11 +95,38 @@ class Candidate:
 
 @dataclasses.dataclass(frozen=True)
 class Observed:
-    """An action with the object that it handles."""
+    """An action with the object that it handles, and the pick that took that. `object` is what a leaf calls it: its part, if
+    it is an instance of one."""
 
     instance: Instance
     action: Action
+    thing: str
     object: str
+    pick: Action
+
+    def handled(self, frame: str) -> Float[np.ndarray, "3"]:
+        """Return where the object is, in a frame [m]; its part stands for its own."""
+        return self.action.handled(self.thing if frame == self.object else frame)
+
+    def turn(self, frame: str) -> float:
+        """Return how the object is turned about the vertical of a frame, degrees; NaN if its own frame was not recorded."""
+        return self.action.turn(self.thing, frame) if self.thing in self.action.poses else math.nan
+
+    def turn_before(self, frame: str) -> float:
+        """Return how it was turned when it was picked."""
+        return self.pick.turn(self.thing, frame) if self.thing in self.pick.poses else math.nan
+
+
+def observe(demonstrations: Demonstrations, task: Task) -> list[Observed]:
+    """Return all actions of a set of demonstrations."""
+    part_of = {thing.name: thing.part for thing in task.objects}
+    found = []
+    for d, one in enumerate(demonstrations):
+        pick = one.actions[0]
+        for i, (action, thing) in enumerate(zip(one.actions, one.things(demonstrations.frames), strict=True)):
+            pick = action if action.kind == "pick" else pick
+            found.append(Observed(Instance(d, i), action, thing, part_of.get(thing) or thing, pick))
+    return found
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,7 +155,7 @@ class Group:
     @functools.cached_property
     def positions(self) -> dict[str, Float[np.ndarray, "n 3"]]:
         """Where the object is in each frame [m]."""
-        return {frame: np.array([one.action.handled(frame) for one in self.observed]) for frame in self.frames}
+        return {frame: np.array([one.handled(frame) for one in self.observed]) for frame in self.frames}
 
     @functools.cached_property
     def clusters(self) -> dict[str, dict[Rows, Candidate]]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior
 from bt_jax.lfd.conflicts import conflict, implies, undoes
-from bt_jax.lfd.goals import Step
+from bt_jax.lfd.goals import Step, carried
 from bt_jax.lfd.inference import Inference
 
 __all__ = ["Order", "check_acyclic", "orders", "preconditions"]
@@ -63,13 +63,22 @@ def check_acyclic(constraints: Sequence[Order], inferences: Sequence[Inference])
 
 
 def preconditions(
-    constraints: Sequence[Order], inferences: Sequence[Inference], steps: Sequence[Sequence[Step]]
+    constraints: Sequence[Order],
+    inferences: Sequence[Inference],
+    steps: Sequence[Sequence[Step]],
+    things: Sequence[Sequence[str]],
+    *,
+    parts: Collection[str] = (),
 ) -> Mapping[Behavior, tuple[Behavior, ...]]:
     """Return for each action of the demonstrations the conditions beyond its own preconditions that earlier actions
     establish and that still hold when it begins: their postconditions, the nearest action's where they conflict, none that
     conflicts with what the action itself needs, and none that it undoes: that would contradict its own postconditions. Of an
-    action that is done several times, those that hold each time."""
-    moments = [dict(zip(sequence, _held(sequence, inferences), strict=True)) for sequence in steps]
+    action that is done several times, those that hold each time. `things` are what each action handles, `parts` the names
+    that stand for several of them."""
+    moments = [
+        dict(zip(sequence, _held(sequence, inferences, own), strict=True))
+        for sequence, own in zip(steps, things, strict=True)
+    ]
     extra: dict[Behavior, tuple[Behavior, ...]] = {}
     for step in sorted(set().union(*moments)):
         action = inferences[step].behavior
@@ -77,18 +86,19 @@ def preconditions(
         for order in sorted((o for o in constraints if o.after == step), key=lambda o: (o.distance, o.before)):
             both = [held[step] for held in moments if order.before in held and step in held]
             for condition in inferences[order.before].behavior.postconditions:
-                known = any(implies(other, condition) or conflict(condition, other) for other in kept)
-                if not known and not undoes(action, condition) and all(condition in held for held in both):
+                known = any(implies(other, condition) or conflict(condition, other, parts=parts) for other in kept)
+                if not known and not undoes(action, condition, parts=parts) and all(condition in held for held in both):
                     kept.append(condition)
         new = tuple(reversed(kept[len(action.preconditions) :]))
         extra[action] = tuple(condition for condition in extra.get(action, new) if condition in new)
     return extra
 
 
-def _held(sequence: Sequence[Step], inferences: Sequence[Inference]) -> Iterator[frozenset[Behavior]]:
+def _held(
+    sequence: Sequence[Step], inferences: Sequence[Inference], things: Sequence[str]
+) -> Iterator[frozenset[Behavior]]:
     """Return what the actions so far have established and not undone, before each action of a demonstration."""
-    held: frozenset[Behavior] = frozenset()
-    for step in sequence:
-        yield held
-        action = inferences[step].behavior
+    done, held = carried(inferences, sequence, things), frozenset[Behavior]()
+    for action in done.actions:
+        yield frozenset(done.meaning[condition] for condition in held)
         held = frozenset(c for c in held if not undoes(action, c)) | frozenset(action.postconditions)

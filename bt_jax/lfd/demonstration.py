@@ -6,14 +6,16 @@ Positions are metres in the named frame, quaternions are wxyz. `demonstration_fo
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
+from bt_jax.behaviors.geometry import heading
 from bt_jax.behaviors.pose import Pose
-from bt_jax.tasks import Task
+from bt_jax.tasks import Object, Task
 
 __all__ = [
     "END_EFFECTOR_HEIGHT",
@@ -24,34 +26,39 @@ __all__ = [
     "Instance",
     "Pose",
     "RecordedTask",
+    "Size",
 ]
 
 END_EFFECTOR_HEIGHT = 0.12  # of the end effector above the centre of what it holds, metres
+SAME_SIZE = 1e-6  # metres
 Kind = Literal["pick", "place"]
+Size = float | tuple[float, ...]  # of a cube its edge, of a cylinder radius and height, of others three edges, metres
 
 
 @dataclasses.dataclass(frozen=True)
 class RecordedTask:
-    """In which task demonstrations were recorded: its name, the size of each of its boxes [m], and, where they are recorded,
+    """In which task demonstrations were recorded: its name, the size of each of its objects, and, where they are recorded,
     the task itself."""
 
     name: str
-    boxes: Mapping[str, float]
+    boxes: Mapping[str, Size]
     task: Task | None = dataclasses.field(default=None, compare=False)
 
     @staticmethod
     def of(task: Task) -> RecordedTask:
         """Return what is recorded of a task."""
-        return RecordedTask(task.name, {box.name: box.edge for box in task.objects}, task)
+        return RecordedTask(task.name, {thing.name: _size(thing) for thing in task.objects}, task)
 
     def difference(self, task: Task) -> str | None:
-        """Return how the boxes of a task differ, as part of a sentence, or None."""
-        for box in task.objects:
-            known = self.boxes.get(box.name)
+        """Return how the objects of a task differ, as part of a sentence, or None."""
+        for thing in task.objects:
+            known = self.boxes.get(thing.name)
             if known is None:
-                return f"task {task.name} has a {box.name} and {self.name} has none"
-            if abs(known - box.edge) > 1e-6:
-                return f"{box.name} measures {known:g} m in task {self.name} and {box.edge:g} m in {task.name}"
+                return f"task {task.name} has a {thing.name} and {self.name} has none"
+            there, here = np.atleast_1d(known), np.atleast_1d(_size(thing))
+            if there.shape != here.shape or np.abs(there - here).max() > SAME_SIZE:
+                measures = [_measured(size) for size in (known, _size(thing))]
+                return f"{thing.name} measures {measures[0]} in task {self.name} and {measures[1]} in {task.name}"
         return None
 
 
@@ -67,8 +74,8 @@ class Frames:
 
     @staticmethod
     def of(task: Task) -> Frames:
-        """Return the frames of a task: the kit's, the boxes' and the robot's, which is the default."""
-        names = (task.kit.name, *task.object_names, task.robot_frame)
+        """Return the frames of a task: the kits', the objects' and the robot's, which is the default."""
+        names = (*task.kit_names, *task.object_names, task.robot_frame)
         return Frames(names, task.robot_frame, task.robot_frame, RecordedTask.of(task))
 
     @property
@@ -98,6 +105,10 @@ class Action:
         """Return the pose of a frame in another one."""
         return self.poses[within].compose(self.poses[frame].inverse())
 
+    def turn(self, frame: str, within: str) -> float:
+        """Return how far a frame is turned about the vertical of another one, degrees in (-180, 180]."""
+        return math.degrees(heading(self.pose(frame, within)))
+
     def nearest(self, frames: Sequence[str]) -> str:
         """Return which of the frames the handled object is nearest to."""
         return min(frames, key=lambda frame: float(np.linalg.norm(self.handled(frame))))
@@ -109,6 +120,13 @@ class Demonstration:
 
     name: str
     actions: tuple[Action, ...]
+
+    def things(self, frames: Frames) -> tuple[str, ...]:
+        """Return the object that each action handles: of a pick the nearest, of a place what was picked before."""
+        found: list[str] = []
+        for action in self.actions:
+            found.append(action.nearest(frames.objects) if action.kind == "pick" or not found else found[-1])
+        return tuple(found)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -134,3 +152,19 @@ class Demonstrations:
 
     def __len__(self) -> int:
         return len(self.demonstrations)
+
+
+def _size(thing: Object) -> Size:
+    """Return what is recorded of the size of an object."""
+    if thing.shape == "cylinder":
+        return thing.size[0] / 2, thing.height
+    return thing.edge if thing.is_cube else thing.size
+
+
+def _measured(size: Size) -> str:
+    match size:
+        case (radius, height):
+            return f"{radius:g} m in radius and {height:g} m in height"
+        case (x, y, z):
+            return f"{x:g} x {y:g} x {z:g} m"
+    return f"{size:g} m"

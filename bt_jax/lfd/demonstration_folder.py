@@ -4,10 +4,10 @@
     FOLDER/task.yaml            the task in which they were recorded (not part of the format)
     FOLDER/demo1/data_1.yaml    one action, see `demonstration_files`
 
-Beyond it, `info.yaml` may say in which task they were recorded (`task`, `boxes`: the size of each), the `order` of the
-demonstrations where that is not the one of their names, `chosen`, the frames that a person has chosen for actions,
-`after`, the run folder whose tree was executed before they began, and `next_layout`, the number of the first random layout
-that no demonstration has begun in.
+Beyond it, `info.yaml` may say in which task they were recorded (`task`, `boxes`: the size of each object, one number for a
+cube, radius and height for a cylinder, three edges otherwise), the `order` of the demonstrations where that is not the one
+of their names, `chosen`, the frames that a person has chosen for actions, `after`, the run folder whose tree was executed
+before they began, and `next_layout`, the number of the first random layout that no demonstration has begun in.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class DemonstrationFolder:
                 raise UserError(f"{self.path} holds demonstrations with other frames; choose another folder")
             same_task = recorded is not None and known.recorded is not None and known.recorded.name == recorded.name
             if recorded is not None and known.recorded is not None and known.recorded.boxes != recorded.boxes:
-                raise UserError(f"{self.path} holds demonstrations with boxes of other sizes; choose another folder")
+                raise UserError(f"{self.path} holds demonstrations with objects of other sizes; choose another folder")
         if not described:
             write_atomic(self.path / "info.yaml", to_yaml(info_of(known)))
         task = None if recorded is None else recorded.task

@@ -12,7 +12,7 @@ from typing import Any
 from bt_jax._util.decoding import abridged, decode
 from bt_jax._util.errors import UserError
 from bt_jax._util.yaml_files import read_yaml
-from bt_jax.lfd.demonstration import Frames, RecordedTask
+from bt_jax.lfd.demonstration import Frames, RecordedTask, Size
 from bt_jax.lfd.demonstration_files import recorded_frames
 from bt_jax.tasks import task_of_folder
 from bt_jax.tasks.bounds import BOUNDS
@@ -42,7 +42,7 @@ class _Frames:
 @dataclasses.dataclass(frozen=True)
 class _Recorded:
     task: str
-    boxes: Mapping[str, float]
+    boxes: Mapping[str, Size]
 
 
 def is_described(folder: Path) -> bool:
@@ -83,7 +83,8 @@ def info_of(frames: Frames) -> dict[str, Any]:
     """Return what `info.yaml` says of frames."""
     info: dict[str, Any] = {"default_frame": frames.default, "frames": list(frames.names), "robot": frames.robot}
     if frames.recorded is not None:
-        info |= {"task": frames.recorded.name, "boxes": dict(frames.recorded.boxes)}
+        sizes = {name: list(size) if isinstance(size, tuple) else size for name, size in frames.recorded.boxes.items()}
+        info |= {"task": frames.recorded.name, "boxes": sizes}
     return info
 
 
@@ -97,9 +98,21 @@ def _recorded(info: Mapping[str, Any], source: Path) -> RecordedTask | None:
     except UserError as error:
         raise UserError(f"{error}, or remove the keys task and boxes") from None
     for box, size in found.boxes.items():
-        if (complaint := BOUNDS["objects.size"].complaint(size)) is not None:
-            raise UserError(f"{source}, key boxes.{box}: {complaint}")
+        if isinstance(size, tuple) and len(size) not in (2, 3):
+            raise UserError(
+                f"{source}, key boxes.{box}: {len(size)} numbers are no size; write one for a cube, the radius and height "
+                "of a cylinder, or three edges"
+            )
+        for edge in _edges(size):
+            if (complaint := BOUNDS["objects.size"].complaint(edge)) is not None:
+                raise UserError(f"{source}, key boxes.{box}: {complaint}")
     return RecordedTask(found.task, found.boxes)
+
+
+def _edges(size: Size) -> tuple[float, ...]:
+    if not isinstance(size, tuple):
+        return (size,)
+    return size if len(size) == 3 else (2 * size[0], size[1])
 
 
 def _rebuilt(folder: Path) -> Mapping[str, Any]:

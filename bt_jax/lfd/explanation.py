@@ -67,17 +67,19 @@ def _what(inference: Inference) -> str:
     if inference.kind == "pick":
         return f"pick {inference.object}"
     x, y, z = inference.position
-    return (
-        f"place {inference.object} at ({x:g}, {y:g}, {z:g}) in {inference.frame}, "
-        f"within {1000 * inference.tolerance:.0f} mm"
-    )
+    where = f"at ({x:g}, {y:g}, {z:g}) in {inference.frame}"
+    if inference.slot:
+        where = f"in the slot {inference.slot}"
+    turned = "" if inference.turn is None else f", turned by {inference.turn:g} degrees"
+    return f"place {inference.object} {where}{turned}, within {1000 * inference.tolerance:.0f} mm"
 
 
 def _why(inference: Inference) -> str:
+    note = f"; {inference.note}" if inference.note else ""
     if inference.kind == "pick" or not inference.candidates:
-        return inference.reason
+        return inference.reason + note
     scores = [
         f"{candidate.frame} {candidate.score:.0f}" if candidate.score > -math.inf else f"{candidate.frame} none"
         for candidate in inference.candidates
     ]
-    return f"{inference.reason} (scores: {', '.join(scores)})"
+    return f"{inference.reason}{note} (scores: {', '.join(scores)})"

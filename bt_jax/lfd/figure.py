@@ -12,7 +12,7 @@ from bt_jax.lfd.clustering import Candidate
 from bt_jax.lfd.inference import Inference
 from bt_jax.lfd.learning import Lesson
 
-__all__ = ["LEAST", "cluster_figure", "cluster_points"]
+__all__ = ["LEAST", "cluster_figure", "cluster_points", "cluster_turns"]
 
 CHOSEN, OTHER, BESIDES = "#0072b2", "#999999", "#d55e00"
 ROWS = 12  # drawn at most; placements first
@@ -21,7 +21,8 @@ LEAST = 0.01  # metres to each side of the mean that a panel shows at least
 
 def cluster_figure(lesson: Lesson) -> bytes:
     """Draw a PNG: where the demonstrations put each object, seen from above in every candidate frame, each panel at its
-    own scale. The chosen frame is blue; a plus is the mean of what agrees, an x another place of the same object."""
+    own scale. The chosen frame is blue; a plus is the mean of what agrees, an x another place of the same object. Bars along
+    its x axis show how it was turned where that matters, and a diamond the middle of the slot that it is in."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -46,9 +47,9 @@ def cluster_figure(lesson: Lesson) -> bytes:
 
 
 def _frames(lesson: Lesson, inference: Inference) -> list[str]:
-    """Return the frames that an action is drawn in: all but that of the box that is placed."""
-    names = lesson.demonstrations.frames.names
-    return [name for name in names if inference.kind == "pick" or name != inference.object]
+    """Return the frames that an action is drawn in: all but those of what is placed."""
+    names, own = lesson.demonstrations.frames.names, lesson.task.instances[inference.object]
+    return [name for name in names if inference.kind == "pick" or name not in own]
 
 
 def _panel(axes: Axes, lesson: Lesson, inference: Inference, frame: str) -> None:
@@ -61,12 +62,21 @@ def _panel(axes: Axes, lesson: Lesson, inference: Inference, frame: str) -> None
     axes.scatter(own[:, 0], own[:, 1], color=CHOSEN if chosen else OTHER, s=34, edgecolors="white", linewidths=0.6)
     if mean is not None:
         axes.scatter(mean[0], mean[1], color="black", marker="+", s=60, lw=1)
-    reach = max(LEAST, 1.3 * float(np.abs(own[:, :2] - centre[:2]).max()))
+    if chosen and inference.turn is not None:
+        turns = np.radians(cluster_turns(lesson, inference))
+        bars = own[:, 0], own[:, 1], np.cos(turns), np.sin(turns)
+        axes.quiver(*bars, pivot="mid", color=CHOSEN, scale=6, width=0.012, headwidth=1, headlength=0, headaxislength=0)
+    marked = own[:, :2]
+    if chosen and inference.slot:
+        marked = np.vstack([own[:, :2], inference.position[:2]])
+        axes.scatter(*inference.position[:2], facecolors="none", edgecolors="black", marker="D", s=52)
+    reach = max(LEAST, 1.3 * float(np.abs(marked - centre[:2]).max()))
     axes.set_xlim(centre[0] - reach, centre[0] + reach)
     axes.set_ylim(centre[1] - reach, centre[1] + reach)
     axes.locator_params(nbins=5)
     axes.set_aspect("equal")
-    axes.set_title(f"{frame}\n{_score(candidate)}", fontsize=9, color=CHOSEN if chosen else "black")
+    named = inference.slot if chosen and inference.slot else frame
+    axes.set_title(f"{named}\n{_score(candidate)}", fontsize=9, color=CHOSEN if chosen else "black")
     axes.tick_params(labelsize=7)
     axes.grid(alpha=0.3)
     if chosen:
@@ -86,6 +96,14 @@ def cluster_points(lesson: Lesson, inference: Inference, frame: str) -> tuple[np
         return np.array(points).reshape(-1, 3)
 
     return positions([inference]), positions([one for one in same if one is not inference])
+
+
+def cluster_turns(lesson: Lesson, inference: Inference) -> np.ndarray:
+    """Return how the object was turned in the frame of a placement in each of its instances, degrees, [n]."""
+    frames, shown = lesson.demonstrations.frames, lesson.demonstrations.demonstrations
+    things = [shown[m.demonstration].things(frames)[m.index] for m in inference.instances]
+    actions = [shown[m.demonstration].actions[m.index] for m in inference.instances]
+    return np.array([one.turn(thing, inference.frame) for one, thing in zip(actions, things, strict=True)])
 
 
 def _score(candidate: Candidate | None) -> str:

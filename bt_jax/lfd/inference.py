@@ -2,7 +2,8 @@
 
 The clusters in all frames overlap; those are taken that do not and whose evidence has the greatest sum, so that few places
 explain many demonstrations. Frames that hardly moved relative to each other cannot be told apart: of those, an object is
-relative to what it was put on, or else to the first. Everything that was weighed is kept, to be shown.
+relative to what it was put on, or else to the first. A place in a slot of a kit is that slot. The instances of a part are
+one object: whichever of them was taken, any will do. Everything that was weighed is kept, to be shown.
 """
 
 from __future__ import annotations
@@ -15,14 +16,27 @@ import numpy as np
 from jaxtyping import Float
 
 from bt_jax.behaviors import Behavior
-from bt_jax.lfd.clustering import NEEDED, REACH, SPREAD_FLOOR, Candidate, Group, Observed, Rows, Vec3, occurrences
+from bt_jax.lfd.clustering import (
+    NEEDED,
+    REACH,
+    SPREAD_FLOOR,
+    Candidate,
+    Group,
+    Observed,
+    Rows,
+    Vec3,
+    observe,
+    occurrences,
+)
 from bt_jax.lfd.contact import supports
 from bt_jax.lfd.dbscan import dbscan
 from bt_jax.lfd.demonstration import Demonstrations, Instance, Kind
 from bt_jax.lfd.packing import best_packing
+from bt_jax.lfd.slots import slot_of
+from bt_jax.lfd.turns import shown_turn
 from bt_jax.tasks import Task
 
-__all__ = ["SAME_PLACE", "Inference", "infer", "rounded"]
+__all__ = ["SAME_PLACE", "Inference", "infer", "placed"]
 
 SAME_PLACE = 0.03  # metres; with too few demonstrations, what lies closer together counts as one place
 PICK = "a pick is relative to its object"
@@ -35,7 +49,8 @@ class Inference:
     `position` is the target of the object's centre in `frame` [m, rounded to mm], the mean over the `instances`;
     `tolerance` the largest distance from it. `candidates` are the frames as seen by the first instance, the chosen first and
     then the best; `tied` are other frames that the demonstrations cannot tell from it; `reason` is a sentence; `chosen`: a
-    person has said that it is this frame.
+    person has said that it is this frame. `turn` is how the object is turned in it, degrees, None where any turn will do,
+    and `slot` the slot that position and turn are those of, as in "TrayA.a1"; `note` says what tells that, if anything does.
     """
 
     kind: Kind
@@ -48,54 +63,78 @@ class Inference:
     reason: str
     tied: tuple[str, ...] = ()
     chosen: bool = False
+    turn: float | None = None
+    slot: str = ""
+    note: str = ""
 
     @property
     def behavior(self) -> Behavior:
         if self.kind == "pick":
             return Behavior("pick", (self.object,))
-        return Behavior("place", (self.object, self.position, self.frame))
+        turn = () if self.turn is None else (self.turn,)
+        return Behavior("place", (self.object, self.position, self.frame, *turn))
 
 
 def infer(demonstrations: Demonstrations, task: Task) -> tuple[Inference, ...]:
     """Return the distinct actions of a set of demonstrations, in the order in which they are first seen."""
     groups: dict[tuple[str, str], list[Observed]] = {}
-    for one in _observed(demonstrations):
+    for one in observe(demonstrations, task):
         groups.setdefault((one.action.kind, one.object), []).append(one)
-    picked = {one.instance: one.object for own in groups.values() for one in own if one.action.kind == "pick"}
+    picked = {one.instance: one.thing for own in groups.values() for one in own if one.action.kind == "pick"}
     frames = demonstrations.frames
     names = sorted(frames.names, key=lambda name: name == frames.robot)
     found: list[Inference] = []
     for (kind, thing), own in groups.items():
-        group = Group(tuple(own), tuple(name for name in names if kind == "pick" or name != thing), picked)
-        if len(demonstrations) < NEEDED:
-            found += _as_shown(group, frames.default, len(demonstrations))
-        elif kind == "pick":
-            found += _agreed(group, group.everything, thing, ())
+        instances = task.instances.get(thing, (thing,))
+        if kind == "place":
+            candidates = tuple(name for name in names if name not in instances)
         else:
-            found += _places(group, frames.default, task)
-    return tuple(sorted(found, key=lambda inference: min((m.index, m.demonstration) for m in inference.instances)))
+            candidates = tuple(names) if instances == (thing,) else (thing,)
+        group = Group(tuple(own), candidates, picked)
+        if len(demonstrations) < NEEDED:
+            found += _as_shown(group, task, frames.default, len(demonstrations))
+        elif kind == "pick":
+            found += _agreed(group, task, group.everything, thing, ())
+        else:
+            found += _places(group, task, frames.default)
+    return tuple(sorted(_merged(found, demonstrations, task), key=_first_seen))
 
 
-def _observed(demonstrations: Demonstrations) -> list[Observed]:
-    found = []
-    for d, demonstration in enumerate(demonstrations):
-        held = ""
-        for i, action in enumerate(demonstration.actions):
-            held = action.nearest(demonstrations.frames.objects) if action.kind == "pick" else held
-            found.append(Observed(Instance(d, i), action, held))
+def _first_seen(inference: Inference) -> tuple[int, int]:
+    return min((one.index, one.demonstration) for one in inference.instances)
+
+
+def _merged(inferences: Sequence[Inference], demonstrations: Demonstrations, task: Task) -> list[Inference]:
+    """Return inferences of which those are one that different demonstrations place in the same slot."""
+    found: list[Inference] = []
+    for one in inferences:
+        same = next(
+            (other for other in found if one.slot and one.behavior == other.behavior and _apart(one, other)), None
+        )
+        if same is None:
+            found.append(one)
+        else:
+            instances = {*same.instances, *one.instances}
+            rows = [row for row in observe(demonstrations, task) if row.instance in instances]
+            found[found.index(same)] = placed(rows, task, one.frame, same.reason, kits=[one.frame])
     return found
 
 
-def _as_shown(group: Group, default: str, count: int) -> list[Inference]:
+def _apart(one: Inference, other: Inference) -> bool:
+    """Return whether no demonstration has both."""
+    return not {m.demonstration for m in one.instances} & {m.demonstration for m in other.instances}
+
+
+def _as_shown(group: Group, task: Task, default: str, count: int) -> list[Inference]:
     """Return the actions of too few demonstrations: what is done at one place is one."""
     frame, why = group.object, PICK
     if group.kind == "place":
         frame, why = default, f"{count} of {NEEDED} demonstrations needed to infer a frame, so it is {default}"
     labels = dbscan(group.positions[frame], SAME_PLACE, 1).tolist()
-    return [_inference(group, frame, rows, why) for rows in _in_turn(group, group.everything, labels)]
+    return [_inference(group, task, frame, rows, why) for rows in _in_turn(group, group.everything, labels)]
 
 
-def _places(group: Group, default: str, task: Task) -> list[Inference]:
+def _places(group: Group, task: Task, default: str) -> list[Inference]:
     """Return the places of an object, each in its frame; the default is that of places on which no others agree."""
     values: dict[Rows, float] = {}
     for clusters in group.clusters.values():
@@ -103,10 +142,10 @@ def _places(group: Group, default: str, task: Task) -> list[Inference]:
             if candidate.evidence > 0 and len(group.demonstrations(rows)) >= NEEDED:
                 values[rows] = max(values.get(rows, 0.0), candidate.evidence)
     together = best_packing(values)
-    found = [one for rows in together for one in _agreed(group, rows, *_frame(group, rows, task))]
+    found = [one for rows in together for one in _agreed(group, task, rows, *_frame(group, rows, task))]
     why = f"no frame has {NEEDED} demonstrations that agree within {REACH} m, so it is {default}"
     for row in sorted(group.everything.difference(*together)):
-        found.append(_inference(group, default, [row], why, group.compared(row, frozenset([row]), default)))
+        found.append(_inference(group, task, default, [row], why, group.compared(row, frozenset([row]), default)))
     return found
 
 
@@ -123,13 +162,13 @@ def _frame(group: Group, rows: Rows, task: Task) -> tuple[str, tuple[str, ...]]:
     return frame, tuple(other for other in tied if other != frame)
 
 
-def _agreed(group: Group, rows: Rows, frame: str, tied: tuple[str, ...]) -> list[Inference]:
+def _agreed(group: Group, task: Task, rows: Rows, frame: str, tied: tuple[str, ...]) -> list[Inference]:
     """Return the actions of a cluster in its frame; what one demonstration does several times is several."""
     found = []
     for part in _parts(group, rows, frame):
         own = group.compared(part[0], rows, frame)
         why = PICK if group.kind == "pick" else _reason(own, tied)
-        found.append(_inference(group, frame, part, why, own, tied))
+        found.append(_inference(group, task, frame, part, why, own, tied))
     return found
 
 
@@ -157,28 +196,96 @@ def _in_turn(group: Group, rows: Iterable[int], keys: Sequence[Hashable]) -> lis
 
 def _inference(
     group: Group,
+    task: Task,
     frame: str,
     rows: Sequence[int],
     reason: str,
     candidates: tuple[Candidate, ...] = (),
     tied: tuple[str, ...] = (),
 ) -> Inference:
-    points = group.positions[frame][rows]
+    own = [group.observed[row] for row in rows]
+    if group.kind == "place":
+        few = len(rows) < NEEDED and frame == task.robot_frame
+        kits = task.kit_names if few else (frame, *tied)
+        return placed(own, task, frame, reason, candidates, tied, kits=kits)
+    if len(task.instances.get(group.object, ())) > 1:
+        reason = _taken(own, group, task)
+    return _at_mean(own, frame, reason, candidates, tied)
+
+
+def placed(
+    rows: Sequence[Observed],
+    task: Task,
+    frame: str,
+    reason: str,
+    candidates: tuple[Candidate, ...] = (),
+    tied: tuple[str, ...] = (),
+    *,
+    kits: Sequence[str],
+) -> Inference:
+    """Return what placements of an object in a frame mean: the slot there of one of the `kits`, or else their mean, with the
+    turn in which they agree."""
+    thing = task.thing(rows[0].object)
+    if (found := slot_of(rows, kits, thing, task)) is not None:
+        own = tuple(sorted(candidates, key=lambda one: one.frame != found.kit.name))
+        one = _at_mean(rows, found.kit.name, reason, own, ())
+        note = f"{1000 * found.off:.0f} mm from the middle of the slot {found.name}"
+        return dataclasses.replace(one, position=found.position, turn=found.turn, slot=found.name, note=note)
+    one, turn = _at_mean(rows, frame, reason, candidates, tied), shown_turn(rows, frame, thing)
+    if turn is not None:
+        note = f"{turn.size} of {len(rows)} turned by {turn.degrees:g} degrees, within {max(turn.spread, 1):.0f}"
+        return dataclasses.replace(one, turn=turn.degrees, note=note)
+    return dataclasses.replace(one, note="the turns do not agree, so any will do" if thing.symmetry == 180 else "")
+
+
+def _at_mean(
+    rows: Sequence[Observed], frame: str, reason: str, candidates: tuple[Candidate, ...], tied: tuple[str, ...]
+) -> Inference:
+    points = np.array([one.handled(frame) for one in rows])
     mean = points.mean(axis=0)
     return Inference(
-        kind=group.kind,
-        object=group.object,
+        kind=rows[0].action.kind,
+        object=rows[0].object,
         frame=frame,
-        position=rounded(mean),
+        position=_rounded(mean),
         tolerance=float(np.linalg.norm(points - mean, axis=1).max()),
-        instances=tuple(group.observed[row].instance for row in rows),
+        instances=tuple(one.instance for one in rows),
         candidates=candidates,
         reason=reason,
         tied=tied,
     )
 
 
-def rounded(position: Float[np.ndarray, "3"]) -> Vec3:
+def _taken(rows: Sequence[Observed], group: Group, task: Task) -> str:
+    """Say which instances of a part were taken, and that it does not matter."""
+    part, names = group.object, sorted({one.thing for one in rows}, key=task.object_names.index)
+    if len(names) > 1:
+        return f"{', '.join(names[:-1])} and {names[-1]} were taken, so any {part} will do"
+    (name,) = names
+    if not any(_nearer(one, group, task) for one in rows):
+        return f"{name} was taken, and any {part} will do, as of every part"
+    return (
+        f"{name} was taken though another {part} lay nearer; any will do, as of every part: if it must be {name}, give that "
+        "a name of its own in the task"
+    )
+
+
+def _nearer(taken: Observed, group: Group, task: Task) -> bool:
+    """Return whether another instance lay nearer to the robot that had not been moved yet."""
+    moved = {
+        thing
+        for instance, thing in group.picked.items()
+        if instance.demonstration == taken.instance.demonstration and instance.index < taken.instance.index
+    }
+
+    def away(name: str) -> float:
+        return float(np.linalg.norm(taken.action.origin(name, task.robot_frame)[:2]))
+
+    others = [name for name in task.instances[group.object] if name not in moved and name != taken.thing]
+    return any(away(name) < away(taken.thing) for name in others if name in taken.action.poses)
+
+
+def _rounded(position: Float[np.ndarray, "3"]) -> Vec3:
     """Return a position [m], rounded to mm."""
     x, y, z = (round(float(x), 3) + 0.0 for x in position)
     return x, y, z

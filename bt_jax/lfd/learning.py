@@ -80,12 +80,13 @@ class Lesson:
             )
         objects = [place.object for place in self.placements]
         for name in objects:
-            if objects.count(name) > 1:
+            if objects.count(name) > len(self.task.instances.get(str(name), (name,))):
                 raise UserError(
                     f"the demonstrations leave {name} at {objects.count(name)} different places, so it has no one target; "
                     "learn from those that agree"
                 )
-        return tuple(map(target_of, self.placements))
+        slots = {Behavior("at", one.behavior.args): one.slot for one in self.inferences if one.slot}
+        return tuple(dataclasses.replace(target_of(one), slot=slots.get(one, "")) for one in self.placements)
 
     def subgoal(self, name: str) -> Subgoal:
         """Return the configuration that the demonstrations reach: a subgoal of the task, or a new one of that name."""
@@ -111,18 +112,20 @@ def learn(demonstrations: Demonstrations, task: Task, *, frames: Mapping[int, st
     _check_scene(demonstrations, task)
     demonstrations = _usable(demonstrations, task)
     inferred = infer(demonstrations, task)
-    inferences = with_chosen(inferred, demonstrations, demonstrations.chosen)
+    inferences = with_chosen(inferred, demonstrations, demonstrations.chosen, task)
     if frames:
         demonstrations = _with_frames(demonstrations, inferences, frames)
-        inferences = with_chosen(inferred, demonstrations, demonstrations.chosen)
+        inferences = with_chosen(inferred, demonstrations, demonstrations.chosen, task)
     steps = sequences(demonstrations, inferences)
+    things = [one.things(demonstrations.frames) for one in demonstrations]
+    parts = [name for name in task.instances if name not in task.object_names]
     learnt = []
-    for subtask in subtasks(inferences, steps):
+    for subtask in subtasks(inferences, steps, things):
         shown = [steps[d] for d in subtask.demonstrations]
         constraints = orders(shown)
         check_acyclic(constraints, inferences)
-        extra = preconditions(constraints, inferences, shown)
-        learnt.append(LearntSubtask(subtask, constraints, extra, plan(subtask.goal, extra=extra)))
+        extra = preconditions(constraints, inferences, shown, [things[d] for d in subtask.demonstrations], parts=parts)
+        learnt.append(LearntSubtask(subtask, constraints, extra, plan(subtask.goal, extra=extra, parts=parts)))
     trees = tuple(one.tree for one in learnt)
     tree = trees[0] if len(trees) == 1 else _either(trees)
     return Lesson(task, demonstrations, inferences, tuple(map(tuple, steps)), tuple(learnt), tree)
@@ -176,8 +179,8 @@ def _usable(demonstrations: Demonstrations, task: Task) -> Demonstrations:
     chosen: dict[Instance, str] = {}
     problems = list(demonstrations.problems)
     for d, one in enumerate(demonstrations):
-        picked = [action.nearest(demonstrations.frames.objects) for action in one.actions if action.kind == "pick"]
-        wrong = next((name for name in picked if name not in task.object_names), None)
+        things = one.things(demonstrations.frames)
+        wrong = next((name for name in things if name not in task.object_names), None)
         if wrong is None:
             chosen |= {
                 Instance(len(good), m.index): f for m, f in demonstrations.chosen.items() if m.demonstration == d

@@ -26,16 +26,23 @@ class Question:
 
 
 def question_of(action: int, inference: Inference, task: Task) -> Question | None:
-    """Return the question that an inference leaves open; None if there is none, or if a person has answered it."""
+    """Return the question that an inference leaves open; None if there is none, or if a person has answered it. Of several
+    kits at fixed places, none is asked for: it makes no difference."""
     if not inference.tied or inference.chosen:
         return None
-    others = sorted(inference.tied, key=lambda frame: (frame == task.robot_frame, frame == task.kit.name))
+    called = {kit: "the kit" if len(task.kits) == 1 else kit for kit in task.kit_names}
+    others = sorted(inference.tied, key=lambda frame: (frame == task.robot_frame, frame in called))
+    if inference.frame in called:  # it is in this kit, so it hardly follows another
+        others = [frame for frame in others if frame not in called]
     frames = (inference.frame, *others)
     moving = [frame for frame in frames if frame != task.robot_frame]
-    followed = ", or ".join("its place in the kit" if frame == task.kit.name else frame for frame in moving)
+    followed = ", or ".join(f"its place in {called[frame]}" if frame in called else frame for frame in moving)
     stays = ", or stay at a fixed place" if len(moving) < len(frames) else ""
-    movable = [frame for frame in moving if frame != task.kit.name or task.layout.kit == "random"]
-    other = None if not movable else "the kit" if movable[0] == task.kit.name else movable[0]
+    still = [kit.name for kit in task.kits if kit.table or task.layout.kit != "random"]
+    movable = [frame for frame in moving if frame not in still]
+    other = called.get(movable[0], movable[0]) if movable else None
+    if len(frames) == 1 or (other is None and len(task.kits) > 1):
+        return None
     return Question(
         action=action,
         object=inference.object,

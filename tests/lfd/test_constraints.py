@@ -30,6 +30,11 @@ def inferences(*texts):
     return found
 
 
+def things(found, shown):
+    """What each action handles, where no part leaves a choice."""
+    return [[found[step].object for step in sequence] for sequence in shown]
+
+
 BOXES = [f"Box{i}" for i in range(5)]
 PICKS = inferences(*(f"pick({box})" for box in BOXES))
 
@@ -76,7 +81,7 @@ STACK = (
 def test_what_was_achieved_before_is_a_precondition():
     found = inferences(*STACK)
     shown = [[0, 1, 2, 3]] * 3
-    extra = preconditions(orders(shown), found, shown)
+    extra = preconditions(orders(shown), found, shown, things(found, shown))
     placed = Behavior("at", found[1].behavior.args)
     assert extra == {
         found[0].behavior: (),
@@ -89,7 +94,7 @@ def test_what_was_achieved_before_is_a_precondition():
 def test_without_an_order_there_is_no_precondition():
     found = inferences(*STACK)
     shown = [[0, 1, 2, 3], [2, 3, 0, 1]]
-    assert set(preconditions(orders(shown), found, shown).values()) == {()}
+    assert set(preconditions(orders(shown), found, shown, things(found, shown)).values()) == {()}
 
 
 def test_what_a_later_action_undoes_is_none():
@@ -104,7 +109,7 @@ def test_what_a_later_action_undoes_is_none():
         "pick(Yellow)",
     )
     shown = [list(range(7))] * 3
-    extra = preconditions(orders(shown), found, shown)
+    extra = preconditions(orders(shown), found, shown, things(found, shown))
     assert extra[found[3].behavior] == (Behavior("at", found[1].behavior.args),)
     assert extra[found[5].behavior] == ()
     assert extra[found[6].behavior] == (Behavior("at", found[5].behavior.args),)
@@ -119,7 +124,7 @@ def test_preconditions_can_hold_together(shown, places):
             for box, frame in zip(BOXES, places, strict=True)
         )
     )
-    for action, conditions in preconditions(orders(shown), found, shown).items():
+    for action, conditions in preconditions(orders(shown), found, shown, things(found, shown)).items():
         together = [*action.preconditions, *conditions]
         assert not any(conflict(a, b) for a in together for b in together)
         assert not any(undoes(action, condition) for condition in conditions)
@@ -131,7 +136,7 @@ def test_what_an_action_undoes_itself_is_none():
         "pick(Blue)", "place(Blue, (0.12, 0, 0), Green)", "pick(Green)", "place(Green, (0, 0, 0.05), Kit)"
     )
     shown = [list(range(4))] * 3
-    assert set(preconditions(orders(shown), found, shown).values()) == {()}
+    assert set(preconditions(orders(shown), found, shown, things(found, shown)).values()) == {()}
 
 
 def contradictions(tree):

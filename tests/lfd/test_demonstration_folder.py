@@ -167,7 +167,7 @@ def test_chosen_frames_follow_their_demonstration(folder):
 def test_it_is_known_in_which_task_was_recorded(folder, tmp_path):
     assert folder.frames().recorded == RecordedTask("stack3", {"YellowBox": 0.1, "GreenBox": 0.1, "BlueBox": 0.1})
     yumi = load_task("yumi_stack")
-    with pytest.raises(UserError, match="boxes of other sizes; choose another folder"):
+    with pytest.raises(UserError, match="objects of other sizes; choose another folder"):
         folder.create(Frames.of(yumi))
     folder.create(Frames.of(load_task("stack")))  # has the same boxes
     with pytest.raises(

@@ -49,7 +49,7 @@ def test_other_goals_are_other_subtasks():
     mixed = Demonstrations(there.frames, (*there.demonstrations, *on_blue.demonstrations))
     inferences = infer(mixed, STACK3)
     steps = sequences(mixed, inferences)
-    found = subtasks(inferences, steps)
+    found = subtasks(inferences, steps, [one.things(mixed.frames) for one in mixed])
     assert [len(one) for one in steps] == [4] * 6
     assert sorted(d for one in found for d in one.demonstrations) == list(range(6))
     assert len(found) >= 2
@@ -63,7 +63,8 @@ def test_the_order_in_which_a_goal_comes_true_does_not_matter():
     other = demonstrations(STACK3, [STACKING[2], STACKING[0]], seed=1, noise=0.0)
     mixed = Demonstrations(first.frames, (*first.demonstrations, *other.demonstrations))
     inferences = infer(mixed, STACK3)
-    (one,) = subtasks(inferences, sequences(mixed, inferences))
+    things = [one.things(mixed.frames) for one in mixed]
+    (one,) = subtasks(inferences, sequences(mixed, inferences), things)
     assert one.demonstrations == tuple(range(6))
     expected = {at("YellowBox", (0, 0, 0.052), "KittingBox"), at("BlueBox", (0, 0, 0.1), "GreenBox"), NOTHING}
     assert set(one.goal) == expected
