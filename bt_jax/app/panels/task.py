@@ -22,6 +22,7 @@ from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.dialogs import ask
 from bt_jax.app.widgets.holder_line import holder_line
 from bt_jax.app.widgets.place_fields import PlaceFields
+from bt_jax.app.widgets.task_menu import listed_tasks, task_menu
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Object, Task, load_task, task_names
@@ -33,6 +34,7 @@ Place = Callable[
     [Task, World], Float[np.ndarray, "3"]
 ]  # where an object should be [m, world], computed when its turn comes
 CHOSEN = "update:model-value"  # sent for choices of a person only, not for changes by the program
+IN_FULL = 4  # targets that are shown with their numbers; of more, the numbers are folded
 UNSAVED = "Changed, and not saved yet."
 HINTS = {
     "targets": "Drag a dashed {thing} in the scene to where the {thing} should be, or write it here.",
@@ -57,12 +59,7 @@ class _Task:
         with ui.element("div").classes("task"):
             holder_line(studio.holds, page, "task")
             with ui.row().classes("items-center gap-2 w-full no-wrap"):
-                self.choice = (
-                    ui.select([], label="Task")
-                    .on(CHOSEN, guard(self._choose))
-                    .props("dense outlined options-dense data-testid=task-choice")
-                    .classes("task-choice")
-                )
+                self.choice = task_menu(guard(self._choose))
                 self.undo = button("", "task-undo", "undo", guard(self._undo), more="flat round data-undo")
                 self.undo.props('aria-label="Undo" title="Undo (Ctrl+Z)"')
                 self.redo = button("", "task-redo", "redo", guard(self._redo), more="flat round data-redo")
@@ -122,8 +119,7 @@ class _Task:
         if self.page.step != "task":
             return
         studio, task = self.studio, self.studio.edited.task
-        names = studio.workspace.task_names()
-        self.choice.set_options([*names, *([] if task.name in names else [task.name])], value=task.name)
+        self.choice.set_options(listed_tasks({*studio.workspace.task_names(), task.name}), value=task.name)
         words, tables = Words(task), kit_tables(task)
         self.kit.set_visibility(bool(tables))
         if tables:
@@ -188,7 +184,7 @@ class _Task:
     def _target_row(self, kind: str, key: str) -> None:
         task, thing = self.studio.edited.task, self.studio.edited.task.thing(kind)
         with self._row(key):
-            with ui.row().classes("items-center gap-2 no-wrap"):
+            with ui.row().classes("items-center gap-2 no-wrap") as title:
                 _name(thing, kind)
                 self.words[key] = ui.label().classes("task-words").props(f"data-testid=task-words-{key}")
                 hint = f"{kind} may be anywhere" if thing.name == kind else f"No {kind} has to be there"
@@ -197,8 +193,10 @@ class _Task:
                     f'flat dense size=sm data-testid=task-remove-{key} aria-label="{hint}"'
                 ):
                     ui.tooltip(hint)
-            with ui.row().classes("items-center gap-2 no-wrap task-numbers"):
+            with ui.row().classes("items-center gap-2 no-wrap task-numbers") as numbers:
                 self._fields(thing, key, references(task, kind), spot_of_target(task, self.studio.edited.start, key))
+            if len(task.targets) > IN_FULL:
+                _fold(title, numbers, key)
 
     def _spare_row(self, kind: str, key: str) -> None:
         """Offer a target for an object, or an instance, that may be anywhere."""
@@ -362,3 +360,17 @@ class _Task:
 def _name(thing: Object, name: str) -> None:
     ui.element("span").classes("task-chip").style(f"background: {css_color(thing)}")
     ui.label(name).classes("task-box")
+
+
+def _fold(title: ui.element, numbers: ui.element, key: str) -> None:
+    """Hide the numbers of a row until a person asks for them."""
+
+    def turn() -> None:
+        numbers.set_visibility(not numbers.visible)
+        unfold.props(f"aria-expanded={str(numbers.visible).lower()}")
+
+    numbers.set_visibility(False)
+    with title:
+        unfold = button("", f"task-unfold-{key}", "tune", turn, more="flat size=sm aria-expanded=false")
+        unfold.props(f'aria-label="{key}, in numbers" title="In numbers"')
+        unfold.move(target_index=2)

@@ -7,6 +7,7 @@ import { discard, ghostOf, meshOf, nameTag, poseOf, setPose, slotTag, softwareOn
 import { view } from "bt_jax-scene/view.js";
 
 const GLIDE = 180; // milliseconds
+const MANY = 6; // objects, from which their names would hide too much
 const STILL = matchMedia("(prefers-reduced-motion: reduce)");
 const AXIS = new THREE.Vector3(0, 0, 1);
 
@@ -98,7 +99,7 @@ export default {
       this.dragging = "";
       for (const geom of this.model.geoms.filter(({ type }) => type !== "plane")) this.body(geom.body).add(meshOf(geom));
       this.tags = this.model.objects.map(({ name }) => {
-        const tag = nameTag(name);
+        const tag = nameTag(name, this.model.objects.length > MANY);
         this.bodies[name].add(tag);
         return tag;
       });

@@ -2,6 +2,7 @@
 import { THREE } from "nicegui-scene";
 
 const TAG = 17; // height of the name of an object, pixels
+const SMALL_TAG = 13; // and of one among many
 const SLOT_TAG = 11; // and of a slot
 const ROUND = 32; // sides of a cylinder
 
@@ -33,11 +34,11 @@ function outline(geometry, material) {
 }
 
 // The name of an object, at its right, so that those of a stack keep apart.
-export function nameTag(text) {
+export function nameTag(text, many) {
   const tag = textTag(text, "rgba(255, 255, 255, 0.88)", "#1d2733");
   tag.material.depthTest = false;
-  tag.userData.height = TAG;
-  tag.center.set(-19 / (TAG * tag.userData.shape), 0.5);
+  tag.userData.height = many ? SMALL_TAG : TAG;
+  tag.center.set(-19 / (tag.userData.height * tag.userData.shape), 0.5);
   return tag;
 }
 
