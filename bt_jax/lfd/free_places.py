@@ -23,9 +23,22 @@ ROUNDING = 1e-6  # metres
 def free_places(task: Task, names: Sequence[str]) -> dict[str, Target]:
     """Return a free place for each of some objects, as far as there are any: in a kit, among those of the gene pool, or
     else on a table, in the robot's frame. It is the roomiest, the first of equals, and at least `genes.gap` and the room of
-    a finger away from the other free places, from where objects may start, and from all targets."""
-    found: dict[str, Target] = {}
+    a finger away from the other free places, from where objects may start, and from all targets. Objects that the others
+    leave no place choose before them."""
     moves = [gene for gene in gene_pool(task).leaves if gene.name == "move"] if names else []
+    order, found = list(names), _in_order(task, moves, names)
+    for _ in range(len(names) - 1):
+        first = [name for name in order if name not in found]
+        again = [*first, *(name for name in order if name in found)]
+        if again == order or len(other := _in_order(task, moves, again)) <= len(found):
+            break
+        order, found = again, other
+    return found
+
+
+def _in_order(task: Task, moves: Sequence[Behavior], names: Sequence[str]) -> dict[str, Target]:
+    """Return a free place for each of some objects, those of the first chosen first."""
+    found: dict[str, Target] = {}
     least = max(task.genes.gap, task.finger_room) - ROUNDING
     for name in names:
         taken = [(table, _taken(task, name, table, found.values())) for table in kit_tables(task)]

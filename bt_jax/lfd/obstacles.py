@@ -45,6 +45,21 @@ class Obstacles:
     task: Task
     certain: bool = False
 
+    @functools.cached_property
+    def goals(self) -> Mapping[Target, Behavior]:
+        """The condition that each target stands for: where an instance of a part starts in the way of a target of that part,
+        it is the one that should be there."""
+        found: dict[Target, Behavior] = {}
+        for target in self.task.targets:
+            own = self.task.instances[target.object]
+            meant = [name for name in own if name not in self._settled and fills(self.task, name, target)]
+            free = [name for name in meant if name not in [goal.object for goal in found.values()]]
+            if len(own) == 1 or not free or any(starts_at(self.task, name, target) for name in own):
+                found[target] = condition_of(target)
+            else:
+                found[target] = condition_of(dataclasses.replace(target, object=free[0]))
+        return found
+
     def needed(self, leaf: Behavior) -> tuple[Behavior, ...]:
         """Return what has to be out of the way for a placement, what makes an object clear, or what a subgoal asks for; in
         an order in which it can be done, what stands on top first. Raise UserError if no place is free for one."""
@@ -100,7 +115,7 @@ class Obstacles:
         if any(other.name == "at" and other.object == condition.object for other in known):
             return True
         part = self.task.thing(str(condition.object)).part
-        goals = [condition_of(target) for target in self.task.targets if part and target.object == part]
+        goals = [goal for target, goal in self.goals.items() if part and target.object == part]
         return bool(goals) and len(goals) == len(self.task.instances[part]) and known.issuperset(goals)
 
     def undoes(self, action: Behavior, condition: Behavior) -> bool:
@@ -114,6 +129,9 @@ class Obstacles:
             return True
         if action.name == "pick":
             return False
+        if action.object != condition.object and action.object in self.task.instances[str(condition.object)]:
+            # It is only put aside where it is at no target of its part.
+            return Behavior("at", action.args) in self.goals.values()
         lower, upper = target_of(action), target_of(condition)
         (root, a), (other, b) = resolve(self.task, lower), resolve(self.task, upper)
         if root != other or a[2] >= b[2]:

@@ -13,7 +13,6 @@ from bt_jax.behaviors import Behavior, Control, Kind, Tree, expand
 from bt_jax.encoding.walk import leaves
 from bt_jax.lfd.conflicts import undoes
 from bt_jax.lfd.obstacles import Obstacles
-from bt_jax.lfd.placements import condition_of
 from bt_jax.tasks import Task
 
 __all__ = ["fold_moves", "plan", "plan_task"]
@@ -57,7 +56,7 @@ def plan_task(task: Task) -> Tree:
     put it aside, and so are subgoals. Raise UserError if no place is free for an obstacle.
     """
     every, certain = Obstacles(task), Obstacles(task, certain=True)
-    targets = [condition_of(target) for target in task.targets]
+    targets = list(every.goals.values())
     subgoals = [Behavior("reached", (subgoal.name,)) for subgoal in task.subgoals]
     if task.subgoal_reward == "seen":
         subgoals = [subgoal for subgoal in subgoals if every.needed(subgoal)]

@@ -6,15 +6,18 @@ from collections.abc import Sequence
 import numpy as np
 import yaml
 
-from bt_jax.behaviors import Behavior, Tree, Vocabulary
+from bt_jax.behaviors import Behavior, Tree, Vocabulary, expand
 from bt_jax.encoding.walk import leaves
 from bt_jax.lfd import Action, Demonstration, DemonstrationFolder, Demonstrations, Frames, Pose
 from bt_jax.lfd.evaluation.synthetic import demonstration_set
+from bt_jax.lfd.placements import condition_of, target_of
+from bt_jax.lfd.planner import plan_task
 from bt_jax.mjx_env.episodes.playback import Playback, play
 from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.mjx_env.physics.settler import Settler
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.mjx_env.world import take
 from bt_jax.tasks import Target, Task, load_task
 
 STACK3 = load_task("stack3")
@@ -67,3 +70,16 @@ def one_demonstration(task: Task, *, actions: Sequence[str] = ("pick", "place"),
     return Demonstration(
         "demo1", tuple(Action(kind, {name: Pose((x, 0.0, 0.12)) for name in frames}) for kind in actions)
     )
+
+
+def playbacks(tree: Tree, task: Task, *, seed: int, count: int) -> list[Playback]:
+    """Episodes at the kinematic level in layouts that no plan has seen."""
+    semantics, settler = LeafSemantics(task, Vocabulary.of(leaves(tree))), Settler(task, Kinematic(task))
+    layouts = sample_layouts(task, seed, count)
+    return [play(semantics, settler, tree, take(layouts, slice(k, k + 1))) for k in range(count)]
+
+
+def asides(task: Task) -> list[Target]:
+    """The places of a plan that are no targets."""
+    placed = [target_of(leaf) for leaf in leaves(expand(plan_task(task))) if leaf.name == "place"]
+    return [place for place in dict.fromkeys(placed) if condition_of(place) not in map(condition_of, task.targets)]
