@@ -41,7 +41,8 @@ FACES = {
     ],
     "bt_jax.tasks": [
         "Episode", "GeneSettings", "Kit", "Layout", "Object", "Slot", "Subgoal", "Table", "Target", "Task", "Weights",
-        "load_task", "task_from_dict", "task_names", "task_of_folder", "with_goal_of", "with_subgoal", "with_targets",
+        "load_task", "task_from_dict", "task_names", "task_of_folder", "with_goal_of", "with_subgoal",
+        "with_target", "with_targets",
     ],
     "bt_jax.experiments": [
         "EXPERIMENTS", "Experiment", "PublishedCurve", "VariantResult", "perform", "published_curves",
