@@ -239,7 +239,8 @@ class DemonstrateArguments:
     """Record demonstrations in the published format: in simulation from a script, or of a person whom a camera watches.
 
     A script is what the person at the gripper does, separated by semicolons or lines:
-    pick BOX; move (DX, DY, DZ); to (X, Y, Z) FRAME; release. Metres; the box's centre counts.
+    pick OBJECT; move (DX, DY, DZ); turn DEGREES; to (X, Y, Z) FRAME [DEGREES]; to SLOT; release. Metres; the object's centre
+    counts. Of a part, the nearest instance is picked that was not moved before; a slot is written as in TrayA.a1.
 
     With --watch a person moves boxes that carry markers, by hand, one after the other. A move counts once the box is at rest
     and the hands have left it.

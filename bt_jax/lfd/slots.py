@@ -58,4 +58,6 @@ def slot_of(rows: Sequence[Observed], kits: Sequence[str], thing: Object, task: 
 
 def _alike(shown: Turn | None, turn: float | None, thing: Object) -> bool:
     """Return whether a slot may mean the turn that was shown."""
-    return shown is None or (turn is not None and bool(apart(shown.degrees, turn, thing.symmetry) <= 2 * REACH))
+    if shown is None or turn is None:
+        return shown is None
+    return bool(apart(np.array([shown.degrees]), turn, thing.symmetry)[0] <= 2 * REACH)

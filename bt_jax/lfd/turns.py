@@ -73,9 +73,7 @@ def common_turn(turns: Float[np.ndarray, " n"], symmetry: float, *, chance: floa
     return Turn(degrees, n, float(apart(turns[rows], degrees, symmetry).max()))
 
 
-def apart(
-    a: Float[np.ndarray, " n"] | float, b: Float[np.ndarray, " n"] | float, symmetry: float
-) -> Float[np.ndarray, " n"]:
+def apart(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"] | float, symmetry: float) -> Float[np.ndarray, " n"]:
     """Return how far turns are apart [degrees] where those look alike that differ by multiples of `symmetry`."""
-    off = np.abs(np.asarray(a) - np.asarray(b)) % symmetry
+    off = np.abs(a - b) % symmetry
     return np.minimum(off, symmetry - off)

@@ -1,12 +1,15 @@
 """Demonstrations from a script of what the person at the gripper does, in simulation.
 
-Steps are separated by semicolons or lines: `pick BOX; move (DX, DY, DZ); to (X, Y, Z) FRAME; release`. Positions are those
-of the centre of the box, in metres. The rest of a line after # is a comment.
+Steps are separated by semicolons or lines: `pick OBJECT; move (DX, DY, DZ); turn DEGREES; to (X, Y, Z) FRAME [DEGREES];
+to SLOT; release`. Positions are those of the centre of the object, in metres. Degrees are about the vertical: those of
+`turn` count from how it is held, those of `to` in the frame. Of a part, such as Bolt, the nearest instance is picked that
+was not moved before. The rest of a line after # is a comment.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 from collections.abc import Sequence
 
@@ -31,18 +34,20 @@ __all__ = ["Input", "parse_script", "perform", "reached_by", "record", "record_o
 
 DEMONSTRATED = 1 << 21  # seeds of layouts for demonstrations; neither training nor tests use them
 _INPUT = re.compile(
-    r"(?P<pick>pick)\s+(?P<object>\w+)|(?P<move>move)\s*\((?P<by>[^()]*)\)"
-    r"|(?P<to>to)\s*\((?P<at>[^()]*)\)\s*(?P<frame>\w+)|(?P<release>release)"
+    r"(?P<pick>pick)\s+(?P<object>\w+)|(?P<move>move)\s*\((?P<by>[^()]*)\)|(?P<turn>turn)\s+(?P<degrees>[^\s()]+)"
+    r"|(?P<to>to)\s*\((?P<at>[^()]*)\)\s*(?P<frame>\w+)(\s+(?P<turned>[^\s()]+))?"
+    r"|to\s+(?P<slot>\w+\.\w+)|(?P<release>release)"
 )
 
 
 @dataclasses.dataclass(frozen=True)
 class Input:
-    """One thing that the person does; `position` is a vector in metres."""
+    """One thing that the person does; `position` is a vector in metres, `turn` degrees."""
 
     kind: str
-    name: str = ""  # of the object for pick, of the frame for to
+    name: str = ""  # of the object for pick, of the frame for to, of the slot for slot
     position: tuple[float, ...] = (0.0, 0.0, 0.0)
+    turn: float | None = None
 
 
 def parse_script(text: str) -> list[Input]:
@@ -53,15 +58,23 @@ def parse_script(text: str) -> list[Input]:
     for step in steps:
         match = _INPUT.fullmatch(step)
         if match is None:
-            raise UserError(f"'{step}' is no step; write pick BOX, move (X, Y, Z), to (X, Y, Z) FRAME, or release")
+            raise UserError(
+                f"'{step}' is no step; write pick OBJECT, move (X, Y, Z), turn DEGREES, to (X, Y, Z) FRAME, to SLOT, "
+                "or release"
+            )
         if match["pick"]:
             found.append(Input("pick", match["object"]))
         elif match["release"]:
             found.append(Input("release"))
+        elif match["slot"]:
+            found.append(Input("slot", match["slot"]))
+        elif match["turn"]:
+            found.append(Input("turn", turn=_degrees(match["degrees"], step)))
+        elif match["to"]:
+            turn = None if match["turned"] is None else _degrees(match["turned"], step)
+            found.append(Input("to", match["frame"], _vector(match["at"], step), turn))
         else:
-            found.append(
-                Input("to" if match["to"] else "move", match["frame"] or "", _vector(match["at"] or match["by"], step))
-            )
+            found.append(Input("move", "", _vector(match["by"], step)))
     if not found:
         raise UserError("the script is empty; write for instance pick BlueBox; to (0, 0, 0.12) GreenBox; release")
     return found
@@ -77,6 +90,16 @@ def _vector(text: str, step: str) -> tuple[float, ...]:
     return values
 
 
+def _degrees(text: str, step: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise UserError(f"'{step}': {text} is no turn; write degrees, as 90")
+    return value
+
+
 def perform(
     session: Teleoperation, script: Sequence[Input], *, noise: float = 0.0, rng: np.random.Generator | None = None
 ) -> Demonstration:
@@ -90,6 +113,12 @@ def perform(
                 session.move(np.array(step.position) + off)
             case "to":
                 session.move_to(np.array(step.position) + off, step.name)
+                if step.turn is not None:
+                    session.turn_to(step.turn, step.name)
+            case "slot":
+                session.move_to_slot(step.name, off=off)
+            case "turn":
+                session.turn_by(step.turn or 0.0)
             case "release":
                 session.release()
     return session.demonstration()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,14 +13,17 @@ from scipy.spatial.transform import Rotation
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, Vocabulary
-from bt_jax.lfd.demonstration import END_EFFECTOR_HEIGHT, Action, Demonstration, Pose
+from bt_jax.behaviors.geometry import heading, turn_error
+from bt_jax.lfd.demonstration import END_EFFECTOR_HEIGHT, Action, Demonstration, Frames, Pose
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.physics.settler import Settler
-from bt_jax.mjx_env.semantics import LeafSemantics, reachable
+from bt_jax.mjx_env.predicates import graspable, is_clear, reachable
+from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.skills import act, settled_world
-from bt_jax.mjx_env.surfaces import fixed_surfaces, object_surfaces, overlaps, surface_names
+from bt_jax.mjx_env.surfaces import fixed_surfaces, object_surfaces, overlaps, standing_extents, surface_names
 from bt_jax.mjx_env.world import World, frames, to_world
 from bt_jax.tasks import Task
+from bt_jax.tasks.slots import fits, slot_position, slot_turn
 
 __all__ = ["Landing", "Teleoperation"]
 
@@ -33,8 +37,9 @@ class _Snapshot:
     """The scene between two inputs of the person, and what was recorded so far."""
 
     world: World
-    position: Float[np.ndarray, "3"] | None  # of the carried object's centre, world [m]
+    carried: Float[np.ndarray, "7"] | None  # pose of the carried object in the world: position [m], quaternion wxyz
     actions: tuple[Action, ...]
+    turned: float = 0.0  # by how much the person has turned it since the pick, degrees
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,10 +68,10 @@ class Teleoperation:
     @property
     def world(self) -> World:
         """The scene, a batch of one state; a carried object is where the person holds it."""
-        if self._now.position is None:
+        if self._now.carried is None:
             return self._now.world
         poses = self._now.world.poses.copy()
-        poses[0, int(self._now.world.held[0]), :3] = self._now.position
+        poses[0, int(self._now.world.held[0])] = self._now.carried
         return dataclasses.replace(self._now.world, poses=poses)
 
     @property
@@ -82,49 +87,74 @@ class Teleoperation:
 
     def position(self, frame: str) -> Float[np.ndarray, "3"]:
         """Return where the carried object's centre is, in a frame. Raise UserError if nothing is held."""
-        return self._in_frame(self._carried(), frame)
+        return self._in_frame(self._carried()[:3], frame)
 
     def turn(self, frame: str) -> float:
         """Return how far the carried object is turned about the vertical in a frame, degrees in (-180, 180]. Raise
         UserError if nothing is held."""
-        self._carried()
-        poses = frames(self._now.world, self.task)[0].astype(float)
-        held, other = (
-            Rotation.from_quat(poses[self.task.frames.index(name), 3:], scalar_first=True)
-            for name in (self.held, frame)
-        )
-        (x, y, _) = (other.inv() * held).apply((1.0, 0.0, 0.0))
-        return float(np.degrees(np.arctan2(y, x)))
+        pose = Pose.of(self._carried().tolist())
+        return math.degrees(heading(self._pose(frame).inverse().compose(pose)))
 
     def pick(self, name: str) -> None:
-        """Take an object and lift it. Raise UserError if that is not possible."""
-        if name not in self.task.object_names:
-            raise UserError(f"there is no object '{name}' to pick; use one of {', '.join(self.task.object_names)}")
+        """Take an object and lift it; of a part, the instance nearest to the robot that can be taken and was not moved
+        before. Raise UserError if that is not possible."""
+        if name not in self.task.instances:
+            raise UserError(f"there is no object '{name}' to pick; use one of {', '.join(self.task.instances)}")
         if self.held is not None:
             raise UserError(f"the gripper holds {self.held}; release it before you pick {name}")
         world = self._now.world
-        index = self.task.object_names.index(name)
-        pick = Behavior("pick", (name,))
-        semantics = LeafSemantics(self.task, Vocabulary.of([*pick.preconditions, pick]))
-        conditions = semantics.outcomes(world)[0, 0] & 3
-        for condition in pick.preconditions:
-            if condition.name != "gripper" and conditions[semantics.vocabulary.token(condition)] == 0:
-                why = "something stands on it" if condition.name == "clear" else "it lies out of reach"
-                raise UserError(f"{name} cannot be picked, {why}; pick another object first")
+        index = self.task.object_names.index(self._taken(name))
+        pick = Behavior("pick", (self.task.object_names[index],))
         grasp = np.asarray(world.poses[0, index, :3], float)
         action = Action("pick", self._end_effector(world, grasp))
-        after, _ = self._done(semantics, world, pick)
-        self._push(_Snapshot(after, np.asarray(after.poses[0, index, :3], float), (*self.actions, action)))
+        after, _ = self._done(LeafSemantics(self.task, Vocabulary.of([pick])), world, pick)
+        self._push(_Snapshot(after, np.asarray(after.poses[0, index], float), (*self.actions, action)))
+
+    def _taken(self, name: str) -> str:
+        """Return which object a pick takes. Raise UserError if there is none that can be taken."""
+        task, world, names = self.task, self._now.world, self.task.object_names
+        moved = set(Demonstration("", self.actions).things(Frames.of(task))) if self.actions else set()
+        own = [one for one in task.instances[name] if name in names or one not in moved]
+        left = own
+        for able, why in (
+            (reachable, "it lies out of reach"),
+            (is_clear, "something stands on it"),
+            (graspable, "it leaves the gripper no room"),
+        ):
+            can = able(world, task)[0]
+            known, left = left, [one for one in left if can[names.index(one)]]
+            if known and not left:
+                raise UserError(f"{name} cannot be picked, {why}; pick another object first")
+        if not left:
+            raise UserError(f"every {name} was moved before; pick another object")
+        x, y, _ = task.robot_position
+        return min(left, key=lambda one: math.dist(world.poses[0, names.index(one), :2].tolist(), (x, y)))
 
     def move(self, by: Vector) -> None:
         """Carry the held object by a vector in the world's axes; not below the floor. Raise UserError out of reach."""
         self.move_to(
-            self._in_frame(self._carried() + np.asarray(by, float), self.task.robot_frame), self.task.robot_frame
+            self._in_frame(self._carried()[:3] + np.asarray(by, float), self.task.robot_frame), self.task.robot_frame
         )
+
+    def turn_by(self, degrees: float) -> None:
+        """Turn the held object about the vertical, counter-clockwise seen from above."""
+        carried = self._carried()
+        if not math.isfinite(degrees):
+            raise UserError("the turn is not finite; give degrees, as 90")
+        turn = Pose(
+            (0.0, 0.0, 0.0), (math.cos(math.radians(degrees) / 2), 0.0, 0.0, math.sin(math.radians(degrees) / 2))
+        )
+        turned = np.array([*carried[:3], *turn.compose(Pose.of(carried.tolist())).quaternion])
+        self._push(dataclasses.replace(self._now, carried=turned, turned=self._now.turned + degrees))
+
+    def turn_to(self, degrees: float, frame: str) -> None:
+        """Turn the held object, the shorter way, until it lies turned by so many degrees in a frame, or looks like that."""
+        carried, thing = Pose.of(self._carried().tolist()), self.task.thing(str(self.held))
+        self.turn_by(-math.degrees(turn_error(thing, carried, self._pose(frame), degrees)))
 
     def move_to(self, position: Vector, frame: str) -> None:
         """Carry the held object's centre to a position in a frame. Raise UserError out of reach."""
-        self._carried()
+        carried = self._carried()
         if frame not in self.task.frames or frame == self.held:
             others = ", ".join(name for name in self.task.frames if name != self.held)
             raise UserError(f"there is no frame '{frame}' to carry {self.held} to; use one of {others}")
@@ -133,35 +163,50 @@ class Teleoperation:
         index = np.array([self.task.frames.index(frame)])
         in_world = to_world(frames(self._now.world, self.task), index, np.asarray([position], np.float32))
         goal = np.asarray(in_world[0, 0], float)
-        size = self.task.objects[self.task.object_names.index(self.held)].edge
-        goal[2] = max(goal[2], self.task.floor + size / 2)
+        goal[2] = max(goal[2], self.task.floor + self.task.thing(str(self.held)).height / 2)
         low, high = self._reach
         if not np.all((goal >= low) & (goal <= high)):
             raise UserError(f"the gripper does not reach that far; carry {self.held} nearer to the tables")
-        self._push(dataclasses.replace(self._now, position=goal))
+        self._push(dataclasses.replace(self._now, carried=np.array([*goal, *carried[3:]])))
+
+    def move_to_slot(self, name: str, *, off: Vector = (0.0, 0.0, 0.0)) -> None:
+        """Carry the held object to a slot, such as "TrayA.a1", missing it by a vector [m], and turn it as the slot says.
+        Raise UserError if there is no such slot, or if it is for something else."""
+        self._carried()
+        slots = {f"{kit.name}.{slot.name}": (kit, slot) for kit in self.task.kits for slot in kit.places}
+        if name not in slots:
+            raise UserError(f"there is no slot '{name}'; use one of {', '.join(slots) or 'a kit with slots'}")
+        (kit, slot), thing = slots[name], self.task.thing(str(self.held))
+        if not fits(kit, slot, thing):
+            raise UserError(f"{thing.name} does not go into the slot {name}; carry it elsewhere")
+        known = self._past, self._now
+        self.move_to(np.add(slot_position(kit, slot, thing), off), kit.name)
+        if (turn := slot_turn(slot, thing)) is not None:
+            self.turn_to(turn, kit.name)
+            self._past = [*known[0], known[1]]  # undone together
 
     def landing(self) -> Landing:
         """Return what is below the held object. Raise UserError if nothing is held."""
-        centre, world, task = self._carried(), self._now.world, self.task
+        centre, world, task = self._carried()[:3], self.world, self.task
         held = int(world.held[0])
-        half = np.float32(task.objects[held].edge / 2)
+        half = standing_extents(task, world.poses[..., 3:])[0, held]
         fixed, boxes = fixed_surfaces(task, world.kits), object_surfaces(task, world.poses)
         names = [None, *surface_names(task)[1:], *task.object_names]
         tops = np.concatenate([fixed.top[0], boxes.top[0]])
-        xy, reach = centre[None, :2].astype(np.float32), np.full((1, 2), half)
+        xy, reach, rise = centre[None, :2].astype(np.float32), half[None, :2], half[2]
         under = np.concatenate([overlaps(fixed, xy, reach)[0], overlaps(boxes, xy, reach)[0]])
         under[len(names) - len(task.objects) + held] = False
         foot = np.concatenate([np.full(fixed.top.shape[1], -np.inf), 2 * world.poses[0, :, 2] - boxes.top[0]])
-        sunk = under & (tops > centre[2] - half + 2 * half * SUNK) & (foot < centre[2] + half - 2 * half * SUNK)
+        sunk = under & (tops > centre[2] - rise + 2 * rise * SUNK) & (foot < centre[2] + rise - 2 * rise * SUNK)
         best = int(np.argmax(np.where(under, tops, -np.inf)))
         inside = names[int(np.argmax(np.where(sunk, tops, -np.inf)))] if sunk.any() else None
-        return Landing(np.array([*centre[:2], float(tops[best] + half)]), names[best], inside)
+        return Landing(np.array([*centre[:2], float(tops[best] + rise)]), names[best], inside)
 
     def release(self, *, lowered: bool = False) -> None:
         """Lower the held object to its goal, or until it touches something, and let go. The goal is where it is now, or, if
         `lowered`, on what is below. Raise UserError if it is inside another object, or if something would fall to the
         floor."""
-        position, landing, name = self._carried(), self.landing(), str(self.held)
+        position, landing, name = self._carried()[:3], self.landing(), str(self.held)
         if landing.inside is not None:
             raise UserError(f"{name} would be inside {landing.inside}; raise it or carry it aside, then release it")
         if landing.on is None:
@@ -170,11 +215,14 @@ class Teleoperation:
         x, y, z = self._in_frame(position, self.task.robot_frame).tolist()
         action = Behavior("place", (name, (x, y, z), self.task.robot_frame))
         held = int(self._now.world.held[0])
-        after, released = self._done(LeafSemantics(self.task, Vocabulary.of([action])), self._now.world, action)
-        known, now = (reachable(world, self.task)[0] for world in (self._now.world, after))
+        turned = self._now.world.poses.copy()
+        turned[0, held, 3:] = self._now.carried[3:] if self._now.carried is not None else turned[0, held, 3:]
+        before = dataclasses.replace(self._now.world, poses=turned)
+        after, released = self._done(LeafSemantics(self.task, Vocabulary.of([action])), before, action)
+        known, now = (reachable(world, self.task)[0] for world in (before, after))
         if np.any(known & ~now):
             raise UserError(self._lost(self.task.object_names[int(np.argmax(known & ~now))]))
-        let_go = self._end_effector(self._now.world, released[held, :3].astype(float), moved=held)
+        let_go = self._end_effector(before, released[held, :3].astype(float), moved=held, turned=self._now.turned)
         self._push(_Snapshot(after, None, (*self.actions, Action("place", let_go))))
 
     def undo(self, *, moves_together: bool = False) -> bool:
@@ -211,10 +259,10 @@ class Teleoperation:
         self._past.append(self._now)
         self._now = snapshot
 
-    def _carried(self) -> Float[np.ndarray, "3"]:
-        if self._now.position is None:
+    def _carried(self) -> Float[np.ndarray, "7"]:
+        if self._now.carried is None:
             raise UserError("the gripper holds nothing; pick an object first")
-        return self._now.position
+        return self._now.carried
 
     def _done(
         self, semantics: LeafSemantics, world: World, action: Behavior
@@ -227,13 +275,19 @@ class Teleoperation:
             raise UserError("the simulation diverged; undo and place it elsewhere")
         return settled_world(self.task, released, poses), np.asarray(released.poses[0])
 
+    def _pose(self, frame: str) -> Pose:
+        """Return the pose of a frame in the world; that of the held object is where it was lifted."""
+        return Pose.of(frames(self._now.world, self.task)[0, self.task.frames.index(frame)].tolist())
+
     def _in_frame(self, point: Float[np.ndarray, "3"], frame: str) -> Float[np.ndarray, "3"]:
         pose = frames(self._now.world, self.task)[0, self.task.frames.index(frame)]
         return _into(np.asarray(pose, float), point)
 
-    def _end_effector(self, world: World, centre: Float[np.ndarray, "3"], moved: int | None = None) -> dict[str, Pose]:
-        """Return the pose of the end effector, upright over an object's centre (world), in every frame; the frame of the
-        box `moved` is at that centre."""
+    def _end_effector(
+        self, world: World, centre: Float[np.ndarray, "3"], moved: int | None = None, turned: float = 0.0
+    ) -> dict[str, Pose]:
+        """Return the pose of the end effector, upright over an object's centre (world) and turned by some degrees, in every
+        frame; the frame of the object `moved` is at that centre."""
         if moved is not None:
             poses = world.poses.copy()
             poses[0, moved, :3] = centre
@@ -241,7 +295,9 @@ class Teleoperation:
         tip = centre + np.array([0, 0, END_EFFECTOR_HEIGHT])
         found = {}
         for name, pose in zip(self.task.frames, frames(world, self.task)[0].astype(float), strict=True):
-            turn = Rotation.from_quat(pose[3:], scalar_first=True).inv()  # of the upright end effector, in the frame
+            turn = Rotation.from_quat(pose[3:], scalar_first=True).inv()  # of the end effector, in the frame
+            if turned:
+                turn = turn * Rotation.from_euler("z", turned, degrees=True)
             w, a, b, c = (turn.as_quat(canonical=True, scalar_first=True) + 0.0).tolist()
             x, y, z = _into(pose, tip).tolist()
             found[name] = Pose((x, y, z), (w, a, b, c))

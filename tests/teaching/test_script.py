@@ -186,7 +186,7 @@ def test_demonstrations_are_kept_and_frames_chosen_on_the_command_line(tmp_path)
     ("arguments", "remedy"),
     [
         (("bt_jax.learn", "nowhere"), "give one with demonstrations"),
-        (("bt_jax.demonstrate", "new", "jump"), "write pick BOX"),
+        (("bt_jax.demonstrate", "new", "jump"), "write pick OBJECT"),
         (("bt_jax.demonstrate", "new", "pick RedBox; release"), "use one of YellowBox"),
         (("bt_jax.demonstrate", "new"), "there is no folder new"),
         (("bt_jax.demonstrate", "new", "--delete", "demo1"), "there is no folder new"),
