@@ -2,14 +2,15 @@
 
 python -m benchmarks.parity --count 1000
 
-`drops`: one box let go over a table, the kit, an edge or another box, free of anything else. `piles`: boxes put where
-genes would put them, also into each other, as evolution does. A verdict is which box rests on what.
+`drops`: one object let go over a table, a kit, an edge or another object, free of anything else. `piles`: objects put where
+genes would put them, also into each other, as evolution does. A verdict is which object rests on what.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -26,6 +27,8 @@ from bt_jax.behaviors import Kind, gene_pool
 from bt_jax.mjx_env.physics.factory import make_physics
 from bt_jax.mjx_env.physics.protocol import Settled
 from bt_jax.mjx_env.scene.mjcf import compile_scene, timing
+from bt_jax.mjx_env.scene.placement import draw_kit_table
+from bt_jax.mjx_env.surfaces import fixed_surfaces, joined, object_surfaces, support_height
 from bt_jax.tasks import Task, load_task
 from bt_jax.tasks.support import kit_origin
 
@@ -37,12 +40,12 @@ JITTER = 1e-5  # metres; a problem whose outcome changes with so little is sensi
 class Problems:
     """A batch for `Physics.settle`."""
 
-    kit: np.ndarray
+    kits: np.ndarray
     poses: np.ndarray
     present: np.ndarray
 
     def settle(self, physics) -> Settled:
-        return jax.tree.map(np.asarray, physics.settle(self.kit[:, None], self.poses, self.present))
+        return jax.tree.map(np.asarray, physics.settle(self.kits, self.poses, self.present))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,19 +75,23 @@ def _batch(task: Task, rng: np.random.Generator, count: int, one: Callable) -> P
 
 
 def _resting(task: Task, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    table = rng.integers(len(task.tables))
-    kit = np.array([*task.tables[table].position[:2], kit_origin(task, task.tables[table])[2]], np.float32)
-    others = [place for i, place in enumerate(task.tables) if i != table]
+    kit_table = task.tables[draw_kit_table(task, rng)]
+    kits = np.array([kit_origin(task, kit_table, name) for name in task.kit_names], np.float32)
+    taken = {kit.table or kit_table.name for kit in task.kits}
+    others = [table for table in task.tables if table.name not in taken]
     poses = np.zeros((len(task.objects), 7), np.float32)
-    for i, box in enumerate(task.objects):
+    for i, thing in enumerate(task.objects):
         while True:
             place = others[rng.integers(len(others))]
             spread = np.array(place.size[:2]) - 2 * task.layout.margin
             xy = np.array(place.position[:2]) + rng.uniform(-0.5, 0.5, 2) * spread
-            if all(np.hypot(*(xy - other[:2])) > 1.5 * box.edge for other in poses[:i]):
+            if all(
+                np.hypot(*(xy - pose[:2])) > thing.radius + other.radius
+                for other, pose in zip(task.objects[:i], poses, strict=False)
+            ):
                 break
-        poses[i] = (*xy, place.top + box.edge / 2, *_yaw(rng.uniform(-0.8, 0.8) if rng.random() < 0.5 else 0))
-    return kit, poses, np.ones(len(task.objects), bool)
+        poses[i] = (*xy, place.top + thing.height / 2, *_yaw(rng.uniform(-0.8, 0.8) if rng.random() < 0.5 else 0))
+    return kits, poses, np.ones(len(task.objects), bool)
 
 
 def _yaw(angle: float) -> tuple[float, float, float, float]:
@@ -92,54 +99,47 @@ def _yaw(angle: float) -> tuple[float, float, float, float]:
 
 
 def _drop(task: Task, rng: np.random.Generator):
-    kit, poses, present = _resting(task, rng)
+    kits, poses, present = _resting(task, rng)
     which = rng.integers(len(task.objects))
-    size = task.objects[which].edge
-    lift = rng.choice([0.03, 0.05, 0.3, 1.5]) * size
+    thing = task.objects[which]
+    lift = rng.choice([0.03, 0.05, 0.3, 1.5]) * thing.edge
     above = rng.integers(4)
     if above == 0:  # a table, also over its edge
         table = task.tables[rng.integers(len(task.tables))]
-        xy = np.array(table.position[:2]) + rng.uniform(-0.5, 0.5, 2) * (np.array(table.size[:2]) + 0.8 * size)
-    elif above in (1, 2):  # the kit, walls and all
-        half = task.kit.size[0] / 2 + (0.5 * size if above == 1 else -0.55 * size)
-        xy = kit[:2] + rng.uniform(-half, half, 2)
+        xy = np.array(table.position[:2]) + rng.uniform(-0.5, 0.5, 2) * (np.array(table.size[:2]) + 0.8 * thing.edge)
+    elif above in (1, 2):  # a kit, walls and all
+        at = rng.integers(len(kits))
+        half = np.array(task.kits[at].half) + (0.5 * thing.edge if above == 1 else -0.55 * thing.edge)
+        xy = kits[at, :2] + rng.uniform(-1, 1, 2) * np.maximum(half, 0)
     else:
-        xy = poses[rng.integers(len(task.objects)), :2] + rng.uniform(-0.6, 0.6, 2) * size
+        xy = poses[rng.integers(len(task.objects)), :2] + rng.uniform(-0.6, 0.6, 2) * thing.edge
     turned = _yaw(rng.uniform(-0.8, 0.8) if rng.random() < 0.5 else 0)
-    floor = min(0.0, *(table.position[2] - table.size[2] / 2 for table in task.tables))
-    lowest = floor + size / 2
-    reach = size * 0.75  # half a diagonal and a little: what is further off is not under the box
-    for table in task.tables:
-        if np.all(np.abs(xy - table.position[:2]) < np.array(table.size[:2]) / 2 + reach):
-            lowest = max(lowest, table.top + size / 2)
-    inner = np.abs(xy - kit[:2]).max()
-    if inner < task.kit.size[0] / 2 + reach:
-        plate = kit[2] + task.kit.thickness / 2 + size / 2
-        lowest = max(lowest, plate + (task.kit.wall_height if inner > task.kit.inner[0] - reach else 0))
-    for other, pose in enumerate(poses):
-        if other != which and np.hypot(*(xy - pose[:2])) < 1.45 * size:
-            lowest = max(lowest, pose[2] + size)
+    surfaces = joined(fixed_surfaces(task, kits[None]), object_surfaces(task, poses[None]))
+    usable = np.arange(surfaces.top.shape[1])[None] != surfaces.top.shape[1] - len(poses) + which
+    around = np.full((1, 2), thing.radius, np.float32)  # what is further off is not under the object
+    lowest = support_height(surfaces, xy[None].astype(np.float32), around, usable)[0] + thing.height / 2
     poses[which] = (*xy, lowest + lift, *turned)
-    return kit, poses, present
+    return kits, poses, present
 
 
 def _pile(task: Task, rng: np.random.Generator):
-    kit, poses, present = _resting(task, rng)
+    kits, poses, present = _resting(task, rng)
     genes = [leaf for leaf in gene_pool(task).leaves if leaf.kind == Kind.GENE]
     for _ in range(rng.integers(1, 4)):
         gene = genes[rng.integers(len(genes))]
-        if gene.frame == task.kit.name:
-            place = kit + np.array(gene.position)
+        if gene.frame in task.kit_names:
+            place = kits[task.kit_names.index(gene.frame)] + np.array(gene.position)
         else:
             frame = poses[task.object_names.index(gene.frame)].astype(float)
-            turn = np.zeros(3)
-            mujoco.mju_rotVecQuat(turn, np.array(gene.position), frame[3:])
-            place = frame[:3] + turn
-        turned = _yaw(rng.uniform(-0.8, 0.8) if rng.random() < 0.3 else 0)
-        poses[task.object_names.index(gene.object)] = (*place, *turned)
+            offset = np.zeros(3)
+            mujoco.mju_rotVecQuat(offset, np.array(gene.position), frame[3:])
+            place = frame[:3] + offset
+        turned = _yaw(rng.uniform(-0.8, 0.8) if rng.random() < 0.3 else math.radians(gene.turn or 0))
+        name = rng.choice(task.instances[gene.object])
+        poses[task.object_names.index(name)] = (*place, *turned)
     present = rng.random(len(poses)) < 0.85
     present[rng.integers(len(poses))] = True
-    return kit, poses, present
+    return kits, poses, present
 
 
 class Judge:
@@ -150,12 +150,12 @@ class Judge:
         self.model, self.ids = compile_scene(task)
         self.data = mujoco.MjData(self.model)
 
-    def contacts(self, kit, poses, present, *, margin: float = 0.0) -> list[tuple[str, str, float, float]]:
+    def contacts(self, kits, poses, present, *, margin: float = 0.0) -> list[tuple[str, str, float, float]]:
         """Touching pairs (first, second, distance [m], z of the normal from first to second) of the present boxes."""
         absent = {name for name, here in zip(self.task.object_names, present, strict=True) if not here}
         self.model.geom_margin[:] = margin
         self.data.qpos[:] = poses.ravel()
-        self.data.mocap_pos[self.ids.kit_mocaps[0]] = kit
+        self.data.mocap_pos[list(self.ids.kit_mocaps)] = kits
         mujoco.mj_forward(self.model, self.data)
         self.model.geom_margin[:] = 0
         found = []
@@ -165,10 +165,10 @@ class Judge:
                 found.append((*names, float(contact.dist), float(contact.frame[2])))
         return found
 
-    def verdict(self, kit, poses, present) -> set[tuple[str, str]]:
+    def verdict(self, kits, poses, present) -> set[tuple[str, str]]:
         """(box, what carries it) for every box."""
         carried = set()
-        for first, second, _, up in self.contacts(kit, poses, present, margin=0.02 * timing(self.task).size):
+        for first, second, _, up in self.contacts(kits, poses, present, margin=0.02 * timing(self.task).size):
             if abs(up) > 0.7:
                 carried.add((second, first) if up > 0 else (first, second))
         return carried
@@ -192,11 +192,11 @@ def compare(task: Task, problems: Problems, backends, judge: Judge) -> dict:
     differences, same = [], np.ones(len(far), bool)
     overlapping = np.zeros(len(far), bool)
     for i in range(len(far)):
-        kit, start, present = problems.kit[i], problems.poses[i], problems.present[i]
-        contacts = judge.contacts(kit, start, present)
+        kits, start, present = problems.kits[i], problems.poses[i], problems.present[i]
+        contacts = judge.contacts(kits, start, present)
         depth = -min((distance for *_, distance, _ in contacts), default=0.0) / scale
         overlapping[i] = depth > NEAR
-        verdicts = [judge.verdict(kit, settled.poses[i], present) for settled in (reference, other)]
+        verdicts = [judge.verdict(kits, settled.poses[i], present) for settled in (reference, other)]
         same[i] = verdicts[0] == verdicts[1]
         if far[i] > NEAR or not same[i]:
             differences.append(

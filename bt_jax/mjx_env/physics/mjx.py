@@ -23,7 +23,7 @@ from jaxtyping import Array, Bool, Float32, Int32
 from bt_jax._util.compile_cache import kept_jit
 from bt_jax._util.errors import UserError
 from bt_jax.mjx_env.physics.mjx_scene import stand_in_mjcf
-from bt_jax.mjx_env.physics.newton import solve
+from bt_jax.mjx_env.physics.newton import free_accelerations, solve
 from bt_jax.mjx_env.physics.protocol import QUIET_STEPS, Settled, SettleFn
 from bt_jax.mjx_env.scene.mjcf import resolve_ids, timing
 from bt_jax.tasks import Task
@@ -220,10 +220,11 @@ class _Model:
             for body in self.ids.objects
         ]
         self.parked = np.zeros((len(task.objects), 7), np.float32)
-        self.parked[:, 0] = 10 * self.scales.size * np.arange(len(task.objects))
+        self.parked[:, 0] = 10 * max(thing.edge for thing in task.objects) * np.arange(len(task.objects))
         self.parked[:, 2:4] = PARKED, 1
-        self.mass = np.array(inertia, np.float32).ravel()
-        self.free = np.tile(np.array([*model.opt.gravity, 0, 0, 0], np.float32), len(self.ids.objects))
+        self.mass = np.array(inertia, np.float32)
+        self.gravity = np.array(model.opt.gravity, np.float32)
+        self.normals, self.offsets = _faces(model, self.mjx)
 
     def step(
         self, lane: _Lane, kits: Float32[Array, "T 3"], start: Float32[Array, "B 7"], present: Bool[Array, " B"]
@@ -259,9 +260,7 @@ class _Model:
         )
 
     def _advance(self, data: mjx.Data) -> tuple[Float32[Array, "B 7"], Float32[Array, "B 6"], Float32[Array, " dofs"]]:
-        """Do as `mjx.step` for boxes without joints among them: same collisions and constraints, another solver.
-
-        The boxes are cubes, so nothing but gravity accelerates a free one: their inertia has no gyroscopic part."""
+        """Do as `mjx.step` for objects without joints among them: same collisions and constraints, another solver."""
         boxes = len(self.ids.objects)
         # MJX promotes types and ranks freely; this package's tests do not.
         with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
@@ -276,8 +275,10 @@ class _Model:
         rows = data._impl
         with jax.named_scope("solver"):
             acceleration = solve(
-                jnp.asarray(self.mass),
-                jnp.asarray(self.free),
+                jnp.asarray(self.mass.ravel()),
+                free_accelerations(
+                    jnp.asarray(self.mass), jnp.asarray(self.gravity), data.qvel.reshape(boxes, 6)
+                ).ravel(),
                 rows.efc_J,
                 rows.efc_D,
                 rows.efc_aref,
@@ -291,24 +292,26 @@ class _Model:
         return jnp.concatenate([poses[:, :3] + step * velocities[:, :3], turned], axis=1), velocities, acceleration
 
     def _as_in_c(self, data: mjx.Data) -> Any:  # the class of MJX's contacts is private
-        """Return the contacts by the C engine's conventions: halfway between the surfaces (MJX leaves those of two boxes on
+        """Return the contacts by the C engine's conventions: halfway between the surfaces (MJX leaves those of two faces on
         one of them), and each place once (MJX fills up to four by repetition, which would stiffen the contact)."""
         contact = data._impl.contact
         geoms = contact.geom
         normal = contact.frame[:, 0]
+        outward = jnp.stack([normal, -normal], axis=1)
         local = jnp.einsum("ckij,cki->ckj", data.geom_xmat[geoms], contact.pos[:, None] - data.geom_xpos[geoms])
-        facing = jnp.abs(jnp.einsum("ckij,ci->ckj", data.geom_xmat[geoms], normal))
-        outside = jnp.abs(local) - self.mjx.geom_size[geoms]
-        outside = jnp.take_along_axis(outside, jnp.argmax(facing, axis=-1, keepdims=True), axis=-1)[..., 0]
-        toward_second = jnp.where(outside[:, 0] < outside[:, 1], -0.5, 0.5)
-        between = contact.pos + (toward_second * contact.dist)[:, None] * normal
+        facing = jnp.einsum("ckij,cki->ckj", data.geom_xmat[geoms], outward)
+        normals, offsets = jnp.asarray(self.normals)[geoms], jnp.asarray(self.offsets)[geoms]
+        outside = jnp.einsum("ckfj,ckj->ckf", normals, local) - offsets
+        face = jnp.argmax(jnp.einsum("ckfj,ckj->ckf", normals, facing), axis=-1, keepdims=True)
+        outside = jnp.take_along_axis(outside, face, axis=-1)[..., 0]
+        depth = jnp.abs(contact.dist)
+        toward_second = jnp.clip(outside[:, 1] - outside[:, 0], -depth, depth) / 2
         plane = jnp.asarray(self.mjx.geom_type)[geoms[:, 0]] == int(mujoco.mjtGeom.mjGEOM_PLANE)
+        between = contact.pos + jnp.where(plane, 0, toward_second)[:, None] * normal
         near = jnp.sum((contact.pos[:, None] - contact.pos[None]) ** 2, axis=-1) < (1e-3 * self.scales.size) ** 2
         alike = near & jnp.all(geoms[:, None] == geoms[None], axis=-1)
         again = jnp.any(jnp.tril(alike, -1), axis=1)
-        return contact.replace(
-            pos=jnp.where(plane[:, None], contact.pos, between), dist=jnp.where(again, 1.0, contact.dist)
-        )
+        return contact.replace(pos=between, dist=jnp.where(again, 1.0, contact.dist))
 
     def _stand_in_positions(
         self, kits: Float32[Array, "T 3"], poses: Float32[Array, "B 7"]
@@ -320,6 +323,25 @@ class _Model:
             away = jnp.sum((places[:, :2] - poses[box, :2][None]) ** 2, axis=-1)
             rows.append(places[jnp.argmin(away)])
         return jnp.stack(rows)
+
+
+def _faces(model: mujoco.MjModel, placed: mjx.Model) -> tuple[Float32[np.ndarray, "G F 3"], Float32[np.ndarray, "G F"]]:
+    """Return the normals of the faces of every geom in its own frame, and how far they are from its middle; zeros for
+    planes and behind the last face."""
+    sides = np.concatenate([np.eye(3), -np.eye(3)])
+    found = []
+    for kind, size, mesh in zip(model.geom_type, model.geom_size, model.geom_dataid, strict=True):
+        if kind == mujoco.mjtGeom.mjGEOM_MESH:
+            convex = placed._impl.mesh_convex[mesh]
+            normals, corners = np.asarray(convex.face_normal), np.asarray(convex.face)[:, 0]
+            found.append((normals, np.sum(normals * corners, axis=1)))
+        elif kind == mujoco.mjtGeom.mjGEOM_BOX:
+            found.append((sides, np.tile(size, 2)))
+        else:
+            found.append((np.zeros((0, 3)), np.zeros(0)))
+    most = max(len(offsets) for _, offsets in found)
+    normals = np.array([np.pad(one, ((0, most - len(one)), (0, 0))) for one, _ in found], np.float32)
+    return normals, np.array([np.pad(one, (0, most - len(one))) for _, one in found], np.float32)
 
 
 def _turn(quat: Float32[Array, "4"], turn: Float32[Array, "3"]) -> Float32[Array, "4"]:

@@ -1,20 +1,23 @@
-"""The scene for MJX: the same bodies as for the C engine, with fewer collision pairs.
+"""The scene for MJX: the same bodies as for the C engine, with fewer collision pairs, and with prisms for cylinders.
 
-MJX computes every pair whether near or not, so each box meets only the table nearest to it and the nearer of two
-opposite walls, as stand-ins that follow the box, wherever the geometry proves that it cannot touch both.
+MJX computes every pair whether near or not, so each object meets only the table nearest to it and the nearer of two
+opposite walls, as stand-ins that follow the object, wherever the geometry proves that it cannot touch both. It has no
+collisions of cylinders with boxes, so that each cylinder is a prism with SIDES sides and the cylinder's mass and inertia.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 import xml.etree.ElementTree as ElementTree
 
 from bt_jax.mjx_env.scene.mjcf import build_mjcf, kit_geoms
-from bt_jax.tasks import Task
+from bt_jax.tasks import Object, Task
 
 __all__ = ["StandIn", "stand_in_mjcf"]
 
 CONTACTS_PER_BOX = 8
+SIDES = 8
 StandIn = tuple[int, tuple[tuple[float, float, float], ...], int | None]
 
 
@@ -28,9 +31,11 @@ def stand_in_mjcf(task: Task) -> tuple[str, list[StandIn]]:
     kits = [body for body in world.iter("body") if body.get("name") in task.kit_names]
     geoms = {geom.get("name"): geom for geom in world.iter("geom")}
     tables = tuple(table.name for table in task.tables)
+    for thing in task.objects:
+        if thing.shape == "cylinder":
+            _make_prism(thing, _only(root, "asset"), _only(world, f"body[@name='{thing.name}']"))
     stand_ins: list[StandIn] = []
     insert = list(world).index(kits[-1]) + 1
-    replaced: set[str] = set()
 
     def stand_in(box: int, names: tuple[str, ...], kit: int | None = None) -> str:
         nonlocal insert
@@ -41,7 +46,6 @@ def stand_in_mjcf(task: Task) -> tuple[str, list[StandIn]]:
         insert += 1
         places = tuple(_vector(geoms[name].attrib["pos"]) for name in names)
         stand_ins.append((box, places, kit))
-        replaced.update(names)
         return name
 
     pairs = []
@@ -56,8 +60,9 @@ def stand_in_mjcf(task: Task) -> tuple[str, list[StandIn]]:
                 single = box.radius < kit.inner[axis] / 2
                 pairs += [(name, box.name) for name in ([stand_in(i, both, k)] if single else both)]
     pairs += list(itertools.combinations(task.object_names, 2))
+    met = {name for pair in pairs for name in pair}
     for parent in (*kits, world):
-        for geom in [geom for geom in parent.findall("geom") if geom.get("name") in replaced]:
+        for geom in [geom for geom in parent.findall("geom") if geom.get("name") not in met]:
             parent.remove(geom)
     for geom in world.iter("geom"):  # only the explicit pairs meet
         geom.set("contype", "0")
@@ -71,6 +76,28 @@ def stand_in_mjcf(task: Task) -> tuple[str, list[StandIn]]:
     contacts = str(CONTACTS_PER_BOX * len(task.objects))
     ElementTree.SubElement(custom, "numeric", name="max_contact_points", data=contacts)
     return ElementTree.tostring(root, encoding="unicode"), stand_ins
+
+
+def _make_prism(thing: Object, assets: ElementTree.Element, body: ElementTree.Element) -> None:
+    """Make the geom of a cylinder a prism with as large a foot. Equal cylinders share a mesh, since MJX compiles the
+    collisions of each two meshes by themselves."""
+    radius, half = thing.size[0] / 2, thing.height / 2
+    name = f"prism_{thing.size[0]:.7g}_{thing.height:.7g}"
+    if assets.find(f"mesh[@name='{name}']") is None:
+        angle = 2 * math.pi / SIDES
+        reach = radius * math.sqrt(angle / math.sin(angle))
+        corners = [
+            (reach * math.cos(angle * i), reach * math.sin(angle * i), z) for i in range(SIDES) for z in (half, -half)
+        ]
+        vertices = " ".join(f"{value:.7g}" for corner in corners for value in corner)
+        ElementTree.SubElement(assets, "mesh", name=name, vertex=vertices)
+    geom = _only(body, "geom")
+    for key in ("size", "friction", "condim", "density"):
+        geom.attrib.pop(key)
+    geom.attrib |= {"type": "mesh", "mesh": name, "mass": "0"}
+    across = thing.mass * (3 * radius**2 + thing.height**2) / 12
+    inertia = f"{across:.7g} {across:.7g} {thing.mass * radius**2 / 2:.7g}"
+    ElementTree.SubElement(body, "inertial", pos="0 0 0", mass=f"{thing.mass:.7g}", diaginertia=inertia)
 
 
 def _only(root: ElementTree.Element, path: str) -> ElementTree.Element:

@@ -12,9 +12,20 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float32
 
-__all__ = ["solve"]
+__all__ = ["free_accelerations", "solve"]
 
 SEARCH_STEPS = 6
+
+
+def free_accelerations(
+    mass: Float32[Array, "B 6"], gravity: Float32[Array, "3"], velocities: Float32[Array, "B 6"]
+) -> Float32[Array, "B 6"]:
+    """Return a0, the accelerations of bodies that touch nothing: gravity, and dw/dt of the angular velocity w by Euler's
+    equations, I dw/dt = -w x I w. `mass` is M's diagonal; what is linear is in the world, what is angular in the body's
+    frame."""
+    inertia, spin = mass[:, 3:], velocities[:, 3:]
+    linear = jnp.broadcast_to(gravity, velocities[:, :3].shape)
+    return jnp.concatenate([linear, -jnp.cross(spin, inertia * spin) / inertia], axis=1)
 
 
 def solve(
