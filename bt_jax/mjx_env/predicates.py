@@ -89,7 +89,7 @@ def in_own_target(world: World, task: Task) -> Bool[Array, "S B"]:
         most = np.float32(math.radians(task.episode.turn_tolerance))
         there = there & (np.isnan(wanted)[None, None] | (xp.abs(turned) < most))
     nearest = xp.argmin(xp.where(there, away, np.float32(np.inf)), axis=1)
-    return (there & (nearest[:, None] == objects[None, :, None])).any(axis=-1)
+    return (there & (nearest.astype(np.int8)[:, None] == objects[None, :, None])).any(axis=-1)
 
 
 def graspable(world: World, task: Task) -> Bool[Array, "S B"]:

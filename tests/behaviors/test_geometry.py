@@ -31,9 +31,10 @@ from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.semantics import taken_by as batch_taken_by
 from bt_jax.mjx_env.world import poses_by_name
 from bt_jax.tasks import Episode, Object, load_task
-from tests.helpers.mixed import MIXED, jittered, random_world
+from tests.helpers.random_states import jittered, random_world
+from tests.helpers.samples import PARTS
 
-CUBES = load_task("yumi_stack")
+MIXED, CUBES = load_task(PARTS), load_task("yumi_stack")
 SEEDS = st.integers(0, 2**32 - 1)
 
 

@@ -4,13 +4,14 @@ import dataclasses
 import functools
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import jax
 import numpy as np
 
-from bt_jax.behaviors import Behavior, Control, Kind, Tree, gene_pool
+from bt_jax._util.errors import UserError
+from bt_jax.behaviors import Behavior, Control, Kind, Tree, check_names, gene_pool
 from bt_jax.mjx_env.episodes.pages import Pages
 from bt_jax.mjx_env.episodes.table import TransitionTable
 from bt_jax.mjx_env.physics.kinematic import Kinematic
@@ -25,6 +26,7 @@ from tests.helpers.strategies import ATOMS, SUBTASKS
 MIXED = str(
     Path(__file__).with_name("mixed.yaml")
 )  # a task with a flat plate, a cylinder and instances of a part, two trays
+PARTS = str(Path(__file__).with_name("parts.yaml"))  # the same and more, for a gripper that needs room for its fingers
 
 
 def random_tree(rng: np.random.Generator, leaves: Sequence[Behavior], num_leaves: int) -> Tree:
@@ -52,9 +54,29 @@ def semantics_of(task_name: str, *, atoms: bool = True, subgoal_reward: str | No
     task = dataclasses.replace(task, subgoal_reward=subgoal_reward or task.subgoal_reward)
     vocabulary = gene_pool(task)
     if atoms:
-        known = [leaf for leaf in (*ATOMS, *SUBTASKS) if task.subgoals or "reached" not in str(leaf)]
-        vocabulary = vocabulary.extended(known)
+        vocabulary = vocabulary.extended(filter(functools.partial(_is_known, task), [*ATOMS, *SUBTASKS]))
+        vocabulary = vocabulary.extended(_atoms_of_parts(task))
     return LeafSemantics(task, vocabulary)
+
+
+def _is_known(task: Task, leaf: Behavior) -> bool:
+    try:
+        check_names(leaf, task)
+    except UserError:
+        return False
+    return True
+
+
+def _atoms_of_parts(task: Task) -> Iterator[Behavior]:
+    """Conditions and picks of parts and of their instances, and the part at its targets and on one of its instances."""
+    for part in (name for name in task.kinds if name not in task.object_names):
+        for name in (part, task.instances[part][-1]):
+            yield from (Behavior(kind, (name,)) for kind in ("holding", "reachable", "clear", "pick"))
+        for target in task.targets:
+            if target.object == part:
+                place = (part, target.position, target.frame, *([] if target.turn is None else [target.turn]))
+                yield from (Behavior("at", place), Behavior("place", place))
+        yield Behavior("move", (part, (0.0, 0.0, 0.02), task.instances[part][0]))
 
 
 def walk(semantics: LeafSemantics, physics: Physics, *, seed: int, count: int, steps: int) -> tuple[World, Released]:

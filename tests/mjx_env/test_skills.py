@@ -1,14 +1,18 @@
+import math
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from bt_jax.behaviors import Behavior
+from bt_jax.behaviors.geometry import heading, turn_error
+from bt_jax.behaviors.pose import Pose
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import subgoals_by_sight
 from bt_jax.mjx_env.skills import LIFT, act, settled_world
-from bt_jax.mjx_env.world import snap, take
-from tests.helpers.samples import assert_same, kinematic_walk, random_commands, semantics_of, sized
+from bt_jax.mjx_env.world import poses_by_name, snap, take
+from tests.helpers.samples import PARTS, assert_same, kinematic_walk, random_commands, semantics_of, sized
 
 
 def command(semantics, *call):
@@ -96,6 +100,51 @@ def test_numpy_and_jax_agree(stack):
     )
     assert_same(jax.device_get((device.present, device.box)), (host.present, host.box))
     np.testing.assert_array_equal(snap(np.asarray(device.poses)), snap(host.poses))
+
+
+@pytest.fixture(scope="module")
+def parts():
+    semantics, worlds, _ = kinematic_walk(PARTS, seed=0, count=60, steps=8)
+    return semantics, worlds
+
+
+def test_numpy_and_jax_agree_on_parts_and_turns(parts):
+    semantics, worlds = parts
+    commands = random_commands(semantics, worlds, np.random.default_rng(2))
+    names = [semantics.commands[command].name for command in commands]
+    assert {"pick", "place"} <= set(names)
+    host = act(semantics, worlds, commands)
+    device = jax.jit(lambda world, command: act(semantics, world, command))(
+        jax.tree.map(jnp.asarray, worlds), jnp.asarray(commands)
+    )
+    assert_same(jax.device_get((device.present, device.box)), (host.present, host.box))
+    np.testing.assert_allclose(device.poses, host.poses, atol=2e-6)
+
+
+def test_what_is_placed_is_turned_the_shorter_way_if_the_place_says_how_it_lies(parts):
+    semantics, worlds = parts
+    task, turned = semantics.task, 0
+    for index, call in enumerate(semantics.commands):
+        held = [task.object_names.index(name) for name in task.instances[call.object]] if call.object else []
+        rows = np.flatnonzero(np.isin(worlds.held, held))[:6]
+        if call.name != "place" or not rows.size:
+            continue
+        world = take(worlds, rows)
+        released = each(semantics, world, index)
+        for s, one in enumerate(world.held):
+            thing = task.objects[one]
+            before, after = (Pose.of(poses[s, one].tolist()) for poses in (world.poses, released.poses))
+            frame = poses_by_name(world, task, s)[call.frame]
+            if call.turn is None or not thing.symmetry:
+                assert after.quaternion == pytest.approx(before.quaternion, abs=1e-6), call
+                continue
+            assert turn_error(thing, after, frame, call.turn) == pytest.approx(0, abs=2e-3), (
+                call
+            )  # of snapped quaternions
+            least = abs(turn_error(thing, before, frame, call.turn))
+            assert abs(math.remainder(heading(after) - heading(before), 2 * math.pi)) == pytest.approx(least, abs=2e-3)
+            turned += least > 0.1
+    assert turned > 20
 
 
 def test_settled_states_are_snapped_and_keep_what_they_have_seen():

@@ -1,58 +1,17 @@
-"""A task with objects of every shape, parts, and two trays, and random states of it."""
+"""Random states of a task with objects of any shape, parts and trays."""
 
 import dataclasses
 
 import numpy as np
 
 from bt_jax.mjx_env.world import World, snap
-from bt_jax.tasks import Task, load_task, task_from_dict
+from bt_jax.tasks import Task
 from bt_jax.tasks.support import kit_origin
 
-COLOR = [0.5, 0.5, 0.5]
-MIXED = task_from_dict(
-    {
-        **{key: load_task("stack").to_dict()[key] for key in ("tables", "robot_frame", "robot_position")},
-        "name": "mixed",
-        "description": "",
-        "objects": [
-            {"name": "Cube", "size": 0.05, "color": COLOR},
-            {"name": "Plate", "size": [0.12, 0.06, 0.02], "color": COLOR},
-            {"name": "Block", "size": [0.06, 0.06, 0.03], "color": COLOR},
-            {"name": "Can", "radius": 0.03, "height": 0.08, "color": COLOR},
-            {"part": "Bolt", "count": 3, "radius": 0.012, "height": 0.05, "color": COLOR},
-            {"part": "Bar", "count": 2, "size": [0.1, 0.03, 0.03], "color": COLOR},
-        ],
-        "kits": [
-            {
-                "name": "TrayA",
-                "size": [0.3, 0.24],
-                "table": "TableLeft",
-                "slots": [
-                    {"name": "a1", "position": [-0.08, 0.0], "turn": 90, "takes": "Bar"},
-                    {"name": "a2", "position": [0.05, -0.05], "takes": "Bolt"},
-                    {"name": "a3", "position": [0.05, 0.05], "takes": "Bolt"},
-                ],
-            },
-            {"name": "TrayB", "size": [0.3, 0.2], "table": "TableMiddle", "grid": [1, 2], "dividers": True},
-        ],
-        "targets": [
-            {"object": "Plate", "position": [0.07, 0.0, 0.0125], "frame": "TrayB", "turn": 90},
-            {"object": "Bar", "slot": "TrayA.a1"},
-            {"object": "Bolt", "slot": "TrayA.a2"},
-            {"object": "Bolt", "slot": "TrayA.a3"},
-            {"object": "Block", "position": [0, 0, 0.025], "frame": "Plate", "turn": 45},
-            {"object": "Cube", "position": [0, 0, 0.04], "frame": "Block"},
-        ],
-        "layout": {"kit": "TableLeft", "spacing": 0.1, "margin": 0.1},
-        "gripper_opening": 0.08,
-        "finger_room": 0.02,
-    },
-    source="mixed",
-)
 TILTS = (0.0, 0.0, 0.0, 0.0, 0.1, 0.5, np.pi / 2, np.pi)  # radians, about a horizontal axis
 
 
-def random_world(rng: np.random.Generator, task: Task = MIXED) -> World:
+def random_world(rng: np.random.Generator, task: Task) -> World:
     """One state: objects turned and tilted at random, near the places of the task or near each other, some in stacks."""
     top = min(table.top for table in task.tables)
     kits = np.array([[kit_origin(task, task.tables[0], name) for name in task.kit_names]], np.float32)
