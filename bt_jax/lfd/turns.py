@@ -54,12 +54,14 @@ def common_turn(turns: Float[np.ndarray, " n"], symmetry: float, *, chance: floa
     """Return the turn, degrees from 0 to `symmetry`, in which most of several agree; None where they do not, or where that
     is more probable than `chance` for unrelated ones.
 
-    That n angles that are spread evenly over a circle lie on a w-th part of it has the probability n w^(n-1) (W. L. Stevens,
-    Solution to a geometrical problem in probability, 1939), for one choice of n of them.
+    That n unrelated angles lie on a share w of a circle, at most a half, has the probability n w^(n-1) (W. L. Stevens,
+    Solution to a geometrical problem in probability, 1939); any choice of n of them and any n that is enough may do so.
     """
+    count = len(turns)
+    least = max(min(NEEDED, count), count // 2 + 1)
     angles = np.radians(turns) * 360 / symmetry
     points = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    labels = dbscan(points, 2 * math.sin(math.radians(REACH * 360 / symmetry) / 2), len(turns) // 2 + 1)
+    labels = dbscan(points, 2 * math.sin(math.radians(REACH * 360 / symmetry) / 2), least)
     if labels.max() < 0:
         return None
     rows = np.flatnonzero(labels == 0)  # of a majority there is one
@@ -67,7 +69,7 @@ def common_turn(turns: Float[np.ndarray, " n"], symmetry: float, *, chance: floa
     mean = math.degrees(math.atan2(y, x)) * symmetry / 360
     off = (turns[rows] - mean + symmetry / 2) % symmetry - symmetry / 2
     n, width = len(rows), float(np.ptp(off)) / symmetry
-    if np.abs(off).max() > REACH or math.comb(len(turns), n) * n * width ** (n - 1) > chance:
+    if np.abs(off).max() > REACH or (count - least + 1) * math.comb(count, n) * n * width ** (n - 1) > chance:
         return None
     degrees = float(round(mean % symmetry) % symmetry)
     return Turn(degrees, n, float(apart(turns[rows], degrees, symmetry).max()))

@@ -15,11 +15,13 @@ import numpy as np
 from bt_jax.behaviors import Behavior
 from bt_jax.lfd.demonstration import Demonstrations, Frames, Instance
 from bt_jax.lfd.evaluation.synthetic import demonstrate, random_situations, random_truth, reordered
+from bt_jax.lfd.evaluation.synthetic_kits import demonstrate_kit
 from bt_jax.lfd.inference import Inference
 from bt_jax.lfd.learning import Lesson
+from bt_jax.lfd.turns import REACH, apart
 from bt_jax.tasks import Target, Task
 
-__all__ = ["Assessment", "Example", "assess", "random_example", "situations_example", "tells_apart"]
+__all__ = ["Assessment", "Example", "assess", "kit_example", "random_example", "situations_example", "tells_apart"]
 
 TOGETHER = 1e-6  # metres; frames whose offset varies by less move together
 
@@ -37,17 +39,28 @@ class Example:
         """Return the place actions that demonstrate a placement."""
         return [Instance(d, 2 * shown.index(placement) + 1) for d, shown in enumerate(self.shown) if placement in shown]
 
+    @property
+    def final(self) -> tuple[Target, ...]:
+        """The placements of the first demonstration that hold in the end: the last of each object, all of a part."""
+        shown = self.shown[0]
+        last = {placement.object: i for i, placement in enumerate(shown)}
+        return tuple(one for i, one in enumerate(shown)
+                     if last[one.object] == i or one.object not in self.task.object_names)  # fmt: skip
+
 
 @dataclasses.dataclass(frozen=True)
 class Assessment:
     """Of `placements` observed place actions, how many were recognized in the true frame (`strict`) or in one that
-    moved with it (`lenient`); whether the goal and all orders are right."""
+    moved with it (`lenient`), with the right turn, or rightly free (`turns`), and in the right slot, or rightly in none
+    (`slots`); whether the goal and all orders are right."""
 
     placements: int
     strict: int
     lenient: int
     goal: bool
     order: bool
+    turns: int = 0
+    slots: int = 0
 
 
 def random_example(task: Task, *, seed: Sequence[int], count: int, noise: float, reorder: bool = False) -> Example:
@@ -81,6 +94,31 @@ def _recorded(
     return Example(task, shown, recorded(noise), recorded(0.0))
 
 
+def kit_example(
+    task: Task, *, seed: Sequence[int], count: int, noise: float, turn_noise: float, reorder: bool
+) -> Example:
+    """`count` demonstrations of the targets of a kit; with `reorder` each in a random order, as far as they do not depend on
+    each other. The same for the same seed."""
+    rng = np.random.default_rng([*seed, count])
+    shown = tuple(reordered(task.targets, rng=rng) if reorder else task.targets for _ in range(count))
+
+    def recorded(scale: float) -> Demonstrations:
+        made = [
+            demonstrate_kit(
+                task,
+                one,
+                rng=np.random.default_rng([*seed, count, d]),
+                noise=scale * noise,
+                turn_noise=scale * turn_noise,
+                name=f"demo{d + 1}",
+            )
+            for d, one in enumerate(shown)
+        ]
+        return Demonstrations(Frames.of(task), tuple(made))
+
+    return Example(task, shown, recorded(1.0), recorded(0.0))
+
+
 def tells_apart(lesson: Lesson, example: Example) -> bool:
     """Return whether each placement of an example is one inference, of all that demonstrate it and no others, in a frame
     that moved with the true one."""
@@ -94,12 +132,14 @@ def assess(lesson: Lesson, example: Example) -> Assessment:
     """Compare what was learnt from the demonstrations of an example with its ground truth."""
     step_at = {instance: step for step, one in enumerate(lesson.inferences) for instance in one.instances}
     truth = example.shown[0]
-    strict = lenient = 0
+    strict = lenient = turns = slots = 0
     for placement in truth:
         for instance in example.instances(placement):
             inference = lesson.inferences[step_at[instance]]
             strict += inference.frame == placement.frame
             lenient += _is_right(inference, placement, example)
+            turns += _is_turned(inference, placement, example)
+            slots += inference.slot == placement.slot
     meanings = {step_at[instance]: placement for placement in truth for instance in example.instances(placement)}
     return Assessment(
         placements=len(truth) * len(example.shown),
@@ -107,6 +147,8 @@ def assess(lesson: Lesson, example: Example) -> Assessment:
         lenient=lenient,
         goal=_goal_is_right(lesson, example, step_at),
         order=_orders(lesson, meanings) == _constant_orders(example.shown),
+        turns=turns,
+        slots=slots,
     )
 
 
@@ -118,12 +160,19 @@ def _is_right(inference: Inference, placement: Target, example: Example) -> bool
     return inference.object == placement.object and float(np.ptp(offsets, axis=0).max()) < TOGETHER
 
 
+def _is_turned(inference: Inference, placement: Target, example: Example) -> bool:
+    """Return whether a turn is asked for exactly where one was meant, and that one."""
+    if inference.turn is None or placement.turn is None:
+        return inference.turn == placement.turn
+    symmetry = example.task.thing(placement.object).symmetry
+    return bool(apart(np.array([inference.turn]), placement.turn, symmetry)[0] <= REACH)
+
+
 def _goal_is_right(lesson: Lesson, example: Example, step_at: dict[Instance, int]) -> bool:
-    """Return one subtask, whose goal is the last placement of each object and no more, to the tolerance of the task."""
-    final = {placement.object: placement for placement in example.shown[0]}
-    if len(lesson.subtasks) != 1 or len(lesson.placements) != len(final):
+    """Return whether there is one subtask, whose goal is what holds in the end and no more, to the tolerance of the task."""
+    if len(lesson.subtasks) != 1 or len(lesson.placements) != len(example.final):
         return False
-    for placement in final.values():
+    for placement in example.final:
         instances = example.instances(placement)
         steps = {step_at[instance] for instance in instances}
         inference = lesson.inferences[steps.pop()]
