@@ -22,7 +22,7 @@ from bt_jax.encoding.status import Status
 
 __all__ = ["NOTED", "JumpTable", "Status", "Ticked", "jump_table", "tick_trees"]
 
-NOTED = 1 << 3  # in a trace: the leaf had something noted, beside its status
+NOTED = 1 << 3  # in a trace: the leaf had something noted as it ended
 
 
 @jax.tree_util.register_dataclass
@@ -131,7 +131,8 @@ def tick_trees(
         target = jnp.where(status == Status.SUCCESS, word >> 8 & 255, word & 255)
         running = running | (active & (status == Status.RUNNING))
         if traced is not None:
-            returned = (1 << status) | jnp.where(outcome & ~STATUS != 0, NOTED, 0)
+            told = (outcome & ~STATUS != 0) & (status != Status.RUNNING)
+            returned = (1 << status) | jnp.where(told, NOTED, 0)
             here = active[:, None] & (jnp.arange(num_nodes)[None] == at[:, None])
             traced = traced | jnp.where(here, returned[:, None], 0).astype(jnp.uint8)
         return jnp.where(active & ~running, target, at), running, noted, traced

@@ -25,6 +25,7 @@ KNOWLEDGE: Mapping[str, Any] = types.MappingProxyType(
         "kept_counts": Int64[np.ndarray, " R"],
         "tested": Int32[np.ndarray, "R V"],
         "achieves": Float32[np.ndarray, "R V A"],
+        "pairs": Float32[np.ndarray, "R V V"],
         "order": Float32[np.ndarray, "R V V"],
         "solved": Bool[np.ndarray, " R"],
         "stagnant": Int64[np.ndarray, " R"],
@@ -45,6 +46,7 @@ def arrays_of(knowledge: tuple[Knowledge, ...]) -> dict[str, np.ndarray]:
         "kept_counts": np.array([len(archive) for archive in archives]),
         "tested": np.stack([linkage.tested for linkage in linkages]),
         "achieves": np.stack([linkage.achieves for linkage in linkages]),
+        "pairs": np.stack([linkage.pairs for linkage in linkages]),
         "order": np.stack([linkage.order for linkage in linkages]),
         "solved": np.array([known.solved for known in knowledge]),
         "stagnant": np.array([known.stagnant for known in knowledge]),
@@ -60,7 +62,7 @@ def knowledge_of(arrays: Mapping[str, np.ndarray]) -> tuple[Knowledge, ...]:
     return tuple(
         Knowledge(
             Archive(Trees(kept["tokens"][run], kept["sizes"][run]), kept["fitness"][run], kept["keys"][run]),
-            Linkage(arrays["tested"][run], arrays["achieves"][run], arrays["order"][run]),
+            Linkage(*(arrays[name][run] for name in ("tested", "achieves", "pairs", "order"))),
             bool(arrays["solved"][run]),
             int(arrays["stagnant"][run]),
         )

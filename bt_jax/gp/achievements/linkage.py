@@ -1,4 +1,4 @@
-"""Linkage learning: which leaf achieves what, and which of two leaves has to come first."""
+"""Linkage learning: which leaf achieves what, and in which order two leaves work."""
 
 from __future__ import annotations
 
@@ -11,44 +11,48 @@ from jaxtyping import Bool, Float32, Float64, Int32
 from bt_jax.behaviors.vocabulary import FIRST_LEAF
 from bt_jax.encoding.arrays import Trees
 from bt_jax.encoding.tick import NOTED
-from bt_jax.gp.achievements.goals import FAILED, SUCCEEDED, Goals, Measured
+from bt_jax.gp.achievements.goals import SUCCEEDED, Goals, Measured
 
 __all__ = ["Linkage"]
 
 SEED = 0.5  # credit of what the tree to start from has, before any episode
+HOPE = 0.75  # share of two leaves that is expected to work in an order that was not tried
+DISTURBED = (1.0, 0.5, 0.25)  # by how much at most an order is disturbed, one of these
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Linkage:
-    """Counts over all episodes of a run (NumPy)."""
+    """Counts over all episodes of a run (NumPy). A leaf works in an episode if it succeeded and an achievement that concerns
+    it was there at the end."""
 
-    tested: Int32[np.ndarray, " V"]  # in which a leaf was ticked
-    achieves: Float32[np.ndarray, "V A"]  # in which it succeeded, and the achievement was there at the end
-    order: Float32[
-        np.ndarray, "V V"
-    ]  # [g, h], g before h: in which both achieved something, less those in which h failed
+    tested: Int32[np.ndarray, " V"]  # episodes in which a leaf was ticked
+    achieves: Float32[np.ndarray, "V A"]  # in which it worked, by achievement
+    pairs: Float32[np.ndarray, "V V"]  # [g, h]: in which g stood before h, and was ticked
+    order: Float32[np.ndarray, "V V"]  # of these, in which they worked: each of the two counts half
 
     @staticmethod
     def empty(goals: Goals, baseline: Trees | None = None) -> Linkage:
         """Return the counts before the first episode: each leaf of a baseline [N], if there is one, is expected to achieve
         what concerns its group, in the order in which they stand."""
         tokens, achievements = len(goals.group), len(goals.concerns)
-        achieves, order = np.zeros((tokens, achievements), np.float32), np.zeros((tokens, tokens), np.float32)
+        achieves = np.zeros((tokens, achievements), np.float32)
+        pairs, order = np.zeros((tokens, tokens), np.float32), np.zeros((tokens, tokens), np.float32)
         if baseline is not None:
             leaves = baseline.tokens[(baseline.tokens >= FIRST_LEAF) & (goals.group[baseline.tokens] >= 0)]
             achieves[leaves] = SEED * (goals.group[leaves][:, None] == goals.concerns)
             first, second = np.triu_indices(len(leaves), 1)
             order[leaves[first], leaves[second]] = SEED
-        return Linkage(np.zeros(tokens, np.int32), achieves, order)
+            pairs = np.maximum(order, order.T)  # the other way round, they are not expected to work
+        return Linkage(np.zeros(tokens, np.int32), achieves, pairs, order)
 
     def updated(self, trees: Trees, measured: Measured, goals: Goals) -> Linkage:
         """Return the counts after the episodes of M trees."""
         tokens, trace = trees.tokens.astype(np.int64), measured.trace
         leaf = (tokens >= FIRST_LEAF) & (goals.group[tokens] >= 0)
-        succeeded, failed = leaf & (trace & SUCCEEDED > 0), leaf & (trace & FAILED > 0)
+        ticked, succeeded = leaf & (trace > 0), leaf & (trace & SUCCEEDED > 0)
         tested = self.tested.copy()
-        np.add.at(tested, tokens[leaf & (trace > 0)], 1)
+        np.add.at(tested, tokens[ticked], 1)
 
         concerned = goals.group[tokens][..., None] == goals.concerns  # [M, N, A]
         concerned |= (trace & NOTED > 0)[..., None] & (goals.concerns < 0)  # a leaf that told of a step has done it
@@ -56,15 +60,16 @@ class Linkage:
         achieves = self.achieves.copy()
         np.add.at(achieves, tokens[leaf], credit[leaf])
 
-        worked = credit.max(axis=-1, initial=0)  # [M, N]
+        works = credit.max(axis=-1, initial=0)  # [M, N]
         longest = max(int(trees.sizes[:, 0].max(initial=0)), 1)
         first, second = np.triu_indices(longest, 1)
-        both = np.minimum(worked[:, first], worked[:, second])
-        hindered = succeeded[:, first] & failed[:, second]
-        order = self.order.copy()
-        gain = both - hindered.astype(np.float32)
-        np.add.at(order, (tokens[:, first], tokens[:, second]), gain)
-        return Linkage(tested, achieves, order)
+        tree, pair = np.nonzero(ticked[:, first] & leaf[:, second])
+        before, after = first[pair], second[pair]
+        at = tokens[tree, before], tokens[tree, after]
+        pairs, order = self.pairs.copy(), self.order.copy()
+        np.add.at(pairs, at, 1)
+        np.add.at(order, at, (works[tree, before] + works[tree, after]) / 2)
+        return Linkage(tested, achieves, pairs, order)
 
     def known(self) -> Bool[np.ndarray, " A"]:
         """Return which achievements a leaf was seen to bring about."""
@@ -93,16 +98,16 @@ class Linkage:
     ) -> Int32[np.ndarray, " M"]:
         """Return leaves for an achievement, for M trees: those that were seen to bring it about, in proportion to how often;
         where none was, and for trees that are curious, the least tested of the group that it concerns."""
+        count = len(curious)
+        leaves = self.least_tested(rng, goals.concerns[[achievement]], goals, count)[:, 0]
         weights = np.cumsum(self.achieves[:, achievement], dtype=np.float64)
-        concerned = goals.concerns[achievement : achievement + 1]
-        leaves = self.least_tested(rng, concerned, goals, len(curious))[:, 0]
         if weights[-1] > 0:
-            leaves = np.where(curious, leaves, _drawn(rng, weights, len(curious)))
-        return leaves.astype(np.int32)
+            leaves = np.where(curious, leaves, _drawn(rng, weights, count))
+        return leaves
 
     def step_leaves(self, rng: np.random.Generator, step: int, count: int) -> Int32[np.ndarray, " M"] | None:
-        """Return for `count` trees leaves that have done a step on the way, in proportion to how often; None if no leaf has
-        done it alone."""
+        """Return for M trees leaves that have done a step on the way, in proportion to how often; None if no leaf has done
+        it alone."""
         weights = np.cumsum(self.achieves[:, step], dtype=np.float64)
         return _drawn(rng, weights, count) if weights[-1] > 0 else None
 
@@ -110,17 +115,20 @@ class Linkage:
         """Return each row of leaves in an order that has worked; 0, no leaf, comes last, and what nothing is known of comes
         in random order.
 
-        Again and again the leaf goes next that the others have the least reason to precede.
+        Again and again the leaf goes next that hinders the others least, more or less: some rows are disturbed much, some
+        hardly.
         """
         count, length = leaves.shape
-        forward = self.order[leaves[:, :, None], leaves[:, None, :]]
-        before = forward - forward.swapaxes(1, 2)  # [m, i, j]: how much speaks for i before j
+        at = leaves[:, :, None], leaves[:, None, :]
+        share = (self.order[at] + HOPE) / (self.pairs[at] + 1)
+        gain = share - share.swapaxes(1, 2)  # [m, i, j]: how much more works with i before j
         waiting, rows = leaves > 0, np.arange(count)
+        disturbed = rng.choice(DISTURBED, size=(count, 1))
         result = np.zeros_like(leaves)
         for place in range(length):
-            against = np.where(waiting[:, :, None], before, 0).max(axis=1)  # [m, j]
-            against = np.maximum(against, 0) + rng.random((count, length)) * 0.5
-            choice = np.where(waiting, against, np.inf).argmin(axis=1)
+            hinders = np.where(waiting[:, :, None], gain, 0).max(axis=1, initial=0)  # [m, j]
+            hinders += rng.random((count, length)) * disturbed
+            choice = np.where(waiting, hinders, np.inf).argmin(axis=1)
             result[:, place] = np.where(waiting[rows, choice], leaves[rows, choice], 0)
             waiting[rows, choice] = False
         return result

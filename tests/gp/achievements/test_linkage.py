@@ -1,6 +1,7 @@
 """What is learnt of leaves: what they achieve, in which order they work, and which of them nobody has tried."""
 
 import itertools
+from collections import Counter
 
 import jax
 import numpy as np
@@ -41,8 +42,12 @@ def test_leaves_are_sorted_as_has_worked(order):
     wrong = [list(row) for row in itertools.permutations(RIGHT) if list(row) != RIGHT]
     linkage = learnt(RIGHT, *wrong)
     rng = np.random.default_rng(0)
-    given = np.array([[RIGHT[i] for i in order] + [0]] * 5, np.int32)
-    np.testing.assert_array_equal(linkage.in_order(rng, given), [[*RIGHT, 0]] * 5)
+    given = np.array([[RIGHT[i] for i in order] + [0]] * 500, np.int32)
+    found = Counter(map(tuple, linkage.in_order(rng, given).tolist()))
+    (best, often), *others = found.most_common()
+    assert best == (*RIGHT, 0)
+    assert often > 2 * max(count for _, count in others)
+    assert all(row[-1] == 0 for row in found)
 
 
 def test_without_experience_every_order_is_possible():
@@ -76,7 +81,8 @@ def test_a_baseline_is_expected_to_achieve_what_its_leaves_concern_until_episode
     wrong = [TOKENS[name] for name in ("2@0", "0@4", "1@5")]
     linkage = Linkage.empty(GOALS, jax.tree.map(lambda leaf: leaf[0], compose(leaf_parts(np.array([wrong]), 8))[0]))
     assert [linkage.donors(rng, a, GOALS, np.zeros(9, bool)).tolist() for a in (2, 0, 1)] == [[t] * 9 for t in wrong]
-    np.testing.assert_array_equal(linkage.in_order(rng, np.array([sorted(wrong)] * 9, np.int32)), [wrong] * 9)
+    found = Counter(map(tuple, linkage.in_order(rng, np.array([sorted(wrong)] * 500, np.int32)).tolist()))
+    assert found.most_common(1)[0][0] == tuple(wrong)
     assert not linkage.known().any()
     assert linkage.untested(GOALS)
 

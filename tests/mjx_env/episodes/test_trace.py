@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from bt_jax.behaviors import Kind
 from bt_jax.encoding.arrays import decode, encode_all
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.tick import NOTED
@@ -61,6 +62,11 @@ def test_a_leaf_that_reaches_a_subgoal_has_something_noted(trees, evaluated):
     noted = ((evaluated.trace & NOTED > 0) & (trees.tokens == token)[:, None]).any(axis=-1)
     np.testing.assert_array_equal(noted, reached)
     assert reached.any()
+
+
+def test_an_action_has_nothing_noted(trees, evaluated):
+    conditions = np.isin(SEMANTICS.vocabulary.kinds[trees.tokens], [Kind.CONDITION])
+    assert not (evaluated.trace & NOTED)[~np.repeat(conditions[:, None], LAYOUTS, axis=1)].any()
 
 
 @pytest.mark.slow
