@@ -202,7 +202,8 @@ def _grasp(task: Task, rng: np.random.Generator) -> RigidTransform:
     table = task.tables[rng.integers(len(task.tables))]
     spread = rng.uniform(-0.5, 0.5, 2) * (np.array(table.size[:2]) - 0.04)
     place = np.array([*table.position[:2], table.top]) - task.robot_position + [*spread, rng.uniform(0.02, 0.18)]
-    return grasp_poses(RigidTransform.from_components(place, Rotation.from_euler("z", rng.uniform(0, np.pi))))[0]
+    box = RigidTransform.from_components(place, Rotation.from_euler("z", rng.uniform(0, np.pi)))
+    return grasp_poses(box, task.objects[0], YUMI.arms[0].gripper.opening)[0]
 
 
 def _any(solver: ArmKinematics, task: Task, rng: np.random.Generator) -> RigidTransform:
@@ -220,7 +221,7 @@ def layouts(count: int) -> dict:
         planner, found[name] = Planner(robot, task), 0
         for seed in range(count):
             scene = build_scene(YUMI, task, seed)
-            poses = box_poses(scene, scene.cell.qpos) | {task.kit.name: scene.kit}
+            poses = box_poses(scene, scene.cell.qpos) | dict(scene.kits)
             with contextlib.suppress(Unplannable):
                 planner.pick(task.object_names[0], Surroundings(poses, dict(YUMI.home)), YUMI.arm_names)
                 found[name] += 1

@@ -79,7 +79,7 @@ def plan(count: int) -> dict:
     planner = Planner(YUMI, task)
     for seed in range(count):
         scene = build_scene(YUMI, task, [7, seed])
-        poses = box_poses(scene, scene.cell.qpos) | {task.kit.name: scene.kit}
+        poses = box_poses(scene, scene.cell.qpos) | dict(scene.kits)
         base = RigidTransform.from_translation(task.robot_position).inv()
         poses = {name: base * pose for name, pose in poses.items()}
         box = task.object_names[seed % len(task.objects)]

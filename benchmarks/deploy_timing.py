@@ -104,22 +104,20 @@ def planned(layouts: int) -> tuple[Planner, list[JointPath], list[tuple[str, Joi
     for seed in range(layouts):
         scene = build_scene(YUMI, task, [7, seed])
         base = RigidTransform.from_translation(task.robot_position).inv()
-        poses = {
-            name: base * pose for name, pose in (box_poses(scene, scene.cell.qpos) | {task.kit.name: scene.kit}).items()
-        }
+        poses = {name: base * pose for name, pose in (box_poses(scene, scene.cell.qpos) | dict(scene.kits)).items()}
         box, other = (task.object_names[(seed + k) % len(task.objects)] for k in (0, 1))
         top = poses[other].translation + np.array([0, 0, task.objects[0].edge])
         try:
             reach = planner.pick(box, Surroundings(poses, YUMI.home), YUMI.arm_names)
             free.append(reach.approach)
             straight.append((reach.arm, reach.line))
-            carried = Carried(reach.arm, box, carried_pose(reach.tcp, poses[box]))
+            carried = Carried(reach.arm, box, carried_pose(reach.tcp, poses[box], task.thing(box)))
             among = Surroundings(
                 {name: pose for name, pose in poses.items() if name != box},
                 {**YUMI.home, reach.arm: reach.line[0]},
                 carried,
             )
-            reach = planner.put(carried, top, 0.0, [other], among)
+            reach = planner.put(carried, top, 0.0, among)
             free.append(reach.approach)
             straight.append((reach.arm, reach.line))
         except Unplannable:

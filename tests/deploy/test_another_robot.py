@@ -34,7 +34,7 @@ def test_reachable_poses_are_solved_within_the_limits():
     kinematics, rng, solved = ArmKinematics(SIX_AXIS, "arm"), np.random.default_rng(0), 0
     for seed in range(50):
         place = [rng.uniform(0.22, 0.38), rng.uniform(-0.3, 0.3), rng.uniform(0.02, 0.08)]
-        target = grasp_poses(at(*place[:2], rng.uniform(0, np.pi)))[0]
+        target = grasp_poses(at(*place[:2], rng.uniform(0, np.pi)), TASK.objects[0], 0.06)[0]
         found = kinematics.solve(target, SIX_AXIS.home["arm"], seed=seed)
         if found is not None:
             solved += 1
@@ -58,7 +58,7 @@ def test_a_pick_and_a_place_are_planned_clear_of_everything_and_within_the_rules
     grasped = SIX_AXIS.forward("arm", pick.line[-1])
     np.testing.assert_allclose(grasped.translation, POSES[BOX].translation, atol=1e-4)
 
-    carried = Carried("arm", BOX, carried_pose(grasped, POSES[BOX]))
+    carried = Carried("arm", BOX, carried_pose(grasped, POSES[BOX], TASK.objects[0]))
     among = Surroundings({KIT: POSES[KIT]}, {"arm": pick.line[0]}, carried)
     goal = POSES[KIT].apply([0, 0, 0.022])
     put = planner.put(carried, goal, 0.0, among)

@@ -32,10 +32,7 @@ class MarkedScene:
 
     def __init__(self) -> None:
         root, markers = ET.fromstring(build_mjcf(TASK)), marker_scene(TASK)
-        root.find("asset").extend(ET.fromstring(f"<asset>{markers.assets_xml}</asset>"))
-        root.find(f"worldbody/body[@name='{KIT}']").extend(ET.fromstring(f"<body>{markers.kit_xml}</body>"))
-        for name in TASK.object_names:
-            root.find(f".//geom[@name='{name}']").set("material", f"{name}_markers")
+        markers.add_to(root)
         world = root.find("worldbody")
         world.append(ET.fromstring(PLACEMENT.mjcf("cell")))
         cover = '<geom type="box" size=".015 .015 .002" rgba=".4 .4 .4 1"/>'

@@ -7,12 +7,14 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
+from scipy.spatial.transform import Rotation
 
 from bt_jax.behaviors import expand
 from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.outcome import TickReport
 from bt_jax.deploy.execution.program import Program
 from bt_jax.deploy.planning.grasps import yaw_of
+from bt_jax.deploy.planning.pose_geometry import heading
 from bt_jax.encoding.drawing.terminal import draw_text
 from bt_jax.encoding.status import Status
 from bt_jax.tasks import Task
@@ -73,26 +75,34 @@ def sight_table(task: Task, seen: Observation) -> Table:
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
     for title in ("object", "x mm", "y mm", "z mm", "turned", "seen", ""):
         table.add_column(title, justify="left" if title in ("object", "") else "right")
-    for name in (*task.object_names, task.kit.name):
+    for name in (*task.object_names, *task.kit_names):
         why = "; ".join(finding.text for finding in seen.findings if finding.about == name)
         if name == seen.holding:
             why = "; ".join(filter(None, ["in the hand", why]))
         age = f"{seen.time - seen.measured[name]:.1f} s ago" if name in seen.measured else "never"
         if name in seen.poses:
             x, y, z = 1000 * seen.poses[name].translation
-            turn = np.degrees(yaw_of(seen.poses[name].rotation))
-            table.add_row(name, f"{x:.0f}", f"{y:.0f}", f"{z:.0f}", f"{turn:.0f} deg", age, why)
+            turned = _turned(task, name, seen.poses[name].rotation)
+            table.add_row(name, f"{x:.0f}", f"{y:.0f}", f"{z:.0f}", turned, age, why)
         else:
             table.add_row(name, "", "", "", "", age, why or "unknown", style="yellow")
     for finding in seen.findings:
-        if finding.about not in (*task.object_names, task.kit.name):
+        if finding.about not in (*task.object_names, *task.kit_names):
             table.add_row(finding.about or "picture", "", "", "", "", "", finding.text, style="yellow")
     return table
 
 
+def _turned(task: Task, name: str, rotation: Rotation) -> str:
+    """Return how an object is turned about the vertical, up to turns in which it looks alike; of a cylinder nothing."""
+    thing = task.thing(name) if name in task.object_names else None
+    if thing is None or thing.is_cube:
+        return f"{np.degrees(yaw_of(rotation)):.0f} deg"
+    return f"{np.degrees(heading(rotation)) % thing.symmetry:.0f} deg" if thing.symmetry else ""
+
+
 def doubts(task: Task, seen: Observation) -> list[str]:
     """Return what is not known, or is wrong with the picture, each a line."""
-    unknown = [name for name in (*task.object_names, task.kit.name) if name not in (*seen.poses, seen.holding)]
+    unknown = [name for name in (*task.object_names, *task.kit_names) if name not in (*seen.poses, seen.holding)]
     told = {finding.about for finding in seen.findings}
     return [
         *(finding.text for finding in seen.findings),

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Circle, Rectangle
 from rich.console import Console
 
 from bt_jax._util.errors import UserError
@@ -52,18 +52,20 @@ def markers_command(arguments: MarkersArguments) -> int:
 
 
 def sheet_pages(task: Task, paper: str = "a4") -> Iterator[Figure]:
-    """Yield pages of the paper: stickers row by row, those of a box on its colour, and last the calibration board.
+    """Yield pages of the paper: stickers row by row, those of an object on its colour, and last the calibration board.
 
     Raise UserError if a sticker is larger than the paper.
     """
     if paper not in PAGES:
         raise UserError(f"paper '{paper}' is unknown; use one of {', '.join(PAGES)}")
     width, height = PAGES[paper]
-    colors = {box.name: tint(box.color) for box in task.objects}
+    colors = {thing.name: tint(thing.color) for thing in task.objects}
+    discs = {thing.name for thing in task.objects if thing.shape == "cylinder"}
     for stickers in _pages(task_markers(task), width, height):
         page, paint = _blank(width, height, f"{task.name}: markers")
         for marker, left, top in stickers:
-            _sticker(paint, marker, left, height - top, colors.get(marker.body, (1.0, 1.0, 1.0)))
+            color = colors.get(marker.body, (1.0, 1.0, 1.0))
+            _sticker(paint, marker, left, height - top, color, disc=marker.body in discs)
         yield page
     yield _board_page(width, height)
 
@@ -76,7 +78,7 @@ def _pages(markers: Sequence[Marker], width: float, height: float) -> Iterator[l
         edge = 1000 * marker.sticker
         if edge > width - 2 * BORDER:
             raise UserError(
-                f"the markers of {marker.body} are {edge:.0f} mm wide and the paper is not; use smaller boxes"
+                f"the markers of {marker.body} are {edge:.0f} mm wide and the paper is not; use smaller objects"
             )
         if left + edge > width - BORDER or (body and marker.body != body):
             left, top, row = BORDER, top + row + GAP + LABEL, 0.0
@@ -102,10 +104,15 @@ def _blank(width: float, height: float, title: str) -> tuple[Figure, Axes]:
     return page, paint
 
 
-def _sticker(paint: Axes, marker: Marker, left: float, top: float, color: tuple[float, float, float]) -> None:
+def _sticker(
+    paint: Axes, marker: Marker, left: float, top: float, color: tuple[float, float, float], *, disc: bool
+) -> None:
     edge = 1000 * marker.sticker
     module = edge / (MODULES + 2 * marker.quiet)
-    paint.add_patch(Rectangle((left, top - edge), edge, edge, facecolor=color, edgecolor="0.6", linewidth=0.3))
+    middle = left + edge / 2, top - edge / 2
+    outline = Circle(middle, edge / 2) if disc else Rectangle((left, top - edge), edge, edge)
+    outline.set(facecolor=color, edgecolor="0.6", linewidth=0.3)
+    paint.add_patch(outline)
     bits = marker_image(marker.id, marker.quiet, 1)
     for row, line in enumerate(bits):
         for first, last in _runs(line == 0):

@@ -22,7 +22,6 @@ from bt_jax.deploy.perception.camera_file import load_camera
 from bt_jax.deploy.perception.opening import open_camera
 from bt_jax.deploy.perception.pipeline import Perception
 from bt_jax.deploy.perception.threaded import BackgroundPerception
-from bt_jax.deploy.planning.grasps import grasp_poses
 from bt_jax.deploy.planning.planner import Planner
 from bt_jax.deploy.planning.process import PlanningProcess
 from bt_jax.deploy.robot.yumi import YUMI
@@ -144,8 +143,11 @@ def _reach(program: Program | UserError) -> Callable[[str, Observation], bool]:
     planner = None if isinstance(program, UserError) else Planner(YUMI, program.task)
 
     def reachable(name: str, seen: Observation) -> bool:
-        poses = grasp_poses(seen.poses[name])
-        return planner is not None and any(planner.can_reach(arm, pose) for arm in YUMI.arm_names for pose in poses)
+        return planner is not None and any(
+            planner.can_reach(arm, pose)
+            for arm in YUMI.arm_names
+            for pose in planner.grasps(arm, name, seen.poses[name])
+        )
 
     return reachable
 

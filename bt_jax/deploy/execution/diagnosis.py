@@ -21,7 +21,8 @@ class Diagnosis:
         leaves = list(leaves)
         conditions = [c for leaf in leaves for c in ([leaf] if leaf.kind == Kind.CONDITION else leaf.postconditions)]
         self.conditions = tuple(dict.fromkeys(conditions))
-        self._objects = {name for leaf in (*leaves, *conditions) for name in (leaf.object, leaf.frame) if name}
+        named = {name for leaf in (*leaves, *conditions) for name in (leaf.object, leaf.frame) if name}
+        self._objects = {one for name in named for one in task.instances.get(name, (name,))}
         self._hidden: list[str] = []  # boxes and kit that are not seen now
         self._seen_at: dict[str, float] = {}  # when each was seen last, or looked for first
         self._findings: tuple[Finding, ...] = ()  # about the tree's objects and the picture
@@ -31,7 +32,7 @@ class Diagnosis:
     def take(self, seen: Observation) -> str:
         """Take note of what is seen now. Return what has made it wrong for too long, "" if nothing has."""
         self._seen_at.update(dict.fromkeys(seen.poses, seen.time))
-        objects = (*self.task.object_names, self.task.kit.name)
+        objects = (*self.task.object_names, *self.task.kit_names)
         self._seen_at = dict.fromkeys(objects, seen.time) | self._seen_at
         self._hidden = [name for name in objects if name not in (*seen.poses, seen.holding)]
         self._findings = tuple(
@@ -86,13 +87,20 @@ class Diagnosis:
 
     def _gone(self, names: Sequence[str | None], now: float) -> list[str]:
         """Return which of them have not been seen for long."""
-        return [name for name in self._hidden if name in names and now - self._seen_at[name] >= self.limits.unseen]
+        meant = {one for name in names if name is not None for one in self._meant(name)}
+        return [name for name in self._hidden if name in meant and now - self._seen_at[name] >= self.limits.unseen]
 
     def _missing(self, undecided: frozenset[Behavior]) -> list[str]:
         """Return what is not seen that keeps conditions from being decided: what they name, else all that is hidden, which
         may stand on it."""
-        named = {name for condition in undecided for name in (condition.object, condition.frame)}
+        names = (name for condition in undecided for name in (condition.object, condition.frame))
+        named = {one for name in names if name is not None for one in self.task.instances.get(name, (name,))}
         return [name for name in self._hidden if name in named] or (self._hidden if undecided else [])
+
+    def _meant(self, name: str) -> Sequence[str]:
+        """Return what must be seen for something named: itself, or any instance of a part."""
+        instances = self.task.instances.get(name, (name,))
+        return instances if all(one in self._hidden for one in instances) else ()
 
 
 def _not_seen(names: list[str]) -> str:

@@ -65,7 +65,7 @@ class Executor:
         self.verify = verify or (lambda: "")
         self.ticks = self.overruns = 0
         picks = [node.object for node in self.nodes if isinstance(node, Behavior) and node.name == "pick"]
-        boxes = sorted({box for box in picks if box is not None})
+        boxes = sorted({box for name in picks if name is not None for box in program.task.instances[name]})
         leaves = [node for node in self.nodes if isinstance(node, Behavior)]
         self.runner = ActionRunner(skills, link, log, self.limits, dry=dry)
         self._diagnosis = Diagnosis(program.task, leaves, self.runner, self.limits)

@@ -7,22 +7,34 @@ arm works, the others rest at home. Once the fingers close, or a box is being se
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 from collections.abc import Callable, Generator
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy.execution.movements import Failed, Moved, Movements, Routine
 from bt_jax.deploy.planning.clearance import Carried
 from bt_jax.deploy.planning.grasps import carried_pose, put_poses, yaw_of
 from bt_jax.deploy.planning.planner import Reach
+from bt_jax.deploy.planning.pose_geometry import heading
 from bt_jax.deploy.planning.unplannable import Unplannable
 from bt_jax.deploy.robot.arrays import Point
 from bt_jax.tasks import Task
 
-__all__ = ["Handling"]
+__all__ = ["Handling", "Place"]
 
-Goal = tuple[Point, float]  # where a box's centre should be, base frame [m], and the yaw of its edges [rad]
+Goal = tuple[Point, float, float | None]
+"""Where an object's centre should be [m] and the yaw of the frame's axes [rad], in the base frame, and how it should be
+turned in it [degrees]; None where it need not be."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Place:
+    """Where an object should be: a position in a frame [m], and its turn in it [degrees] where that counts."""
+
+    position: tuple[float, float, float]
+    frame: str
+    turn: float | None = None
 
 
 class Handling:
@@ -45,7 +57,9 @@ class Handling:
             moved = yield from self.moves.follow(reach.approach, aim=box)
             if moved:
                 continue
-            yield from self.moves.fingers(reach.arm, at_least=self.moves.sizes[box] + self.moves.grasp.fit)
+            held = Carried(reach.arm, box, reach.tcp.inv() * reach.approach.among.poses[box])
+            over = self.moves.around(reach.arm, self.moves.width(held))
+            yield from self.moves.fingers(reach.arm, at_least=over)
             moved = yield from self._grasp(box, reach)
             if not moved:
                 return
@@ -72,17 +86,19 @@ class Handling:
 
         Its pose is that of the plan: it was seen before the hand came between it and the camera.
         """
-        arm, size, pose = reach.arm, self.moves.sizes[box], reach.approach.among.poses[box]
+        arm, pose = reach.arm, reach.approach.among.poses[box]
         moved = yield from self.moves.straight(arm, reach.line, watch={box: pose})
         if moved:
             yield from self.moves.back(arm, reach.line)
             return True
         self.committed = True
-        self.moves.link.grip(arm, size - self.moves.grasp.overclose, self.moves.grasp.force)
         tcp = self.moves.robot.forward(arm, self.moves.link.arm(arm).commanded)
-        self.moves.carried[arm] = Carried(arm, box, carried_pose(tcp, pose))
+        carried = Carried(arm, box, carried_pose(tcp, pose, self.task.thing(box)))
+        size = self.moves.width(carried)
+        self.moves.link.grip(arm, size - self.moves.grasp.overclose, self.moves.grasp.force)
+        self.moves.carried[arm] = carried
         yield from self.moves.fingers(arm)
-        failure = self.moves.closed_on(arm, box)
+        failure = self.moves.closed_on(arm, carried)
         if failure:
             self._avoid[box] = arm
             self._open(arm)
@@ -97,18 +113,19 @@ class Handling:
         self._avoid.pop(box, None)
         return False
 
-    def place(self, box: str, position: tuple[float, float, float], frame: str) -> Routine:
-        """Put a box that is held at a position in a frame, or where another arm can take it that reaches there."""
-        arm = self._arm_with(box)
+    def place(self, box: str, place: Place) -> Routine:
+        """Put what is held, a box or an instance of a part, at a place, or where another arm can take it that reaches
+        there."""
+        arm, frame = self._arm_with(box), place.frame
+        carried = self.moves.carried[arm]
         yield from self._found(frame)
-        goal, yaw = self._goal(position, frame)
-        carried = self.moves.carried[arm].pose
-        if not self._reaches(arm, goal, yaw, carried):
-            yield from self._hand_over(box, arm, goal, yaw)
+        goal = self._goal(carried.box, place)
+        if not self._reaches(arm, goal, carried):
+            yield from self._hand_over(carried.box, arm, goal)
             return
         for _ in range(self.moves.motion.replans):
             yield from self._found(frame)
-            moved = yield from self._put(arm, lambda: self._goal(position, frame), frame=frame)
+            moved = yield from self._put(arm, lambda: self._goal(carried.box, place), frame=frame)
             if not moved:
                 return
         raise Failed(f"things do not stay where they are on the way to {frame}")
@@ -122,9 +139,9 @@ class Handling:
         has moved meanwhile."""
         carried = self.moves.carried[arm]
         yield from self.moves.others_home(arm)
-        among, (place, yaw) = self.moves.surroundings(), goal()
+        among, (place, yaw, turn) = self.moves.surroundings(), goal()
         above = place + np.array([0, 0, self.moves.grasp.let_go])
-        reach = yield from self.moves.planned(self.moves.planner.put, carried, above, yaw, among)
+        reach = yield from self.moves.planned(self.moves.planner.put, carried, above, yaw, among, turn)
         moved = yield from self.moves.follow(reach.approach, aim=frame, held=carried.box)
         if moved:
             return True
@@ -136,15 +153,15 @@ class Handling:
         self._open(arm)
         del self.moves.carried[arm]
         self.moves.known[carried.box] = self.moves.robot.forward(arm, self.moves.link.arm(arm).commanded) * carried.pose
-        yield from self.moves.fingers(arm, at_least=self.moves.sizes[carried.box] + self.moves.grasp.fit)
+        yield from self.moves.fingers(arm, at_least=self.moves.around(arm, self.moves.width(carried)))
         yield from self.moves.straight(arm, reach.line[::-1])
         self.committed = False
         return False
 
-    def _hand_over(self, box: str, arm: str, goal: Point, yaw: float) -> Routine:
+    def _hand_over(self, box: str, arm: str, goal: Goal) -> Routine:
         """Set the box down where an arm that reaches its place can pick it, for the tree to have it picked again."""
-        held = self.moves.carried[arm].pose
-        able = [other for other in self.moves.link.arms if other != arm and self._reaches(other, goal, yaw, held)]
+        held = self.moves.carried[arm]
+        able = [other for other in self.moves.link.arms if other != arm and self._reaches(other, goal, held)]
         if not able:
             raise Failed(f"no arm reaches the place for {box}")
         self._avoid[box] = arm
@@ -162,7 +179,7 @@ class Handling:
         for spot in self.moves.planner.spots(carried.box, self.moves.obstacles(), near):
             if tried == self.moves.motion.spots:
                 break
-            if all(self._reaches(name, spot, 0.0, carried.pose) for name in arms):
+            if all(self._reaches(name, (spot, 0.0, None), carried) for name in arms):
                 tried += 1
                 with contextlib.suppress(Unplannable):
                     moved = yield from self._put(arm, _fixed_goal(spot))
@@ -197,20 +214,25 @@ class Handling:
 
     def _arm_with(self, box: str) -> str:
         for arm, carried in self.moves.carried.items():
-            if carried.box == box:
+            if carried.box in self.task.instances[box]:
                 return arm
         raise Failed(f"no hand holds {box}")
 
-    def _goal(self, position: tuple[float, float, float], frame: str) -> Goal:
-        """Return where the box's centre should be in the base frame, and along which direction its edges."""
-        if frame == self.task.robot_frame:
-            return np.array(position), 0.0
-        pose = self.moves.known[frame]
-        return pose.apply(position), yaw_of(pose.rotation)
+    def _goal(self, box: str, place: Place) -> Goal:
+        """Return where an object should be in the base frame, along which direction the frame's axes are, and how it should
+        be turned in it."""
+        if place.frame == self.task.robot_frame:
+            return np.array(place.position), 0.0, place.turn
+        pose = self.moves.known[place.frame]
+        along_edges = place.turn is None and self.task.thing(box).is_cube
+        yaw = yaw_of(pose.rotation) if along_edges else heading(pose.rotation)
+        return pose.apply(place.position), yaw, place.turn
 
-    def _reaches(self, arm: str, goal: Point, yaw: float, held: RigidTransform) -> bool:
-        """Can an arm put a box that is at `held` in its TCP's frame there?"""
-        return any(self.moves.planner.can_reach(arm, pose) for pose in put_poses(goal, yaw, held))
+    def _reaches(self, arm: str, goal: Goal, held: Carried) -> bool:
+        """Can an arm put what is held in its TCP's frame there?"""
+        place, yaw, turn = goal
+        groups = put_poses(place, yaw, held.pose, self.task.thing(held.box), turn)
+        return any(self.moves.planner.can_reach(arm, pose) for poses in groups for pose in poses)
 
 
 def _half_way(point: Point, first: Point, second: Point) -> Point:
@@ -221,4 +243,4 @@ def _half_way(point: Point, first: Point, second: Point) -> Point:
 
 def _fixed_goal(spot: Point) -> Callable[[], Goal]:
     """Return a goal that does not move."""
-    return lambda: (spot, 0.0)
+    return lambda: (spot, 0.0, None)

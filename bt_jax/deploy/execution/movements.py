@@ -19,6 +19,7 @@ from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.settings import GraspSettings, MotionSettings
 from bt_jax.deploy.link.protocol import RobotLink
 from bt_jax.deploy.planning.clearance import Carried
+from bt_jax.deploy.planning.grasps import grip_width
 from bt_jax.deploy.planning.planner import JointPath, Planner, Surroundings
 from bt_jax.deploy.planning.pose_geometry import distance_between, turn_between
 from bt_jax.deploy.planning.process import PlanningProcess
@@ -57,7 +58,7 @@ class Movements:
         background: PlanningProcess | None,
     ) -> None:
         self.robot, self.link, self.planner = robot, link, Planner(robot, task)
-        self.sizes = {box.name: box.edge for box in task.objects}
+        self.things = {thing.name: thing for thing in task.objects}
         self.seen = Observation(-math.inf, {}, {}, None)  # nothing, yet
         self.known: dict[str, RigidTransform] = {}
         self.carried: dict[str, Carried] = {}
@@ -200,14 +201,22 @@ class Movements:
             yield
 
     def holds(self, arm: str, size: float) -> bool:
-        """Are an arm's closing fingers as far apart as a box of this size would hold them?"""
+        """Are an arm's closing fingers as far apart as something of this width would hold them?"""
         state = self.link.arm(arm)
         return state.grip_target < size and abs(state.opening - size) <= self.grasp.fit
 
-    def closed_on(self, arm: str, box: str) -> str:
-        """Return what fingers that rest have closed on, in words, if it is not the box that they were to grasp; else ""."""
-        size, state = self.sizes[box], self.link.arm(arm)
-        if self.holds(arm, size):
+    def width(self, carried: Carried) -> float:
+        """Return how far apart the fingers are that hold an object as it is carried, m."""
+        return grip_width(self.things[carried.box], carried.pose)
+
+    def around(self, arm: str, width: float) -> float:
+        """Return how far apart fingers must be to pass over something of this width, m."""
+        return min(width + self.grasp.fit, self.robot.arm(arm).gripper.opening - self.grasp.nothing)
+
+    def closed_on(self, arm: str, carried: Carried) -> str:
+        """Return what fingers that rest have closed on, in words, if it is not what they were to grasp; else ""."""
+        state, box = self.link.arm(arm), carried.box
+        if self.holds(arm, self.width(carried)):
             return ""
         ends = (0.0, state.grip_target)  # some grippers close as far as they can
         if any(abs(state.opening - end) <= self.grasp.nothing for end in ends):
@@ -222,7 +231,7 @@ class Movements:
         self.carried = {
             arm: carried
             for arm, carried in self.carried.items()
-            if carried.box == self.seen.holding or self.holds(arm, self.sizes[carried.box])
+            if carried.box == self.seen.holding or self.holds(arm, self.width(carried))
         }
 
     def surroundings(self, arm: str = "") -> Surroundings:
@@ -244,7 +253,7 @@ class Movements:
 
     def _lost(self, arm: str, box: str) -> str:
         """Return why a box that an arm carries is no longer in its fingers, "" if it is."""
-        if not self.link.arm(arm).opening >= self.sizes[box] - self.grasp.fit:
+        if not self.link.arm(arm).opening >= self.width(self.carried[arm]) - self.grasp.fit:
             return f"{box} slipped out of the {arm} fingers on the way"
         if self.seen.holding == box:
             return ""

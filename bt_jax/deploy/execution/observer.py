@@ -13,6 +13,7 @@ from bt_jax.deploy.execution.line_of_sight import LineOfSight
 from bt_jax.deploy.execution.observation import Finding, Observation
 from bt_jax.deploy.execution.settings import GraspSettings
 from bt_jax.deploy.link.protocol import RobotLink
+from bt_jax.deploy.planning.grasps import grip_widths
 from bt_jax.deploy.planning.pose_geometry import distance_between
 from bt_jax.deploy.robot.arrays import Joints
 from bt_jax.deploy.robot.model import RobotModel
@@ -47,7 +48,7 @@ class Perceiving(Protocol):
 
 
 class Observer:
-    """Make an `Observation` at every call. `grasped()` names the box that each arm was told to grasp and not to release."""
+    """Make an `Observation` at every call. `grasped()` names what each arm was told to grasp and not to release."""
 
     def __init__(
         self,
@@ -62,7 +63,7 @@ class Observer:
         self.grasp = grasp or GraspSettings()
         self.robot, self.link, self.perception, self.grasped = robot, link, perception, grasped
         self._line_of_sight = LineOfSight(robot, task)
-        self._sizes = {box.name: box.edge for box in task.objects}
+        self._things = {thing.name: thing for thing in task.objects}
         self._before: dict[str, float] = {}
         self._taken: dict[str, float] = {}  # box -> when it was grasped last [s]
         self._trail: deque[tuple[float, dict[str, Joints]]] = deque()  # of the joints of all arms
@@ -79,10 +80,13 @@ class Observer:
         holding = None
         for arm, box in self.grasped().items():
             self._taken[box] = now
-            state, size = arms[arm], self._sizes[box]
-            blocked = state.grip_target <= size - self.grasp.squeeze and abs(state.opening - size) <= self.grasp.fit
+            state, thing = arms[arm], self._things[box]
+            blocked = any(
+                state.grip_target <= width - self.grasp.squeeze and abs(state.opening - width) <= self.grasp.fit
+                for width in grip_widths(thing, self.robot.arm(arm).gripper.opening)
+            )
             steady = abs(state.opening - self._before.get(arm, np.inf)) <= self.grasp.steady
-            if blocked and steady and self._in_hand(poses.get(box), arm, size):
+            if blocked and steady and self._in_hand(poses.get(box), arm, thing.edge):
                 holding = box
         self._before = opening
         measured = self.perception.measured()

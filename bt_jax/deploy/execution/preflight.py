@@ -265,7 +265,7 @@ def _findings(equipment: Equipment) -> str:
 def _markers(equipment: Equipment) -> str:
     task = opened(equipment.program).task
     poses = opened(equipment.perception).poses(equipment.now())
-    missing = [name for name in (*task.object_names, task.kit.name) if name not in poses]
+    missing = [name for name in (*task.object_names, *task.kit_names) if name not in poses]
     if missing:
         raise UserError(f"{', '.join(missing)} cannot be seen; put it in view, with its markers uncovered")
     return f"{len(poses)} objects"

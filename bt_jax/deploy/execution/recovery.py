@@ -19,13 +19,14 @@ def between(moves: Movements, arm: str) -> Carried | None:
     if not grasp.nothing < opening < moves.robot.arm(arm).gripper.opening - grasp.nothing:
         return None
     tcp = moves.robot.forward(arm, moves.link.arm(arm).commanded)
-    for name, size in moves.sizes.items():
-        if name in moves.seen.poses and abs(opening - size) <= grasp.fit:
-            away = distance_between(tcp, moves.seen.poses[name])
-            if away <= size / 2 + grasp.near:
-                return Carried(arm, name, carried_pose(tcp, moves.seen.poses[name]))
-    sizes = sorted(moves.sizes, key=lambda name: moves.sizes[name])
-    fitting = next((name for name in sizes if opening <= moves.sizes[name] + grasp.fit), sizes[-1])
+    for name, thing in moves.things.items():
+        if name in moves.seen.poses:
+            carried = Carried(arm, name, carried_pose(tcp, moves.seen.poses[name], thing))
+            near = distance_between(tcp, moves.seen.poses[name]) <= thing.edge / 2 + grasp.near
+            if near and abs(opening - moves.width(carried)) <= grasp.fit:
+                return carried
+    sizes = sorted(moves.things, key=lambda name: moves.things[name].edge)
+    fitting = next((name for name in sizes if opening <= moves.things[name].edge + grasp.fit), sizes[-1])
     return Carried(arm, fitting, RigidTransform.identity(), known=False)
 
 

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 
 from bt_jax.behaviors import Behavior
-from bt_jax.deploy.execution.handling import Handling
+from bt_jax.deploy.execution.handling import Handling, Place
 from bt_jax.deploy.execution.movements import Failed, Movements, Routine
 from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.recovery import recovery
 from bt_jax.deploy.execution.settings import GraspSettings, MotionSettings
+from bt_jax.deploy.execution.statuses import Context, Statuses
 from bt_jax.deploy.link.protocol import RobotLink
 from bt_jax.deploy.link.safety import Rejected
-from bt_jax.deploy.planning.grasps import grasp_poses
 from bt_jax.deploy.planning.process import PlanningProcess
 from bt_jax.deploy.planning.timing import Pace
 from bt_jax.deploy.planning.unplannable import Unplannable
@@ -49,6 +50,7 @@ class RobotSkills:
             background=background,
         )
         self._handling = Handling(task, self._moves)
+        self._task, self._tried = task, Counter[str]()
         self._routine: Routine | None = None
 
     @property
@@ -69,12 +71,24 @@ class RobotSkills:
                 self._begin(self._handling.open_all())
             case Behavior(name="close_gripper"):
                 self._begin(self._handling.close_all())
-            case Behavior(name="pick", object=str(box)):
-                self._begin(self._handling.pick(box))
-            case Behavior(name="place", object=str(box), position=(x, y, z), frame=str(frame)):
-                self._begin(self._handling.place(box, (x, y, z), frame))
+            case Behavior(name="pick", object=str(name)):
+                self._begin(self._handling.pick(self._chosen(name)))
+            case Behavior(name="place", object=str(box), position=(x, y, z), frame=str(frame), turn=turn):
+                self._begin(self._handling.place(box, Place((x, y, z), frame, turn)))
             case _:
                 raise ValueError(f"{action} is no action")
+
+    def _chosen(self, name: str) -> str:
+        """Return the object to pick up: of a part, the nearest instance that can be taken, of those tried least
+        since one was picked."""
+        if name in self._task.object_names:
+            return name
+        seen = self._moves.seen
+        found = [one for one in Statuses(self._task, seen, Context()).candidates(name) if self.reachable(one, seen)]
+        found.sort(key=lambda one: self._tried[one])
+        chosen = next(iter(found), self._task.instances[name][0])
+        self._tried[chosen] += 1
+        return chosen
 
     def look(self) -> None:
         """Begin to take the arms home."""
@@ -95,6 +109,8 @@ class RobotSkills:
             next(self._routine)
             return Status.RUNNING
         except StopIteration:
+            for one in self.grasped.values():
+                del self._tried[one]
             self._end()
             return Status.SUCCESS
         except (Failed, Unplannable, Rejected) as failed:
@@ -111,8 +127,8 @@ class RobotSkills:
         self._moves.take(seen)
         if name not in self._moves.known:
             return False
-        poses = grasp_poses(self._moves.known[name])
-        return any(self._moves.planner.can_reach(arm, pose) for arm in self.link.arms for pose in poses)
+        planner, pose = self._moves.planner, self._moves.known[name]
+        return any(planner.can_reach(arm, tcp) for arm in self.link.arms for tcp in planner.grasps(arm, name, pose))
 
     def _begin(self, routine: Routine) -> None:
         self.reason, self._handling.committed, self._routine = "", False, routine

@@ -5,12 +5,13 @@ simulation (`mjx_env.semantics`); what is added is what the simulation never mee
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax.behaviors import NOTHING, OPEN, Behavior, Kind, subgoal_conditions
-from bt_jax.behaviors.geometry import is_at, is_reachable
+from bt_jax.behaviors.geometry import can_be_taken, in_own_target, is_at, is_reachable
 from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.planning.pose_geometry import plain, stands_on
 from bt_jax.encoding.status import Status
@@ -28,7 +29,7 @@ class Context:
     attempt: Behavior | None = None  # the action that is being carried out
     exhausted: frozenset[Behavior] = frozenset()  # actions that were tried too often
     reached: frozenset[str] = frozenset()  # subgoals that count as reached
-    unreachable: frozenset[str] = frozenset()  # boxes that no arm can grasp where they are
+    unreachable: frozenset[str] = frozenset()  # objects that no arm can grasp where they are
     last: Mapping[str, RigidTransform] | None = (
         None  # where each object was seen last, in the base frame; None: not asked
     )
@@ -54,33 +55,56 @@ class Statuses:
             return Status.FAILURE
         if leaf == self.context.attempt:
             return Status.RUNNING if self._goes_on(leaf) else Status.FAILURE
-        return Status.RUNNING if all(self.holds(pre) for pre in leaf.preconditions) else Status.FAILURE
+        possible = all(self.holds(pre) for pre in leaf.preconditions)
+        if possible and leaf.name == "pick":
+            possible = bool(self.candidates(leaf.object or ""))
+        return Status.RUNNING if possible else Status.FAILURE
 
     def holds(self, condition: Behavior) -> bool:
-        """Is it known to be true?"""
-        known, name = self._known(condition), condition.object or ""
-        if not known or (condition.name == "clear" and self._may_be_covered(name)):
-            self.undecided.append(condition)
+        """Is it known to be true, of any instance where it names a part?"""
+        name = condition.object or ""
         match condition.name:
-            case "at":
-                in_hand = self.seen.holding == condition.object
-                return known and not in_hand and self._is_at(condition)
+            case "at" | "reachable" | "clear":
+                found = [self._judge(condition, one) for one in self.task.instances[name]]
+                if not (all(sure for _, sure in found) or any(true and sure for true, sure in found)):
+                    self.undecided.append(condition)
+                return any(true for true, _ in found)
             case "holding":
-                wanted = condition.object
-                return self.seen.holding is None if wanted == NOTHING else self.seen.holding == wanted
+                return self.seen.holding in ((None,) if name == NOTHING else self.task.instances[name])
             case "gripper":
                 least = OPENED * self.task.gripper_opening
                 opened = all(opening >= least for opening in self.seen.opening.values())
                 return opened == (condition.args[0] == OPEN)
-            case "reachable":
-                return known and self._in_reach(name)
-            case "clear":
-                return known and not any(
-                    self._rests_on(other, name, self.seen.poses) for other in self.task.object_names
-                )
             case "reached":
                 return self._is_reached(str(condition.args[0]))
         raise ValueError(f"{condition} is no condition")
+
+    def candidates(self, name: str) -> list[str]:
+        """Return the objects that a `pick` may take that are seen, the nearest to the robot first: clear, within reach and
+        graspable; of a part, none that stands in one of its targets."""
+        poses = {one: plain(pose) for one, pose in self.seen.poses.items()}
+        poses[self.task.robot_frame] = plain(RigidTransform.identity())
+        done = () if name in self.task.object_names else in_own_target(self.task, poses, held=self.seen.holding)
+        found = [
+            one
+            for one in self.task.instances[name]
+            if one in poses
+            and one not in done
+            and one not in self.context.unreachable
+            and can_be_taken(self.task, poses, one, held=self.seen.holding)
+        ]
+        return sorted(found, key=lambda one: math.hypot(*poses[one].position[:2]))
+
+    def _judge(self, condition: Behavior, name: str) -> tuple[bool, bool]:
+        """Return whether a condition is known to be true of one object, and whether what is known decides it."""
+        known = self._knows(name) and (condition.frame is None or self._knows(condition.frame))
+        match condition.name:
+            case "at":
+                return known and self.seen.holding != name and self._is_at(condition, name), known
+            case "reachable":
+                return known and self._in_reach(name), known
+        covered = any(self._rests_on(other, name, self.seen.poses) for other in self.task.object_names)
+        return known and not covered, known and not self._may_be_covered(name)
 
     def _is_reached(self, subgoal: str) -> bool:
         if subgoal in self.context.reached or self.task.subgoal_reward == "seen":
@@ -90,32 +114,26 @@ class Statuses:
             self.ticked.add(subgoal)
         return holds
 
-    def _known(self, condition: Behavior) -> bool:
-        """Are the poses known that the condition speaks of? That of a held box is not needed: it is in the hand."""
-        needed = [condition.object, condition.frame] if condition.name in ("at", "reachable", "clear") else []
-        certain = (None, self.task.robot_frame, self.seen.holding)
-        return all(name in certain or name in self.seen.poses for name in needed)
+    def _knows(self, name: str) -> bool:
+        """Is it known where something is? What is held is in the hand, whether it is seen or not."""
+        return name in self.seen.poses or name in (self.task.robot_frame, self.seen.holding)
 
     def _goes_on(self, action: Behavior) -> bool:
         """May an action that is under way go on? An arm hides what it reaches for, so that only knowledge against it
         counts."""
         if action.name == "place":
-            return self.seen.holding == action.object
+            return self.seen.holding in self.task.instances[action.object or ""]
         if action.name != "pick" or action.object not in self.seen.poses:
             return True
         return all(self.holds(pre) for pre in action.preconditions if pre.name in ("clear", "reachable"))
 
-    def _is_at(self, at: Behavior) -> bool:
-        """Is the object where it should be? False if one of them is in the hand and not seen."""
-        poses = self.seen.poses
-        if at.object is None or at.frame is None or at.object not in poses:
+    def _is_at(self, at: Behavior, name: str) -> bool:
+        """Is an object where the condition says? False if it or the frame is in the hand and not seen."""
+        poses = {**self.seen.poses, self.task.robot_frame: RigidTransform.identity()}
+        if name not in poses or at.frame not in poses or at.position is None:
             return False
-        frame = RigidTransform.identity() if at.frame == self.task.robot_frame else poses.get(at.frame)
-        if frame is None:
-            return False
-        thing, pose = self.task.thing(at.object), plain(poses[at.object])
-        place = at.position or (0.0, 0.0, 0.0)
-        return is_at(thing, pose, plain(frame), place, turn=at.turn, episode=self.task.episode)
+        thing, pose, frame = self.task.thing(name), plain(poses[name]), plain(poses[at.frame])
+        return is_at(thing, pose, frame, at.position, turn=at.turn, episode=self.task.episode)
 
     def _in_reach(self, name: str) -> bool:
         return self._above_tables(name) and name not in self.context.unreachable
@@ -126,7 +144,7 @@ class Statuses:
         return is_reachable(self.task.thing(name), float(self.seen.poses[name].translation[2]), self._lowest)
 
     def _may_be_covered(self, lower: str) -> bool:
-        """Could a box out of sight stand on it, since it did when it was seen last, or never was seen?"""
+        """Could something out of sight stand on it, since it did when it was seen last, or never was seen?"""
         last, seen = self.context.last, self.seen.poses
         if last is None:
             return False
@@ -134,7 +152,7 @@ class Statuses:
         return any(name not in last or self._rests_on(name, lower, {**last, **seen}) for name in hidden)
 
     def _rests_on(self, upper: str, lower: str, poses: Mapping[str, RigidTransform]) -> bool:
-        """Does `upper` stand over `lower`, close enough to rest on it? A held box rests on nothing."""
+        """Does `upper` stand over `lower`, close enough to rest on it? What is held rests on nothing."""
         held = self.seen.holding
         if upper == lower or upper not in poses or lower not in poses or held in (upper, lower):
             return False

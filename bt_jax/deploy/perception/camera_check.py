@@ -2,7 +2,7 @@
 
 A camera that was shifted upwards, or turned about a horizontal axis, sees everything too high or too low, or at a slant. One
 that was only shifted sideways, or turned about the vertical, sees everything as it should be, elsewhere: nothing in the cell
-tells that, since the boxes and the kit may stand anywhere on the tables.
+tells that, since objects and kits may stand anywhere on the tables.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform
 
-from bt_jax.deploy.planning.pose_geometry import is_over_kit, lean, level, stands_on, table_under
+from bt_jax.deploy.planning.pose_geometry import is_over_kit, stands_on, stood, table_under
 from bt_jax.tasks import Task
 
 __all__ = ["CameraShift", "camera_shift"]
@@ -44,7 +44,7 @@ class CameraShift:
 
 
 def camera_shift(task: Task, poses: Mapping[str, RigidTransform]) -> CameraShift | None:
-    """Return by how much the camera must have moved since its calibration, from what it sees of boxes and kit in the base
+    """Return by how much the camera must have moved since its calibration, from what it sees of objects and kits in the base
     frame; None if nothing tells so. Most of the things that lie on a table, and two at least, must err alike: one that is
     held, or lies on something unknown, proves nothing."""
     lying = _lying(task, poses)
@@ -58,29 +58,34 @@ def camera_shift(task: Task, poses: Mapping[str, RigidTransform]) -> CameraShift
 
 
 def _lying(task: Task, poses: Mapping[str, RigidTransform]) -> list[tuple[float, Float[np.ndarray, " 2"]]]:
-    """Return, for all that lies on a table or the kit, how much too high it is [m] and the slope of its top."""
+    """Return, for all that lies on a table or a kit, how much too high it is [m] and the slope of its top."""
     finite = {name: pose for name, pose in poses.items() if np.isfinite(pose.as_matrix()).all()}
-    base, kit, found = np.array(task.robot_position), finite.get(task.kit.name), []
-    if kit is not None and (table := table_under(task, kit.translation + base)) is not None:
-        error = kit.translation[2] + base[2] - table.top - task.kit.thickness / 2
-        found.append((float(error), kit.rotation.as_matrix()[:2, 2]))
+    base, found = np.array(task.robot_position), []
+    kits = [(kit, finite[kit.name]) for kit in task.kits if kit.name in finite]
+    for kit, pose in kits:
+        if (table := table_under(task, pose.translation + base)) is not None:
+            error = pose.translation[2] + base[2] - table.top - kit.thickness / 2
+            found.append((float(error), pose.rotation.as_matrix()[:2, 2]))
     boxes = {box.name: finite[box.name] for box in task.objects if box.name in finite}
     for box in task.objects:
-        pose = boxes.get(box.name)
-        on_another = pose is not None and any(
-            stands_on(task, box.name, other, boxes, above_most=math.inf) for other in boxes
-        )
-        if pose is None or lean(pose) > UPRIGHT or on_another:
+        if box.name not in boxes:
             continue
+        pose = stood(box, boxes[box.name])
+        on_another = any(stands_on(task, box.name, other, boxes, above_most=math.inf) for other in boxes)
         table = table_under(task, pose.translation + base)
-        if table is None:
+        if _slope(pose) > UPRIGHT or on_another or table is None:
             continue
-        in_kit = kit is not None and is_over_kit(task, kit, pose.translation)
-        floor = table.top + (task.kit.thickness if in_kit else 0.0)
-        error = float(pose.translation[2] + base[2] - floor - box.edge / 2)
+        under = [kit.thickness for kit, place in kits if is_over_kit(kit, place, pose.translation)]
+        floor = table.top + max(under, default=0.0)
+        error = float(pose.translation[2] + base[2] - floor - box.height / 2)
         if abs(error) < AWAY:
-            found.append((error, level(pose).rotation.as_matrix()[:2, 2]))
+            found.append((error, pose.rotation.as_matrix()[:2, 2]))
     return found
+
+
+def _slope(pose: RigidTransform) -> float:
+    """Return the angle between the vertical and the z axis of a frame, rad."""
+    return math.acos(float(np.clip(pose.rotation.as_matrix()[2, 2], -1.0, 1.0)))
 
 
 def _common(

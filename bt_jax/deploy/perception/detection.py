@@ -1,4 +1,4 @@
-"""From an image to poses of boxes and kit in the camera's frame: ArUco markers, all that are seen of a body fused into one.
+"""From an image to poses of objects and kits in the camera's frame: ArUco markers, all those of a body fused into one.
 
 Of the poses that fit, the one with the most markers and then the least error wins. One marker seen nearly head-on leaves two
 poses possible: then the other one is reported too, and whoever knows more may choose.
@@ -81,7 +81,7 @@ class Detector:
         parameters.perspectiveRemovePixelPerCell = 8
         parameters.perspectiveRemoveIgnoredMarginPerCell = 0.25
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_CONTOUR  # approximated polygons lose corners
-        self._aruco = cv2.aruco.ArucoDetector(marker_dictionary(), parameters)
+        self._aruco = cv2.aruco.ArucoDetector(marker_dictionary(1 + max(self._markers)), parameters)
 
     def __call__(
         self,

@@ -117,8 +117,8 @@ class Inspection:
         for body in picture.apart:
             yield "twice", Finding(body, f"{body}'s markers are seen at two places: they are on two things", stops=True)
         for body, pose in poses.items():
-            if body != self._task.kit.name and lean(pose) > TILTED:
-                yield "leans", Finding(body, f"{body} is tilted by {math.degrees(lean(pose)):.0f} degrees")
+            if body in self._task.object_names and (angle := lean(pose, self._task.thing(body))) > TILTED:
+                yield "leans", Finding(body, f"{body} is tilted by {math.degrees(angle):.0f} degrees")
         if all(name in poses for name in self._task.object_names):  # else it may be the one that is missing
             yield from self._covered(picture, poses)
 

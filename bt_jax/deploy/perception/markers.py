@@ -1,4 +1,5 @@
-"""Which marker is where: an ArUco marker of its own on every face of every box, and one in every corner of the kit's plate.
+"""Which marker is where: an ArUco marker of its own on every face of every cuboid, on the top of every cylinder, and several
+on the plate of every kit.
 
 Ids follow from the task alone, so that a printed sheet, the twin's textures and the detector cannot disagree.
 """
@@ -15,13 +16,18 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax._util.errors import UserError
 from bt_jax.deploy.perception.arrays import Matrix3, PointRows
-from bt_jax.tasks import Task
+from bt_jax.deploy.perception.kit_stickers import kit_stickers
+from bt_jax.tasks import Object, Task
 
-__all__ = ["DICTIONARY", "FACES", "MODULES", "Marker", "marker_dictionary", "marker_image", "square", "task_markers"]
+__all__ = ["DICTIONARIES", "FACES", "MODULES", "Marker", "marker_dictionary", "marker_image", "square", "task_markers"]
 
-DICTIONARY = "DICT_4X4_50"  # the largest modules for a given size: what counts with small markers
+# 4 x 4 bits: the largest modules for a given size, which is what counts with small markers. Each holds those before it.
+DICTIONARIES = {50: "DICT_4X4_50", 100: "DICT_4X4_100", 250: "DICT_4X4_250"}
 MODULES = 6  # across a marker: 4 bits and the black border
-QUIET = {"box": 1, "kit": 2}  # modules of bright margin around it; more on the kit, whose plate is dark
+# Modules of bright margin around it: more on a kit, whose plate is dark, and on a disc, which cuts the corners off.
+QUIET = {"cuboid": 1, "cylinder": 2, "kit": 2}
+NARROWEST = 0.01  # m: a face that is narrower has no marker
+TOP = "front"  # the face of a cylinder that has one
 
 # Name of the face in a MuJoCo cube texture -> axes of the marker (right, up) in the box's frame.
 FACES = {
@@ -63,24 +69,24 @@ class Marker:
 
     @property
     def sticker(self) -> float:
-        """Edge of the square that is bright around the marker, m."""
+        """Edge of the square that is bright around the marker, m; on a cylinder, its diameter."""
         return self.size * (MODULES + 2 * self.quiet) / MODULES
 
 
 @functools.lru_cache(maxsize=16)
 def task_markers(task: Task) -> tuple[Marker, ...]:
-    """Return all markers of a task: those of the boxes in its order, then those of the kit.
+    """Return all markers of a task: those of the objects in its order, then those of the kits.
 
-    Raise UserError if the dictionary has too few.
+    Raise UserError if there are more than the largest dictionary has, or if an object has no room for one.
     """
-    needed = len(FACES) * len(task.objects) + 4
-    available = len(marker_dictionary().bytesList)
-    if needed > available:
-        most = (available - 4) // len(FACES)
-        raise UserError(f"{len(task.objects)} boxes need {needed} markers of {available}; use at most {most} boxes")
-    faces = [(box, face) for box in task.objects for face in FACES]
-    boxes = [_on_box(number, box.name, box.edge, face) for number, (box, face) in enumerate(faces)]
-    return (*boxes, *_on_kit(task, len(boxes)))
+    places = [place for thing in task.objects for place in _on_object(thing)]
+    places += [place for kit in task.kits for place in _on_kit(task, kit.name)]
+    if len(places) > max(DICTIONARIES):
+        raise UserError(
+            f"the objects and kits of task {task.name} need {len(places)} markers, and there are {max(DICTIONARIES)}; "
+            "use fewer objects"
+        )
+    return tuple(dataclasses.replace(marker, id=number) for number, marker in enumerate(places))
 
 
 def square(size: float) -> Float[np.ndarray, "4 3"]:
@@ -89,42 +95,48 @@ def square(size: float) -> Float[np.ndarray, "4 3"]:
     return np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
 
 
-def marker_dictionary() -> cv2.aruco.Dictionary:
-    """Return the dictionary that all markers are from."""
-    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARY))
+def marker_dictionary(count: int = 50) -> cv2.aruco.Dictionary:
+    """Return the smallest dictionary with `count` markers; the first ones of all are the same."""
+    name = next(name for size, name in DICTIONARIES.items() if size >= count)
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
 
 
-def marker_image(number: int, quiet: int, module: int) -> UInt8[np.ndarray, "edge edge"]:
+def marker_image(number: int, quiet: float | int, module: int) -> UInt8[np.ndarray, "edge edge"]:
     """Return a marker in its bright margin, 0 black and 255 bright; its edge is (6 + 2 * quiet) * `module` [px]."""
-    black = cv2.aruco.generateImageMarker(marker_dictionary(), number, MODULES * module)
-    return np.pad(black, quiet * module, constant_values=255)
+    black = cv2.aruco.generateImageMarker(marker_dictionary(number + 1), number, MODULES * module)
+    return np.pad(black, round(quiet * module), constant_values=255)
 
 
-def _on_box(number: int, box: str, edge: float, face: str) -> Marker:
+def _on_object(thing: Object) -> list[Marker]:
+    """Return the markers of an object, as large as its faces allow and not numbered yet. Raise UserError if all are too
+    narrow."""
+    faces = (TOP,) if thing.shape == "cylinder" else tuple(FACES)
+    markers = [marker for face in faces if (marker := _on_face(thing, face)).sticker >= NARROWEST]
+    if not markers:
+        raise UserError(f"{thing.name} is too small for a marker; use objects with a face {1000 * NARROWEST:g} mm wide")
+    return markers
+
+
+def _on_face(thing: Object, face: str) -> Marker:
     right, up = np.array(FACES[face], float)
     axes = np.stack([right, up, np.cross(right, up)], axis=1)
-    pose = RigidTransform.from_components(axes[:, 2] * edge / 2, Rotation.from_matrix(axes))
-    quiet = QUIET["box"]
-    return Marker(number, box, face, edge * MODULES / (MODULES + 2 * quiet), pose, quiet)
+    wide, high, deep = np.abs(axes.T) @ np.array(thing.size)
+    pose = RigidTransform.from_components(axes[:, 2] * deep / 2, Rotation.from_matrix(axes))
+    quiet = QUIET[thing.shape]
+    return Marker(0, thing.name, face, float(min(wide, high)) * MODULES / (MODULES + 2 * quiet), pose, quiet)
 
 
-def _on_kit(task: Task, first: int) -> list[Marker]:
-    """Return the markers of the kit: in the corners between the walls, as large as its middle place leaves free."""
-    kit = task.kit
-    edge = max(box.edge for box in task.objects)
-    sticker = 0.9 * (kit.inner[0] - edge / 2)
-    if sticker <= 0:
-        raise UserError("the kit leaves no room for markers beside a box in its middle; make the kit larger")
-    offset, quiet = kit.inner[0] - sticker / 2, QUIET["kit"]
-    corners = {"left_front": (-1, -1), "right_front": (1, -1), "left_back": (-1, 1), "right_back": (1, 1)}
+def _on_kit(task: Task, name: str) -> list[Marker]:
+    """Return the markers of a kit, not numbered yet."""
+    kit, quiet = task.kits[task.kit_names.index(name)], QUIET["kit"]
     return [
         Marker(
-            first + i,
-            kit.name,
-            face,
-            sticker * MODULES / (MODULES + 2 * quiet),
-            RigidTransform.from_translation([x * offset, y * offset, kit.thickness / 2]),
+            0,
+            name,
+            sticker.name,
+            sticker.edge * MODULES / (MODULES + 2 * quiet),
+            RigidTransform.from_translation([*sticker.middle, kit.plate]),
             quiet,
         )
-        for i, (face, (x, y)) in enumerate(corners.items())
+        for sticker in kit_stickers(task, kit)
     ]

@@ -1,4 +1,4 @@
-"""Camera, detector and tracker as one: from images to poses of boxes and kit in the robot's base frame."""
+"""Camera, detector and tracker as one: from images to poses of objects and kits in the robot's base frame."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from bt_jax.deploy.perception.detection import Detection, Detector
 from bt_jax.deploy.perception.inspection import TILTED, Inspection
 from bt_jax.deploy.perception.markers import task_markers
 from bt_jax.deploy.perception.tracker import Tracker, TrackerSettings
-from bt_jax.deploy.planning.pose_geometry import lean, level, turn_between
+from bt_jax.deploy.planning.pose_geometry import lean, stood, turn_between
 from bt_jax.tasks import Task
 
 __all__ = ["Perception"]
 
 UPRIGHT = math.radians(4)  # from which tilt on nothing stands on a level surface
-LEVEL = 0.3  # least height of a box's centre above the lowest table, in its own sizes: half of one, if all were exact
+LEVEL = 0.3  # least height of an object's centre above the lowest table, in its shortest edges: half of one, if exact
 SAME = 0.25  # rad: a doubtful pose this near to what is known is that one
 
 
@@ -33,8 +33,8 @@ class Perception:
     ) -> None:
         self.camera, self.camera_pose = camera, camera_pose
         table = min(table.top for table in task.tables) - task.robot_position[2]
-        self._kit = task.kit.name
-        self._lowest = {box.name: table + LEVEL * box.edge for box in task.objects}
+        self._things = {thing.name: thing for thing in task.objects}
+        self._lowest = {name: table + LEVEL * min(thing.size) for name, thing in self._things.items()}
         self.detector = Detector(task_markers(task))
         self.tracker = Tracker(settings)
         self.image = -math.inf
@@ -67,11 +67,14 @@ class Perception:
         self.inspection.take(frame.time, picture, self.tracker.poses(frame.time), self.tracker.last())
 
     def poses(self, time: float) -> dict[str, RigidTransform]:
-        """Return the boxes and the kit whose place is known and fresh at `time` [s], in the base frame. The frame of a box
-        that lies on another face is level: its z axis points up. A box that leans, on no face, is not known."""
+        """Return the objects and kits whose place is known and fresh at `time` [s], in the base frame. The frame of a cube
+        that lies on another face is level: its z axis points up. An object that leans, on no face, is not known."""
         poses = self.tracker.poses(time)
-        kit = {name: poses.pop(name) for name in [self._kit] if name in poses}
-        return {name: level(pose) for name, pose in poses.items() if lean(pose) <= TILTED} | kit
+        kits = {name: poses.pop(name) for name in list(poses) if name not in self._things}
+        standing = {name: (self._things[name], pose) for name, pose in poses.items()}
+        return {
+            name: stood(thing, pose) for name, (thing, pose) in standing.items() if lean(pose, thing) <= TILTED
+        } | kits
 
     def findings(self, time: float) -> tuple[Finding, ...]:
         """Return what is wrong with what the pictures show, as of `time` [s]."""

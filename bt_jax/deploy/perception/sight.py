@@ -1,4 +1,4 @@
-"""Which markers does the camera see, as far as boxes and kit hide them?"""
+"""Which markers does the camera see, as far as objects and kits hide them?"""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Sight:
         edge: float | None = None,
         around: float = AROUND,
     ) -> bool:
-        """Is a marker on a body hidden, or a part of it, by another body or by the kit's walls? `edge` is that of the square
+        """Is a marker on a body hidden, or a part of it, by another body or by a kit's walls? `edge` is that of the square
         that is looked at [m], by default the whole sticker; what hides it counts as larger by `around` [m]."""
         half = np.linspace(-0.5, 0.5, SAMPLES) * (marker.sticker if edge is None else edge)
         points = body.apply(marker.place(np.array([[x, y] for x in half for y in half])))
@@ -45,18 +45,16 @@ class Sight:
     def _solids(
         self, poses: Mapping[str, RigidTransform], own: str, around: float
     ) -> Iterator[tuple[RigidTransform, Float[np.ndarray, " 3"]]]:
-        """Return the cuboids that may hide a marker of the body `own`: their poses and half their edges [m]."""
-        for box in self._task.objects:
-            if box.name in poses and box.name != own:
-                yield poses[box.name], np.full(3, box.edge / 2 + around)
-        kit = self._task.kit
-        if kit.name in poses:
-            middle, high = kit.inner[0] + kit.wall_thickness / 2, kit.wall_height / 2
-            for x, y in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-                wall = RigidTransform.from_translation([x * middle, y * middle, kit.thickness / 2 + high])
-                along = kit.inner[0] + kit.wall_thickness
-                halves = [kit.wall_thickness / 2 if x else along, along if x else kit.wall_thickness / 2, high]
-                yield poses[kit.name] * wall, np.array(halves) + around
+        """Yield the cuboids that may hide a marker of the body `own`, those around cylinders included: their poses and half
+        their edges [m]."""
+        for thing in self._task.objects:
+            if thing.name in poses and thing.name != own:
+                yield poses[thing.name], np.array(thing.size) / 2 + around
+        for kit in self._task.kits:
+            if kit.name in poses:
+                for middle, half in kit.walls():
+                    wall = RigidTransform.from_translation([*middle, kit.plate + kit.wall_height / 2])
+                    yield poses[kit.name] * wall, np.array([*half, kit.wall_height / 2]) + around
 
 
 def _meets(eye: Point, points: PointRows, pose: RigidTransform, halves: Float[np.ndarray, " 3"]) -> bool:

@@ -1,4 +1,4 @@
-"""Which markers a camera must see whole where the boxes and the kit are, if nothing unknown is in the way."""
+"""Which markers a camera must see whole where objects and kits are, if nothing unknown is in the way."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ PART = 0.95  # of a marker's edge that is looked at
 def visible_markers(
     task: Task, poses: Mapping[str, RigidTransform], camera: RigidTransform, *, of: Collection[str] | None = None
 ) -> dict[str, dict[int, Point]]:
-    """Return for each body, or those named by `of`, the markers that nothing known hides: neither another box nor a wall of
-    the kit, not even in part; by their ids, with the places of their centres. Poses, also the camera's, are in the base
+    """Return for each body, or those named by `of`, the markers that nothing known hides: neither another object nor a wall
+    of a kit, not even in part; by their ids, with the places of their centres. Poses, also the camera's, are in the base
     frame [m]."""
     sight = Sight(task, camera.translation)
     found: dict[str, dict[int, Point]] = {name: {} for name in (poses if of is None else of)}

@@ -1,7 +1,7 @@
 """How far arms and what they carry are from each other and from the cell.
 
-A hand may touch the box that it grasps, which is told by name. What a carried box may touch follows from the place where it
-is to rest: things may be as near to it as they are there.
+A hand may touch the object that it grasps, which is told by name. What a carried one may touch follows from the place where
+it is to rest: things may be as near to it as they are there.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from scipy.spatial.transform import RigidTransform
 from bt_jax.deploy.planning.collisions import CollisionModel
 from bt_jax.deploy.robot.arrays import Joints
 from bt_jax.deploy.robot.model import RobotModel
-from bt_jax.deploy.robot.shapes import Box, Capsule, Hull, Link
-from bt_jax.tasks import Task
+from bt_jax.deploy.robot.shapes import Box, Cylinder, Link, Solid
+from bt_jax.tasks import Kit, Object, Task
 
 __all__ = ["Carried", "CellClearance", "SafetyClearance"]
 
@@ -33,7 +33,7 @@ FIXED = ("body", "thing")
 
 @dataclasses.dataclass(frozen=True)
 class Carried:
-    """A box in a gripper; `pose` in the TCP's frame. Not `known`: something as large as `box`, which may be elsewhere."""
+    """What is in a gripper; `pose` in the TCP's frame. Not `known`: something as large as `box`, which may be elsewhere."""
 
     arm: str
     box: str
@@ -150,7 +150,7 @@ class CellClearance:
         """Move the arms; return what each pair is apart at least, inf where it does not count."""
         return np.where(self._active, self._model.move(joints, opening), np.inf)
 
-    def _add(self, part: _Part, name: str, link: str, solid: Box | Capsule | Hull, pose: RigidTransform = HERE) -> int:
+    def _add(self, part: _Part, name: str, link: str, solid: Solid, pose: RigidTransform = HERE) -> int:
         self._of.append(part)
         return self._model.add(name, link, pose, solid)
 
@@ -170,20 +170,15 @@ class CellClearance:
             self._add(_Part("thing", table.name), table.name, self.robot.body, Box((0, 0, 0), table.size), pose)
 
     def _add_movable(self) -> None:
-        kit = self.task.kit
-        half, high = kit.size[0] / 2, kit.thickness / 2 + kit.wall_height / 2
-        edge = half - kit.wall_thickness / 2
-        walls = [Box((0, 0, 0), (kit.size[0], kit.size[0], kit.thickness))]
-        walls += [Box((s * edge, 0, high), (kit.wall_thickness, kit.size[0], kit.wall_height)) for s in (-1, 1)]
-        walls += [Box((0, s * edge, high), (kit.size[0], kit.wall_thickness, kit.wall_height)) for s in (-1, 1)]
-        cubes = {box.name: Box((0, 0, 0), (box.edge,) * 3) for box in self.task.objects}
-        for name, solids in {kit.name: walls, **{name: [cube] for name, cube in cubes.items()}}.items():
+        kits = {kit.name: _kit_solids(kit) for kit in self.task.kits}
+        objects = {thing.name: _solid(thing) for thing in self.task.objects}
+        for name, solids in {**kits, **{name: [solid] for name, solid in objects.items()}}.items():
             part = _Part("thing", name)
             self._things[name] = [self._add(part, name, self.robot.body, solid) for solid in solids]
         for arm in self.robot.arm_names:
-            for name, cube in cubes.items():
+            for name, solid in objects.items():
                 part = _Part("held", arm)
-                self._held[arm, name] = self._add(part, f"{name} in hand", f"{arm}_tcp", cube)
+                self._held[arm, name] = self._add(part, f"{name} in hand", f"{arm}_tcp", solid)
 
     def _wanted(self, first: _Part, second: _Part) -> bool:
         """Can they meet, and would it matter?"""
@@ -212,6 +207,18 @@ class CellClearance:
             thing.kind == "thing" and thing.owner == gripped and other.gripping
             for thing, other in ((self._of[i], self._of[j]), (self._of[j], self._of[i]))
         )
+
+
+def _kit_solids(kit: Kit) -> list[Box | Cylinder]:
+    """Return the plate and the walls of a kit, in its frame."""
+    high = kit.plate + kit.wall_height / 2
+    walls = (Box((x, y, high), (2 * a, 2 * b, kit.wall_height)) for (x, y), (a, b) in kit.walls())
+    return [Box((0, 0, 0), (*kit.size, kit.thickness)), *walls]
+
+
+def _solid(thing: Object) -> Box | Cylinder:
+    """Return the solid of an object, in its frame."""
+    return Cylinder(thing.size[0] / 2, thing.height) if thing.shape == "cylinder" else Box((0, 0, 0), thing.size)
 
 
 @dataclasses.dataclass(frozen=True)

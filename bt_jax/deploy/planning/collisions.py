@@ -16,7 +16,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.deploy.robot.arrays import Joints, Point
 from bt_jax.deploy.robot.model import RobotModel
-from bt_jax.deploy.robot.shapes import Box, Capsule, Hull
+from bt_jax.deploy.robot.shapes import Box, Capsule, Cylinder, Hull, Solid
 from bt_jax.deploy.robot.urdf import urdf
 
 __all__ = ["CollisionModel"]
@@ -43,7 +43,7 @@ class CollisionModel:
         self._centres: list[RigidTransform] = []  # of the solids in their poses
         self._radii: list[float] = []
 
-    def add(self, name: str, link: str, pose: RigidTransform, solid: Box | Capsule | Hull) -> int:
+    def add(self, name: str, link: str, pose: RigidTransform, solid: Solid) -> int:
         """Add a solid to a link or another frame of the robot; return its number."""
         shape, centre = _about_centre(solid)
         frame = self._model.getFrameId(link)
@@ -109,7 +109,7 @@ class CollisionModel:
         return self._model.joints[self._model.getJointId(joint)].idx_q
 
 
-def _about_centre(solid: Box | Capsule | Hull) -> tuple[coal.ShapeBase, RigidTransform]:
+def _about_centre(solid: Solid) -> tuple[coal.ShapeBase, RigidTransform]:
     """Return a solid about its centre, and where that is. The axis of a capsule is its z."""
     match solid:
         case Box(centre, edges):
@@ -119,6 +119,8 @@ def _about_centre(solid: Box | Capsule | Hull) -> tuple[coal.ShapeBase, RigidTra
             turn = Rotation.align_vectors([axis], [[0, 0, 1.0]])[0]
             middle = RigidTransform.from_components(np.add(start, end) / 2, turn)
             return coal.Capsule(radius, float(np.linalg.norm(axis))), middle
+        case Cylinder(radius, height):
+            return coal.Cylinder(radius, height), RigidTransform.identity()
         case Hull(corners):
             points, centre = coal.StdVec_Vec3s(), (np.max(corners, axis=0) + np.min(corners, axis=0)) / 2
             points.extend(list(np.array(corners) - centre))
@@ -131,4 +133,6 @@ def _radius(shape: coal.ShapeBase) -> float:
         return float(np.linalg.norm(shape.halfSide))
     if isinstance(shape, coal.Capsule):
         return shape.radius + shape.halfLength
+    if isinstance(shape, coal.Cylinder):
+        return float(np.hypot(shape.radius, shape.halfLength))
     return max(float(np.linalg.norm(shape.point(k))) for k in range(shape.num_points))

@@ -1,10 +1,11 @@
-"""Whether a task is one for a robot: tables where its arms work, boxes that its grippers take and its arms may carry."""
+"""Whether a task is one for a robot: tables where its arms work, objects that its grippers take and its arms may carry."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from bt_jax._util.errors import UserError
+from bt_jax.deploy.planning.grasps import grip_widths
 from bt_jax.deploy.robot.model import RobotModel
 from bt_jax.tasks import Task
 
@@ -14,14 +15,15 @@ SLACK = 0.001  # m
 
 
 def check_scale(robot: RobotModel, task: Task) -> None:
-    """Raise UserError where a box is wider than the grippers open, or the middle of a table's top is outside the workspace
-    or farther from every arm's base than the arm is long."""
+    """Raise UserError where an object is wider than the grippers open, or the middle of a table's top is outside the
+    workspace or farther from every arm's base than the arm is long."""
     remedy = "choose a task at the robot's scale" + (f", such as {robot.example}" if robot.example else "")
     opening = max(arm.gripper.opening for arm in robot.arms)
-    for box in task.objects:
-        if not box.edge <= opening + SLACK:
+    for thing in task.objects:
+        width = min(thing.size[:2])
+        if not grip_widths(thing, opening):
             raise UserError(
-                f"{box.name} of task {task.name} is {1000 * box.edge:.0f} mm wide, and the grippers of {robot.name} open "
+                f"{thing.name} of task {task.name} is {1000 * width:.0f} mm wide, and the grippers of {robot.name} open "
                 f"{1000 * opening:.0f} mm; {remedy}"
             )
     lowest, highest = np.array(robot.workspace)

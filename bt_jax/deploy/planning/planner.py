@@ -1,4 +1,4 @@
-"""Plans whole motions: to a grasp, to where a box is set down, and home; which arm, which solution, around what.
+"""Plans whole motions: to a grasp, to where an object is set down, and home; which arm, which solution, around what.
 
 A plan is one path to above the place and one straight path down; the way out is the way in. Everything is checked for
 clearance with what was last seen of the cell.
@@ -38,8 +38,8 @@ SPOT = 0.02  # metres between places that are tried for setting a box down
 
 @dataclasses.dataclass(frozen=True)
 class Surroundings:
-    """What a motion is planned among: `poses` of boxes and kit in the base frame, `joints` where each arm is, and the box
-    that one of them carries. Raise Unplannable if any of it is not finite."""
+    """What a motion is planned among: `poses` of objects and kits in the base frame, `joints` where each arm is, and the
+    object that one of them carries. Raise Unplannable if any of it is not finite."""
 
     poses: Mapping[str, RigidTransform]
     joints: Mapping[str, Joints]
@@ -88,17 +88,30 @@ class Planner:
         self._seed, self._looks = 0, 0
 
     def pick(self, box: str, among: Surroundings, arms: Iterable[str]) -> Reach:
-        """Plan to around a box, with the best arm that has a way. Raise Unplannable."""
-        targets = [(arm, tcp) for arm in arms for tcp in grasp_poses(among.poses[box])]
+        """Plan to around an object, with the best arm that has a way. Raise Unplannable."""
+        targets = [(arm, tcp) for arm in arms for tcp in self.grasps(arm, box, among.poses[box])]
+        if not targets:
+            raise Unplannable(f"there is nothing to grasp {box} by: it lies on its side")
         return self._reach(targets, among, f"grasp {box}", gripped=box)
 
-    def put(self, carried: Carried, position: Point, yaw: float, among: Surroundings) -> Reach:
-        """Plan to where a carried box has its centre at `position` and its edges along `yaw`, on and beside whatever is
-        there. Raise Unplannable."""
-        _require_numbers("the place", np.array([*position, yaw]))
-        targets = [(carried.arm, tcp) for tcp in put_poses(position, yaw, carried.pose)]
-        among = dataclasses.replace(among, carried=carried)
-        return self._reach(targets, among, f"put {carried.box} down")
+    def put(
+        self, carried: Carried, position: Point, yaw: float, among: Surroundings, turn: float | None = None
+    ) -> Reach:
+        """Plan to where a carried object has its centre at `position`, on and beside whatever is there; turned by `turn`
+        degrees in a frame with its axes along `yaw` [rad], or along these. Raise Unplannable."""
+        _require_numbers("the place", np.array([*position, yaw, turn or 0.0]))
+        among, problem = dataclasses.replace(among, carried=carried), None
+        for poses in put_poses(position, yaw, carried.pose, self.task.thing(carried.box), turn):
+            try:
+                return self._reach([(carried.arm, tcp) for tcp in poses], among, f"put {carried.box} down")
+            except Unplannable as error:
+                problem = problem or error
+        assert problem is not None
+        raise problem
+
+    def grasps(self, arm: str, box: str, pose: RigidTransform) -> list[RigidTransform]:
+        """Return the poses of the TCP from which an arm could grasp an object at a pose."""
+        return grasp_poses(pose, self.task.thing(box), self.robot.arm(arm).gripper.opening)
 
     def home(self, arm: str, among: Surroundings) -> JointPath:
         """Plan to the arm's place of rest. Raise Unplannable."""
@@ -140,8 +153,9 @@ class Planner:
         return timed(path.rows, pace, arm, round_from=0.0)
 
     def spots(self, box: str, poses: Mapping[str, RigidTransform], near: Point) -> Iterator[Point]:
-        """Yield free places for a box on the tables, the nearest to `near` first; `box` itself is not in its own way."""
-        size = self.task.edge(box)
+        """Yield free places for an object on the tables, the nearest to `near` first; it is not in its own way."""
+        thing = self.task.thing(box)
+        size = max(thing.size[:2])
         base = np.array(self.task.robot_position)
         found = []
         for table in self.task.tables:
@@ -149,16 +163,17 @@ class Planner:
             centre = np.array(table.position[:2]) - base[:2]
             for x in np.arange(-room[0], room[0] + 1e-9, SPOT):
                 for y in np.arange(-room[1], room[1] + 1e-9, SPOT):
-                    found.append(np.array([*(centre + np.array([x, y])), table.top - base[2] + size / 2]))
+                    found.append(np.array([*(centre + np.array([x, y])), table.top - base[2] + thing.height / 2]))
         for spot in sorted(found, key=lambda spot: float(np.linalg.norm(spot - near))):
             if all(self._apart(spot, name, pose, size) for name, pose in poses.items() if name != box):
                 yield spot
 
     def _apart(self, spot: Point, name: str, pose: RigidTransform, size: float) -> bool:
-        away = pose.inv().apply(spot)[:2] if name == self.task.kit.name else spot[:2] - pose.translation[:2]
-        if name == self.task.kit.name:
-            return bool(np.abs(away).max() > self.task.kit.size[0] / 2 + size)
-        return bool(np.linalg.norm(away) > 2 * size)
+        if name in self.task.kit_names:
+            half = self.task.kits[self.task.kit_names.index(name)].half
+            return bool(np.any(np.abs(pose.inv().apply(spot)[:2]) > np.array(half) + size))
+        away = float(np.linalg.norm(spot[:2] - pose.translation[:2]))
+        return away > size + max(self.task.thing(name).size[:2])
 
     def _reach(
         self,

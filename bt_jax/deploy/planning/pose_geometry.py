@@ -12,12 +12,24 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from bt_jax.behaviors import geometry
 from bt_jax.behaviors.geometry import GEOMETRY, rests_on
 from bt_jax.behaviors.pose import Pose
 from bt_jax.deploy.robot.arrays import Point
-from bt_jax.tasks import Table, Task
+from bt_jax.tasks import Kit, Object, Table, Task
 
-__all__ = ["distance_between", "is_over_kit", "lean", "level", "plain", "stands_on", "table_under", "turn_between"]
+__all__ = [
+    "distance_between",
+    "heading",
+    "is_over_kit",
+    "lean",
+    "level",
+    "plain",
+    "stands_on",
+    "stood",
+    "table_under",
+    "turn_between",
+]
 
 
 def distance_between(a: RigidTransform, b: RigidTransform) -> float:
@@ -30,9 +42,10 @@ def turn_between(a: RigidTransform, b: RigidTransform) -> float:
     return float((a.rotation.inv() * b.rotation).magnitude())
 
 
-def lean(pose: RigidTransform) -> float:
-    """Return the angle between the vertical and the axis of the body that is nearest to it, rad."""
-    return math.acos(min(1.0, float(np.abs(pose.rotation.as_matrix()[2]).max())))
+def lean(pose: RigidTransform, thing: Object | None = None) -> float:
+    """Return the angle between the vertical and the axis of the body that is nearest to it, rad; of a cylinder, its own."""
+    up = np.abs(pose.rotation.as_matrix()[2])
+    return math.acos(min(1.0, float(up[2] if thing is not None and thing.shape == "cylinder" else up.max())))
 
 
 def level(pose: RigidTransform) -> RigidTransform:
@@ -46,6 +59,17 @@ def level(pose: RigidTransform) -> RigidTransform:
         new = np.sign(up[axis]) * np.eye(3)[axis]
         turn = Rotation.from_rotvec(math.pi / 2 * np.cross([0, 0, 1], new))
     return RigidTransform.from_components(pose.translation, pose.rotation * turn)
+
+
+def stood(thing: Object, pose: RigidTransform) -> RigidTransform:
+    """Return an object's frame with z upwards if it stands on its foot or its top; a cube's whichever face it lies on."""
+    upside_down = pose.rotation.as_matrix()[2, 2] < -GEOMETRY.upright
+    return level(pose) if thing.is_cube or upside_down else pose
+
+
+def heading(rotation: Rotation) -> float:
+    """Return the angle of a frame about the vertical, rad."""
+    return geometry.heading(plain(RigidTransform.from_rotation(rotation)))
 
 
 def stands_on(
@@ -67,9 +91,9 @@ def plain(pose: RigidTransform) -> Pose:
     return Pose.of([*pose.translation, *pose.rotation.as_quat(scalar_first=True)])
 
 
-def is_over_kit(task: Task, kit: RigidTransform, place: Point) -> bool:
-    """Is a place over the plate of a kit at `kit`, or below it?"""
-    return bool(np.all(np.abs(kit.inv().apply(place)[:2]) < task.kit.size[0] / 2))
+def is_over_kit(kit: Kit, pose: RigidTransform, place: Point) -> bool:
+    """Is a place over the plate of a kit at `pose`, or below it?"""
+    return bool(np.all(np.abs(pose.inv().apply(place)[:2]) < kit.half))
 
 
 def table_under(task: Task, place: Point) -> Table | None:

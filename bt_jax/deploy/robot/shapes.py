@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-__all__ = ["Box", "Capsule", "Hull", "Link", "LinkShape", "Placement", "Vec3", "placement_matrix"]
+__all__ = ["Box", "Capsule", "Cylinder", "Hull", "Link", "LinkShape", "Placement", "Solid", "Vec3", "placement_matrix"]
 
 Vec3 = tuple[float | int, float | int, float | int]
 Placement = tuple[Vec3, Vec3]  # xyz [m], rpy [rad] about fixed axes x, y, z
@@ -41,10 +41,21 @@ class Capsule:
 
 
 @dataclasses.dataclass(frozen=True)
+class Cylinder:
+    """A cylinder around the z axis of the link, its middle at the origin."""
+
+    radius: float
+    height: float
+
+
+@dataclasses.dataclass(frozen=True)
 class Hull:
     """The convex hull of its corners."""
 
     corners: tuple[Vec3, ...]
+
+
+Solid = Box | Capsule | Cylinder | Hull
 
 
 @dataclasses.dataclass(frozen=True)

@@ -142,7 +142,7 @@ class Demonstrator:
         """Return where the box is put down, about where it is meant to be, and how it is turned: square to what is there."""
         frames = {
             **self.poses(),
-            self.scene.task.kit.name: self.scene.kit,
+            **self.scene.kits,
             self.scene.task.robot_frame: RigidTransform.from_translation(self.scene.task.robot_position),
         }
         frame = frames[step.frame]

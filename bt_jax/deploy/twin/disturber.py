@@ -109,7 +109,8 @@ class Disturber:
         box = self.trigger.descended_on(moment)
         if box is not None:
             self.controller.put(
-                box, RigidTransform.from_translation([*OFF, self.scene.task.floor + self.scene.task.edge(box) / 2])
+                box,
+                RigidTransform.from_translation([*OFF, self.scene.task.floor + self.scene.task.thing(box).height / 2]),
             )
         return box
 
@@ -119,30 +120,34 @@ class Disturber:
         if box is None or moment.shown.seen.holding != box or not self.trigger.lasted(moment, CARRIED):
             return None
         pose = moment.boxes[box]
-        lowest = min(table.top for table in self.scene.task.tables) + self.scene.task.edge(box) / 2
+        lowest = min(table.top for table in self.scene.task.tables) + self.scene.task.thing(box).height / 2
         below = [*pose.translation[:2], max(pose.translation[2] - 0.07, lowest)]
         self.controller.put(box, RigidTransform.from_components(below, pose.rotation))
         return box
 
     def add_beside(self, moment: Moment) -> str | None:
         """Put an unknown object where a finger will go, as soon as the hand is on its way."""
-        return self._add(moment, lambda box: np.array([self.scene.task.edge(box), 0, 0]))
+        return self._add(moment, lambda box: np.array([self.scene.task.thing(box).size[0], 0, 0]))
 
     def add_on(self, moment: Moment) -> str | None:
         """Put an unknown object on the box that the hand is on its way to."""
-        return self._add(moment, lambda box: np.array([0, 0, self.scene.task.edge(box)]))
+        return self._add(moment, lambda box: np.array([0, 0, self.scene.task.thing(box).height]))
 
     def add_twin(self, moment: Moment) -> str | None:
         """Put an object with the markers of one of the boxes on a table."""
         if not self.trigger.due(moment):
             return None
-        size = self.scene.task.edge(self.scene.task.object_names[0])
+        thing = self.scene.task.objects[0]
+        size = thing.edge
         for table in self.scene.task.tables:
             for x, y in ((0.05, 0.0), (-0.05, 0.0), (0.0, 0.05), (0.0, -0.05)):
-                spot = np.array([table.position[0] + x, table.position[1] + y, table.top + size / 2])
+                spot = np.array([table.position[0] + x, table.position[1] + y, table.top + thing.height / 2])
                 near = [*moment.hands.values(), *(pose.translation for pose in moment.boxes.values())]
-                at_kit = np.abs(spot - self.scene.kit.translation)[:2].max() < self.scene.task.kit.size[0] / 2 + size
-                if not at_kit and all(np.linalg.norm(spot - thing) > 2 * size for thing in near):
+                at_kit = [
+                    np.all(np.abs(spot - self.scene.kits[kit.name].translation)[:2] < np.array(kit.half) + size)
+                    for kit in self.scene.task.kits
+                ]
+                if not any(at_kit) and all(np.linalg.norm(spot - place) > 2 * size for place in near):
                     self.controller.put(STRANGER, RigidTransform.from_translation(spot))
                     return str(self.disturbance.stranger)
         return None
@@ -158,7 +163,7 @@ class Disturber:
         return box
 
     def move_kit(self, moment: Moment) -> str | None:
-        """Move the kit, with what stands on it, while no hand is near."""
+        """Move the first kit, with what stands on it, while no hand is near."""
         kit = self.scene.kit
         near = 2 * AWAY
         if not self.trigger.due(moment) or any(
@@ -170,19 +175,21 @@ class Disturber:
         way = way / np.linalg.norm(way) if np.linalg.norm(way) > SHIFT else np.array([0.0, 1.0, 0.0])
         shift = RigidTransform.from_translation(SHIFT * way)
         for box, pose in moment.boxes.items():
-            if np.abs(pose.translation - kit.translation)[:2].max() < self.scene.task.kit.size[0] / 2:
+            if np.all(np.abs(pose.translation - kit.translation)[:2] < self.scene.task.kits[0].half):
                 self.controller.put(box, shift * pose)
-        self.scene = dataclasses.replace(self.scene, kit=shift * kit)
-        self.controller.put(self.scene.task.kit.name, self.scene.kit)
-        self.camera.move(self.scene.task.kit.name, self.scene.kit)
-        return self.scene.task.kit.name
+        name = self.scene.task.kit_names[0]
+        self.scene = dataclasses.replace(self.scene, kits={**self.scene.kits, name: shift * kit})
+        self.controller.put(name, self.scene.kit)
+        self.camera.move(name, self.scene.kit)
+        return name
 
     def cover_kit(self, moment: Moment) -> str | None:
-        """Cover the markers of the kit."""
+        """Cover the markers of the first kit."""
         if not self.trigger.due(moment):
             return None
-        self.camera.cover(self.scene.task.kit.name)
-        return self.scene.task.kit.name
+        name = self.scene.task.kit_names[0]
+        self.camera.cover(name)
+        return name
 
     def _turned(self, box: str, moment: Moment) -> str:
         pose = moment.boxes[box]

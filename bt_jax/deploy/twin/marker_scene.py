@@ -1,49 +1,73 @@
-"""The markers in the twin: textures for the boxes' faces, and stickers on the kit's plate."""
+"""The markers in the twin: textures for the faces of cubes, and stickers on other objects and on the plates of kits."""
 
 from __future__ import annotations
 
 import dataclasses
+import xml.etree.ElementTree as ET
 
 import cv2
 import numpy as np
 
-from bt_jax.deploy.perception.markers import Marker, marker_image, task_markers
+from bt_jax.deploy.perception.markers import MODULES, Marker, marker_image, task_markers
 from bt_jax.tasks import Task
 
 __all__ = ["MarkerScene", "marker_scene", "tint"]
 
 MODULE = 32  # pixels of a texture
-PAPER = 0.00005  # thickness of a sticker on the kit, m
+PAPER = 0.00005  # thickness of a sticker, m
+DISC = 0.5  # modules of bright margin of a square that lies in a cylinder's top, which is as bright around it
 BRIGHT = 0.75  # least luminance of the paper: the detector needs the contrast
 WHITE = (0.75, 0.75, 0.75)  # paper that the scene's light does not overexpose, which would move the edges
 
 
 @dataclasses.dataclass(frozen=True)
 class MarkerScene:
-    """Parts of an MJCF: `assets_xml` belongs inside <asset>, `kit_xml` inside the kit's body; `files` are the PNGs that
-    they name, for `MjModel.from_xml_string(xml, assets=files)`. A box's geom takes the material `NAME_markers`."""
+    """Parts of an MJCF: `assets_xml` belongs inside <asset>, `stickers` inside the bodies named; `files` are the PNGs that
+    they name, for `MjModel.from_xml_string(xml, assets=files)`. An object's geom takes the material `NAME_markers`."""
 
     assets_xml: str
-    kit_xml: str
+    stickers: dict[str, str]
     files: dict[str, bytes]
+
+    def add_to(self, root: ET.Element) -> None:
+        """Put the markers into the scene of their task."""
+        assets = root.find("asset")
+        assert assets is not None, "the scene has no assets"
+        assets.extend(ET.fromstring(f"<asset>{self.assets_xml}</asset>"))
+        for name, xml in self.stickers.items():
+            body = root.find(f".//body[@name='{name}']")
+            assert body is not None, f"the scene has no {name}"
+            body.extend(ET.fromstring(f"<body>{xml}</body>"))
+            for geom in body.iterfind(f"geom[@name='{name}']"):
+                geom.set("material", f"{name}_markers")
 
 
 def marker_scene(task: Task) -> MarkerScene:
     """Return what a scene needs so that its camera sees the markers of a task."""
-    colors = {box.name: tint(box.color) for box in task.objects}
-    markers = task_markers(task)
-    files = {_file(marker): _texture(marker, colors.get(marker.body, WHITE)) for marker in markers}
-    assets = []
-    for box in task.objects:
-        faces = " ".join(f'file{marker.face}="{_file(marker)}"' for marker in markers if marker.body == box.name)
-        assets.append(f'<texture name="{box.name}_markers" type="cube" {faces}/>')
-        assets.append(_material(f"{box.name}_markers"))
-    on_kit = [marker for marker in markers if marker.body == task.kit.name]
-    for marker in on_kit:
-        name = f"{marker.body}_{marker.face}"
-        assets.append(f'<texture name="{name}" type="cube" file="{_file(marker)}"/>')
-        assets.append(_material(name))
-    return MarkerScene("\n".join(assets), "\n".join(map(_sticker, on_kit)), files)
+    colors = {thing.name: tint(thing.color) for thing in task.objects}
+    markers: dict[str, list[Marker]] = {name: [] for name in (*task.object_names, *task.kit_names)}
+    for marker in task_markers(task):
+        markers[marker.body].append(marker)
+    discs = [thing.name for thing in task.objects if thing.shape == "cylinder"]
+    files, assets, stickers = {}, [], {}
+    for name, own in markers.items():
+        for marker in own:
+            quiet = DISC if name in discs else marker.quiet
+            files[_file(marker)] = _texture(marker, quiet, colors.get(name, WHITE))
+        stickers[name] = ""
+        if name in task.object_names and task.thing(name).is_cube:
+            faces = " ".join(f'file{marker.face}="{_file(marker)}"' for marker in own)
+            assets += [f'<texture name="{name}_markers" type="cube" {faces}/>', _material(f"{name}_markers")]
+            continue
+        if name in colors:
+            rgba = " ".join(f"{part:.6g}" for part in colors[name])
+            assets.append(f'<material name="{name}_markers" rgba="{rgba} 1" specular="0" shininess="0"/>')
+        for marker in own:
+            sticker = f"{name}_{marker.face}"
+            assets += [f'<texture name="{sticker}" type="cube" file="{_file(marker)}"/>', _material(sticker)]
+            quiet = DISC if name in discs else marker.quiet
+            stickers[name] += _sticker(marker, marker.size * (1 + 2 * quiet / MODULES))
+    return MarkerScene("\n".join(assets), stickers, files)
 
 
 def tint(color: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -58,8 +82,8 @@ def _file(marker: Marker) -> str:
     return f"marker_{marker.id}.png"
 
 
-def _texture(marker: Marker, color: tuple[float, float, float]) -> bytes:
-    gray = marker_image(marker.id, marker.quiet, MODULE)[:, :, None] / 255 * np.array(color[::-1])
+def _texture(marker: Marker, quiet: float | int, color: tuple[float, float, float]) -> bytes:
+    gray = marker_image(marker.id, quiet, MODULE)[:, :, None] / 255 * np.array(color[::-1])
     return cv2.imencode(".png", np.rint(255 * gray).astype(np.uint8))[1].tobytes()
 
 
@@ -67,11 +91,13 @@ def _material(name: str) -> str:
     return f'<material name="{name}" texture="{name}" specular="0" shininess="0"/>'
 
 
-def _sticker(marker: Marker) -> str:
-    half = marker.sticker / 2
-    x, y, z = marker.pose.translation
+def _sticker(marker: Marker, edge: float) -> str:
+    """Return a square of paper with its own z out of the surface."""
+    half = edge / 2
+    x, y, z = marker.place(np.zeros((1, 2)))[0] + PAPER / 2 * marker.axes[:, 2]
+    quat = " ".join(f"{part:.9g}" for part in marker.pose.rotation.as_quat(scalar_first=True))
     return (
         f'<geom name="{marker.body}_{marker.face}" type="box" contype="0" conaffinity="0" group="2" mass="0" '
-        f'size="{half:.6g} {half:.6g} {PAPER / 2:.6g}" pos="{x:.6g} {y:.6g} {z + PAPER / 2:.6g}" '
+        f'size="{half:.6g} {half:.6g} {PAPER / 2:.6g}" pos="{x:.6g} {y:.6g} {z:.6g}" quat="{quat}" '
         f'material="{marker.body}_{marker.face}"/>'
     )

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.deploy.execution.outcome import TickReport
-from bt_jax.deploy.planning.pose_geometry import stands_on
+from bt_jax.deploy.planning.pose_geometry import stands_on, table_under
 from bt_jax.deploy.robot.arrays import Point
 from bt_jax.deploy.twin.cell import TwinScene, box_poses
 from bt_jax.deploy.twin.controller import Controller
@@ -65,8 +65,8 @@ class Person:
         if self.rng.random() < 0.4:
             self._times.pop(0)
             self._gone[box] = now + self.rng.uniform(*GONE)
-            size = self.scene.task.edge(box)
-            return self._lay(now, "remove", box, np.array([*OFF, self.scene.task.floor + size / 2]))
+            height = self.scene.task.thing(box).height
+            return self._lay(now, "remove", box, np.array([*OFF, self.scene.task.floor + height / 2]))
         spot = self._spot(box, hands())
         if spot is None:
             return None
@@ -92,14 +92,14 @@ class Person:
 
     def _spot(self, box: str, hands: list[Point]) -> Point | None:
         """Return a free place on a table without the kit, away from other boxes and from the hands."""
-        task, size = self.scene.task, self.scene.task.edge(box)
+        task, height = self.scene.task, self.scene.task.thing(box).height
         others = [pose.translation for name, pose in self._poses().items() if name != box]
-        kit = self.scene.kit.translation
-        tables = [table for table in task.tables if np.linalg.norm(np.subtract(table.position, kit)[:2]) > 0.01]
+        standing = [table_under(task, kit.translation) for kit in self.scene.kits.values()]
+        tables = [table for table in task.tables if table not in standing]
         for _ in range(100):
             table = tables[self.rng.integers(len(tables))]
             room = np.array(table.size[:2]) / 2 - task.layout.margin
-            spot = np.array([*(np.array(table.position[:2]) + self.rng.uniform(-room, room)), table.top + size / 2])
+            spot = np.array([*(np.array(table.position[:2]) + self.rng.uniform(-room, room)), table.top + height / 2])
             near = [*((other, task.layout.spacing) for other in others), *((hand, AWAY) for hand in hands)]
             if all(np.linalg.norm((spot - thing)[:2]) > least for thing, least in near):
                 return spot

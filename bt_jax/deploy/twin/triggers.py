@@ -31,9 +31,9 @@ class Moment:
     hands: Mapping[str, Point]
 
     def doing(self, name: str) -> str | None:
-        """Return the box that an action of that name is carried out with, None if another is or none."""
+        """Return the object that an action of that name is carried out with, None if another is, or any of a part."""
         action = self.shown.action
-        return action.object if action is not None and action.name == name else None
+        return action.object if action is not None and action.name == name and action.object in self.boxes else None
 
     def free(self, task: Task) -> list[str]:
         """Return the boxes that no hand is near and no other stands on."""

@@ -161,7 +161,7 @@ class Watcher:
                 return other
         kit, at = self.task.kit, self._tracks[self.task.kit.name].rest
         slack = HEIGHT * size
-        if at is not None and is_over_kit(self.task, at.pose, here):
+        if at is not None and is_over_kit(kit, at.pose, here):
             height = at.pose.inv().apply(here)[2] - kit.thickness / 2 - size / 2
             if abs(height) < slack:
                 return kit.name

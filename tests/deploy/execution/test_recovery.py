@@ -89,7 +89,7 @@ def test_fingers_that_do_not_open_keep_the_arms_where_they_are():
 
 def test_an_arm_rises_straight_up_before_it_goes_home():
     link, skills = left_by_a_stop()
-    low = grasp_poses(RigidTransform.from_translation([0.3, 0.24, 0.06]))
+    low = grasp_poses(RigidTransform.from_translation([0.3, 0.24, 0.06]), TASK.objects[0], 0.05)
     found = (ArmKinematics(YUMI, "left").solve(pose, YUMI.home["left"]) for pose in low)
     link.joints["left"] = [joints for joints in found if joints is not None][1]
     places, wait = [], link.wait

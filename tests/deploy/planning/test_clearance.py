@@ -34,7 +34,7 @@ def touching(scene, joints):
 def test_what_is_clear_here_has_no_contact_in_mujoco():
     scene, rng = build_scene(YUMI, TASK, 3), np.random.default_rng(0)
     clearance = CellClearance(YUMI, TASK)
-    clearance.place(box_poses(scene, scene.cell.qpos) | {TASK.kit.name: scene.kit})
+    clearance.place(box_poses(scene, scene.cell.qpos) | dict(scene.kits))
     found = []
     for _ in range(300):
         spread = rng.uniform(0, 0.5)
@@ -55,7 +55,7 @@ def test_at_home_everything_is_clear():
 
 
 def test_a_carried_box_hangs_where_the_hand_has_it():
-    tcp = grasp_poses(RigidTransform.from_translation([0.3, 0.0, 0.2]))[0]
+    tcp = grasp_poses(RigidTransform.from_translation([0.3, 0.0, 0.2]), TASK.objects[0], 0.05)[0]
     joints = ArmKinematics(YUMI, "left").solve(tcp, YUMI.home["left"])
     below = RigidTransform.from_translation([0.3, 0.0, 0.1])
     clearance = CellClearance(YUMI, TASK)
@@ -69,7 +69,8 @@ def test_a_carried_box_hangs_where_the_hand_has_it():
 
 def test_what_may_be_touched_is_not_in_the_way():
     box = RigidTransform.from_translation([0.3, 0.1, 0.02])
-    tcp = RigidTransform.from_components(box.translation + np.array([0.025, 0, 0]), grasp_poses(box)[0].rotation)
+    grasp = grasp_poses(box, TASK.objects[0], 0.05)[0]
+    tcp = RigidTransform.from_components(box.translation + np.array([0.025, 0, 0]), grasp.rotation)
     joints = ArmKinematics(YUMI, "left").solve(tcp, YUMI.home["left"])
     clearance = CellClearance(YUMI, TASK)
     clearance.place({"BlueBox": box})

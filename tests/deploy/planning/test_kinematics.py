@@ -7,6 +7,8 @@ from bt_jax.deploy.planning.kinematics import ArmKinematics
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.tasks import load_task
 
+TASK = load_task("yumi_stack")
+
 
 @pytest.mark.parametrize("arm", YUMI.arm_names)
 def test_reachable_poses_are_solved_within_the_limits(arm):
@@ -41,7 +43,7 @@ def test_more_solutions_never_give_a_worse_one():
 
 def test_a_line_is_straight():
     kinematics = ArmKinematics(YUMI, "left")
-    down = grasp_poses(RigidTransform.from_translation([0.3, 0.1, 0.15]))[0]
+    down = grasp_poses(RigidTransform.from_translation([0.3, 0.1, 0.15]), TASK.objects[0], 0.05)[0]
     start = kinematics.solve(down, YUMI.home["left"])
     end = RigidTransform.from_components(down.translation - [0, 0, 0.1], down.rotation)
     line = kinematics.line(end, start, 10)
@@ -52,11 +54,12 @@ def test_a_line_is_straight():
 
 
 def test_every_place_on_the_tables_is_within_reach_of_an_arm():
-    task = load_task("yumi_stack")
     kinematics = {arm: ArmKinematics(YUMI, arm) for arm in YUMI.arm_names}
-    for table in task.tables:
+    for table in TASK.tables:
         for x in (-0.5, 0.5):
             for y in (-0.5, 0.5):
                 place = [table.position[0] + x * (table.size[0] - 0.08), table.position[1] + y * (table.size[1] - 0.08)]
-                pose = grasp_poses(RigidTransform.from_translation([*place, table.top + 0.02]))[0]
+                pose = grasp_poses(RigidTransform.from_translation([*place, table.top + 0.02]), TASK.objects[0], 0.05)[
+                    0
+                ]
                 assert any(kinematics[arm].solve(pose, YUMI.home[arm]) is not None for arm in YUMI.arm_names)

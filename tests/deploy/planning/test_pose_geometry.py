@@ -65,7 +65,7 @@ def test_a_box_stands_on_another_on_the_kit_or_on_a_table():
     assert stands_on(TASK, names[2], names[0], poses, above_most=np.inf)
     turned = RigidTransform.from_components([0.3, 0.1, 0.0], Rotation.from_euler("z", np.pi / 4))
     edge = TASK.kit.size[0] / 2
-    assert is_over_kit(TASK, turned, turned.apply([0.9 * edge, 0.9 * edge, 0.2]))
-    assert not is_over_kit(TASK, turned, turned.translation + np.array([0.9 * edge, 0.9 * edge, 0.0]))
+    assert is_over_kit(TASK.kits[0], turned, turned.apply([0.9 * edge, 0.9 * edge, 0.2]))
+    assert not is_over_kit(TASK.kits[0], turned, turned.translation + np.array([0.9 * edge, 0.9 * edge, 0.0]))
     assert table_under(TASK, middle) == table
     assert table_under(TASK, np.array([5.0, 0.0, 0.0])) is None
