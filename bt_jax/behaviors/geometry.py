@@ -24,6 +24,7 @@ __all__ = [
     "Poses",
     "can_be_taken",
     "extents",
+    "fingers_meet",
     "heading",
     "in_own_target",
     "is_at",
@@ -153,20 +154,23 @@ def is_clear(task: Task, poses: Poses, name: str, *, held: str | None = None) ->
 def is_graspable(task: Task, poses: Poses, name: str) -> bool:
     """Does an object stand so that the gripper can take it? That is along a pair of parallel faces that fits the opening,
     or along one of the frame's axes if it is round, where both fingers have `finger_room` beside it, down to its middle."""
-    thing, pose = task.thing(name), poses[name]
-    if not is_upright(thing, pose):
+    if not is_upright(task.thing(name), poses[name]):
         return False
-    if not task.finger_room:
-        return True
+    return not task.finger_room or None in fingers_meet(task, poses, name)
+
+
+def fingers_meet(task: Task, poses: Poses, name: str) -> list[str | None]:
+    """Return the object, kit or table that the fingers would meet beside an object, None where they have room, along each
+    pair of faces that fits the gripper's opening."""
+    thing, pose = task.thing(name), poses[name]
     axes = Pose(pose.position) if thing.shape == "cylinder" else pose
+    met = []
     for axis in (0, 1):
-        if thing.size[axis] > task.gripper_opening:
-            continue
-        away = thing.size[axis] / 2 + task.finger_room / 2
-        fingers = (axes.apply([side * away if i == axis else 0.0 for i in range(3)]).tolist() for side in (-1, 1))
-        if not any(_is_in_the_way(task, poses, name, finger) for finger in fingers):
-            return True
-    return False
+        if thing.size[axis] <= task.gripper_opening:
+            away = thing.size[axis] / 2 + task.finger_room / 2
+            fingers = (axes.apply([side * away if i == axis else 0.0 for i in range(3)]).tolist() for side in (-1, 1))
+            met.append(next((other for finger in fingers for other in _beside(task, poses, name, finger)), None))
+    return met
 
 
 def in_own_target(task: Task, poses: Poses, *, held: str | None = None) -> frozenset[str]:
@@ -209,35 +213,36 @@ def _distance(pose: Pose, frame: Pose, position: Vec3) -> float:
     return math.dist(pose.position, frame.apply(position))
 
 
-def _is_in_the_way(task: Task, poses: Poses, name: str, finger: Sequence[float]) -> bool:
-    """Would a finger, square and as wide as `finger_room`, meet something beside an object?"""
+def _beside(task: Task, poses: Poses, name: str, finger: Sequence[float]) -> Iterator[str]:
+    """Yield what a finger, square and as wide as `finger_room`, would meet beside an object."""
     reach = task.finger_room / 2
-    thing, height = task.thing(name), poses[name].position[2]
-    top = height + standing_extents(thing, poses[name])[2]
+    height = poses[name].position[2]
+    top = height + standing_extents(task.thing(name), poses[name])[2]
     for other in task.object_names:
         if other == name or other not in poses:
             continue
         half, (x, y, z) = extents(task.thing(other), poses[other]), poses[other].position
         if z + half[2] > height and z - half[2] < top and _meets(finger, (x, y), half, reach):
-            return True
-    return any(
-        origin.position[2] + level > height and _meets(origin.inverse().apply(finger).tolist(), middle, half, reach)
-        for origin, middle, half, level in _fixed(task, poses)
-    )
+            yield other
+    for owner, origin, middle, across, level in _fixed(task, poses):
+        if origin.position[2] + level > height and _meets(
+            origin.inverse().apply(finger).tolist(), middle, across, reach
+        ):
+            yield owner
 
 
-def _fixed(task: Task, poses: Poses) -> Iterator[tuple[Pose, Vec2, Vec2, float]]:
-    """Yield the tables, and the plate and the walls of the kits: the frame of each, its middle and half its extents there,
-    and how high its top is over the frame."""
+def _fixed(task: Task, poses: Poses) -> Iterator[tuple[str, Pose, Vec2, Vec2, float]]:
+    """Yield the tables, and the plate and the walls of the kits: the name and the frame of each, its middle and half its
+    extents there, and how high its top is over the frame."""
     x, y, z = task.robot_position
     for table in task.tables:
         middle, half = (table.position[0] - x, table.position[1] - y), (table.size[0] / 2, table.size[1] / 2)
-        yield poses[task.robot_frame], middle, half, table.top - z
+        yield table.name, poses[task.robot_frame], middle, half, table.top - z
     for kit in task.kits:
         if kit.name in poses:
-            yield poses[kit.name], (0.0, 0.0), kit.half, kit.plate
+            yield kit.name, poses[kit.name], (0.0, 0.0), kit.half, kit.plate
             for middle, half in kit.walls():
-                yield poses[kit.name], middle, half, kit.rim
+                yield kit.name, poses[kit.name], middle, half, kit.rim
 
 
 def _meets(finger: Iterable[float], middle: Iterable[float], half: Iterable[float], reach: float) -> bool:

@@ -26,6 +26,7 @@ from bt_jax.encoding.formats.text import format_tree
 from bt_jax.encoding.formats.xml import to_xml
 from bt_jax.encoding.tick import Status
 from bt_jax.encoding.walk import leaves, prefix
+from bt_jax.mjx_env.episodes.diagnosis import explain_failure
 from bt_jax.mjx_env.episodes.playback import Playback, Tick, play
 from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.mjx_env.episodes.survey import survey
@@ -227,7 +228,8 @@ def _words(command: Behavior | None) -> str:
     if command is None:
         return "does nothing"
     position = None if command.position is None else f"({', '.join(f'{x:g}' for x in command.position)})"
-    return WORDS[command.name].format(object=command.object, position=position, frame=command.frame)
+    words = WORDS[command.name].format(object=command.object, position=position, frame=command.frame)
+    return words if command.turn is None else f"{words}, turned by {command.turn:g} degrees"
 
 
 def _verdict(task: Task, playback: Playback) -> Text:
@@ -240,4 +242,5 @@ def _verdict(task: Task, playback: Playback) -> Text:
         turned = "" if target.turn is None else f", turned {math.degrees(turn):.1f} degrees off"
         place = target.slot or f"its place in {target.frame}"
         parts += ["target     ", mark, f" {target.object} {1000 * distance:.1f} mm from {place}{turned}\n"]
-    return Text.assemble(*parts, f"fitness    {playback.fitness:.1f}\nsolved     ", (word, style))
+    parts += [f"fitness    {playback.fitness:.1f}\nsolved     ", (word, style)]
+    return Text.assemble(*parts, "" if playback.solved else f", {explain_failure(task, playback)}")

@@ -6,7 +6,18 @@ import math
 
 import numpy as np
 
-from bt_jax.behaviors.geometry import is_at, is_reachable, rests_on
+from bt_jax.behaviors.geometry import (
+    Poses,
+    can_be_taken,
+    fingers_meet,
+    in_own_target,
+    is_at,
+    is_in_reach,
+    is_upright,
+    rests_on,
+    standing_extents,
+    turn_error,
+)
 from bt_jax.mjx_env.episodes.playback import Playback, Tick
 from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.mjx_env.surfaces import fixed_surfaces, object_surfaces, overlaps, surface_names
@@ -37,36 +48,130 @@ def explain_failure(task: Task, playback: Playback) -> str:
 
 def _why_missed(task: Task, playback: Playback, target: Target) -> str:
     name, final = target.object, playback.final
-    puts = [
-        tick for tick in playback.ticks if tick.command and (tick.command.name, tick.command.object) == ("place", name)
-    ]
+    poses, held = poses_by_name(final, task), _held(task, final)
+    puts = [tick for tick in playback.ticks if _puts(tick) and _carried(task, tick) in task.instances[name]]
+    if len(task.instances[name]) > 1:
+        puts = [tick for tick in puts if _is_meant(task, tick, target)]
     if puts and not _arrived(task, puts[-1]):
         return _why_not_there(task, puts[-1])
-    lowest = min(table.top for table in task.tables)
-    if not is_reachable(task.thing(name), _centre(task, final, name)[2], lowest):
-        return f"{name} has fallen to the floor"
     if puts and _is_met(task, puts[-1].after, target):
-        return f"{name} does not stay in its place"
-    if puts:
+        one = _carried(task, puts[-1])
+        if is_upright(task.thing(one), poses[one]) and is_in_reach(task, poses, one):
+            return f"{one} does not stay in its place"
+    inside = [other for other in task.object_names if other != held and _is_inside(task, poses, target, other)]
+    own = [other for other in inside if other in task.instances[name]]
+    if own:
+        return _why_not_right(task, poses, target, own[0])
+    if held in task.instances[name]:
+        return f"{held} is still in the gripper"
+    if inside and target.slot:
+        return f"{inside[0]} is in {target.slot}, where {name} should be put"
+    if len(task.instances[name]) == 1:
+        return _why_elsewhere(task, poses, target, is_put=bool(puts))
+    return _why_none_is_left(task, poses, target, held)
+
+
+def _why_not_right(task: Task, poses: Poses, target: Target, one: str) -> str:
+    """Return what is wrong with an object that is where it should be."""
+    thing, pose = task.thing(one), poses[one]
+    if not is_upright(thing, pose):
+        return f"{one} has toppled"
+    off = 0.0 if target.turn is None else turn_error(thing, pose, poses[target.frame], target.turn)
+    if abs(off) >= math.radians(task.episode.turn_tolerance):
+        return f"{one} is in its place, but turned by {abs(math.degrees(off)):.0f} degrees from how it should lie"
+    return f"{one} is put somewhere else"
+
+
+def _why_elsewhere(task: Task, poses: Poses, target: Target, *, is_put: bool) -> str:
+    """Return why the only object of a name is not near its target."""
+    name = target.object
+    trouble = _why_lost(task, poses, name)
+    if trouble:
+        return trouble
+    kit = _kit_under(task, poses, name)
+    if is_put and kit and target.frame in task.kit_names and kit != target.frame:
+        return f"{name} stands in {kit} instead of {target.frame}"
+    if is_put:
         return f"{name} is put somewhere else"
-    if final.held[0] == task.object_names.index(name):
-        return f"{name} is still in the gripper"
+    return _why_not_taken(task, poses, name) or f"{name} is never put anywhere"
+
+
+def _why_none_is_left(task: Task, poses: Poses, target: Target, held: str | None) -> str:
+    """Return why no instance of a part is at a target."""
+    part = target.object
+    done = in_own_target(task, poses, held=held)
+    left = [one for one in task.instances[part] if one not in done]
+    if any(can_be_taken(task, poses, one) for one in left):
+        return f"no {part} is put in {target.slot}" if target.slot else f"no {part} is put in its place"
+    reasons = [reason for one in left if (reason := _why_lost(task, poses, one) or _why_not_taken(task, poses, one))]
+    return f"no {part} is left to take{f': {reasons[0]}' if reasons else ''}"
+
+
+def _why_lost(task: Task, poses: Poses, name: str) -> str:
+    """Return what has happened to an object that can neither be taken nor count as in its place, or an empty text."""
+    if not is_in_reach(task, poses, name):
+        return f"{name} has fallen to the floor"
+    return "" if is_upright(task.thing(name), poses[name]) else f"{name} has toppled"
+
+
+def _why_not_taken(task: Task, poses: Poses, name: str) -> str:
+    """Return why the gripper cannot take an upright object within reach, or an empty text."""
+    thing = task.thing(name)
     for other in task.object_names:
-        poses = poses_by_name(final, task)
-        if other != name and rests_on(task.thing(other), poses[other], task.thing(name), poses[name]):
+        if other != name and rests_on(task.thing(other), poses[other], thing, poses[name]):
             return f"{other} stands on {name} and is not taken away"
-    return f"{name} is never put anywhere"
+    met = fingers_meet(task, poses, name) if task.finger_room else [None]
+    if None in met:
+        return ""
+    if not met:
+        return f"{name} is too wide for the gripper"
+    near = list(dict.fromkeys(map(str, met)))
+    wide = ", and it is too wide for the gripper the other way" if len(met) == 1 else ""
+    verb = "are" if len(near) > 1 else "is"
+    return f"the fingers have no room beside {name}: {' and '.join(near)} {verb} too near{wide}"
+
+
+def _is_inside(task: Task, poses: Poses, target: Target, name: str) -> bool:
+    """Is the middle of an object at a target, seen from above, and not on something that is there?"""
+    if name == target.frame:
+        return False
+    goal, (x, y, z) = poses[target.frame].apply(target.position).tolist(), poses[name].position
+    half = standing_extents(task.thing(name), poses[name])[2]
+    own = task.thing(target.object).height / 2
+    return math.dist(goal[:2], (x, y)) < task.episode.tolerance and abs((z - half) - (goal[2] - own)) < own
+
+
+def _kit_under(task: Task, poses: Poses, name: str) -> str | None:
+    """Return the kit over which the middle of an object is."""
+    for kit in task.kits:
+        x, y, _ = poses[kit.name].inverse().apply(poses[name].position)
+        if abs(x) < kit.half[0] and abs(y) < kit.half[1]:
+            return kit.name
+    return None
+
+
+def _puts(tick: Tick) -> bool:
+    """Does a tick put something somewhere?"""
+    return tick.command is not None and tick.command.name == "place"
+
+
+def _is_meant(task: Task, tick: Tick, target: Target) -> bool:
+    """Does a `place` put its object where a target is?"""
+    place = _in_world(task, tick.before, target.frame, target.position)
+    return math.dist(_goal(task, tick), place) < task.episode.tolerance
 
 
 def _arrived(task: Task, tick: Tick) -> bool:
     """Return whether a `place` has left its object where it should be."""
-    return math.dist(_centre(task, tick.after, _carried(tick)), _goal(task, tick)) < task.episode.tolerance
+    return math.dist(_centre(task, tick.after, _carried(task, tick)), _goal(task, tick)) < task.episode.tolerance
 
 
 def _why_not_there(task: Task, tick: Tick) -> str:
     """Return what is in the way of a `place` whose object ended elsewhere, or that nothing is there to carry it."""
-    name, goal = _carried(tick), _goal(task, tick)
-    half = np.array([task.thing(name).half_at(None)], np.float32)
+    name, goal = _carried(task, tick), _goal(task, tick)
+    thing, after = task.thing(name), poses_by_name(tick.after, task)[name]
+    assert tick.command is not None
+    half = np.array([thing.half_at(tick.command.turn)], np.float32)
     names = ["the kit" if thing in task.kit_names and len(task.kits) == 1 else thing for thing in surface_names(task)]
     things = [*names, *task.object_names]
     tops = [(task.floor, "the floor")]
@@ -80,18 +185,28 @@ def _why_not_there(task: Task, tick: Tick) -> str:
         return f"{support} is where {name} should be put"
     if off > task.episode.tolerance:
         return f"nothing is under the place where {name} should be put"
+    if not is_upright(thing, after):
+        return f"{name} topples from {support}, where it is put"
     return f"{name} does not stay on {support} where it is put"
 
 
 def _is_met(task: Task, world: World, target: Target) -> bool:
-    poses, thing = poses_by_name(world, task), task.thing(target.object)
+    poses = poses_by_name(world, task)
     place = poses[target.frame], target.position
-    return is_at(thing, poses[thing.name], *place, turn=target.turn, episode=task.episode)
+    return any(
+        is_at(task.thing(one), poses[one], *place, turn=target.turn, episode=task.episode)
+        for one in task.instances[target.object]
+    )
 
 
-def _carried(tick: Tick) -> str:
-    assert tick.command is not None
-    return str(tick.command.object)
+def _held(task: Task, world: World) -> str | None:
+    index = int(world.held[0])
+    return task.object_names[index] if index >= 0 else None
+
+
+def _carried(task: Task, tick: Tick) -> str:
+    """Return the object that a `place` puts somewhere."""
+    return str(_held(task, tick.before))
 
 
 def _goal(task: Task, tick: Tick) -> list[float]:
@@ -107,5 +222,5 @@ def _in_world(task: Task, world: World, frame: str, position: Vec3) -> list[floa
 
 
 def _centre(task: Task, world: World, name: str) -> list[float]:
-    """Return where the centre of a box is, metres in the world [3]."""
+    """Return where the centre of an object is, metres in the world [3]."""
     return np.asarray(world.poses)[0, task.object_names.index(name), :3].tolist()
