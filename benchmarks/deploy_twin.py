@@ -1,6 +1,6 @@
 """How often a tree succeeds on the twin of the robot, left alone and with a person who interferes.
 
-python -m benchmarks.deploy_twin RUN_FOLDER|TREE [--layouts 20] [--first 0] [--factor 1.5] [--jobs 2]
+python -m benchmarks.deploy_twin RUN_FOLDER|TREE [--layouts 20] [--first 0] [--factor 1.5] [--no-person] [--jobs 2]
 """
 
 from __future__ import annotations
@@ -33,6 +33,8 @@ class Arguments:
     """how many times as far from perfect as a real cell the twin is, see `Realism.scaled`"""
     width: int = 1280
     """of the images, px"""
+    person: bool = True
+    """run as many other layouts again in which a person interferes"""
     jobs: int = 1
     """runs at a time"""
     out: Path | None = None
@@ -75,7 +77,7 @@ def main(arguments: Arguments) -> None:
     jobs = [
         Job("", first + layout, touches, arguments.width, arguments.factor, **own)
         for layout in range(arguments.first, arguments.first + arguments.layouts)
-        for first, touches in ((0, 0), (WITH_A_PERSON, 1))
+        for first, touches in ((0, 0), (WITH_A_PERSON, 1))[: 1 + arguments.person]
     ]
     for record in accumulated(path, jobs, functools.partial(carry_out, arguments.source), arguments.jobs):
         console.print(
