@@ -14,4 +14,4 @@ semantics = LeafSemantics(task, Vocabulary.of(leaves(result.tree)))
 episode = play(semantics, Settler(task, make_physics(task)), result.tree, sample_layouts(task, seed=7, count=1))
 for number, tick in enumerate(episode.ticks, start=1):
     print(f"tick {number}: {tick.status.name:7s} {tick.command or ''}")
-print(f"ended with {episode.ending.name}; {1000 * episode.distance.max():.1f} mm from the farthest target")
+print(f"ended with {episode.ending.name}; {1000 * episode.misses.distance.max():.1f} mm from the farthest target")
