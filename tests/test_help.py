@@ -5,6 +5,8 @@ import sys
 
 import pytest
 
+from bt_jax.tasks import task_names
+
 HEAVY = ("jax", "mujoco", "sklearn", "scipy", "matplotlib", "cv2", "pinocchio", "nicegui")
 DEPLOY = ("twin", "check", "run", "markers", "calibrate", "rapid", "replay")
 COMMANDS = (
@@ -37,6 +39,12 @@ def run(*words):
     assert process.returncode == 0, process.stderr
     shown, _, modules = process.stdout.rpartition("imported ")
     return shown, set(modules.split())
+
+
+def test_the_help_of_train_names_the_packaged_tasks():
+    shown = " ".join(run("bt_jax.train", "--help")[0].replace("│", " ").split())
+    for name in task_names():
+        assert name.removeprefix("yumi_") in shown.replace("yumi_stack", "stack"), name
 
 
 @pytest.mark.parametrize("command", COMMANDS)
