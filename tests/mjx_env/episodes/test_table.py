@@ -21,7 +21,7 @@ from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.mjx_env.physics.mujoco import MujocoPhysics
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.world import take
-from bt_jax.tasks import load_task, task_names
+from bt_jax.tasks import load_task
 from tests.helpers.samples import PARTS, assert_same, followed, random_trees, semantics_of
 
 NODES, BATCH, LAYOUTS = 32, 100, 3
@@ -61,15 +61,16 @@ def test_the_table_and_the_rollout_agree(task_name):
 
 
 @pytest.mark.slow
-def test_the_table_and_the_rollout_agree_on_parts_and_turns():
+@pytest.mark.parametrize("task_name", [PARTS, "bolts", "fixture"])
+def test_the_table_and_the_rollout_agree_on_parts_and_turns(task_name):
     """But for the last digit of sines and cosines, which may decide to which side something falls."""
-    semantics = semantics_of(PARTS)
-    trees, starts = trees_for(semantics, 10, 5 * BATCH), sample_layouts(semantics.task, 5, LAYOUTS)
-    by_table = table_evaluator(PARTS)(trees, starts)
+    semantics = semantics_of(task_name)
+    trees, starts = trees_for(semantics, 10, BATCH), sample_layouts(semantics.task, 5, 2)
+    by_table = table_evaluator(task_name)(trees, starts)
     by_rollout = RolloutEvaluator(semantics, Kinematic(semantics.task).settle, batch=BATCH)(trees, starts)
     same = (by_table.ending == by_rollout.ending) & (by_table.misses.met == by_rollout.misses.met).all(axis=-1)
     assert np.mean(same & (np.abs(by_table.values - by_rollout.values) < 1)) > 0.995
-    assert by_table.misses.met.any(axis=(0, 1)).sum() > 2
+    assert by_table.misses.met.any(axis=(0, 1)).sum() >= len(semantics.task.targets) / 2
 
 
 @pytest.mark.slow
@@ -80,7 +81,7 @@ def test_the_table_and_the_rollout_agree_on_both_rules_for_subgoals():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("task_name", task_names())
+@pytest.mark.parametrize("task_name", ["pyramid", "restack", "stack", "stack3", "yumi_stack"])
 def test_the_table_and_the_rollout_agree_on_many_trees(task_name):
     both_agree(task_name, 5 * BATCH, 4)
 
