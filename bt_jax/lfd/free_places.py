@@ -15,7 +15,7 @@ from bt_jax.tasks import Table, Target, Task
 from bt_jax.tasks.support import about_vertical, added, kit_origin, resolve, start_turn
 from bt_jax.tasks.things import Vec3
 
-__all__ = ["free_places"]
+__all__ = ["free_places", "on_floor"]
 
 ROUNDING = 1e-6  # metres
 
@@ -34,6 +34,13 @@ def free_places(task: Task, names: Sequence[str]) -> dict[str, Target]:
             break
         order, found = again, other
     return found
+
+
+def on_floor(task: Task, place: Target) -> bool:
+    """Return whether an object at a place lies on the floor of a kit, so that nothing has to be there before it."""
+    kit = next((kit for kit in task.kits if kit.name == place.frame), None)
+    height = task.thing(place.object).height
+    return kit is not None and abs(place.position[2] - kit.plate - height / 2) < task.episode.tolerance
 
 
 def _in_order(task: Task, moves: Sequence[Behavior], names: Sequence[str]) -> dict[str, Target]:
@@ -59,8 +66,7 @@ def _in_kits(task: Task, moves: Iterable[Behavior], name: str) -> Iterator[Targe
         if kit is None or gene.position is None or gene.object != (thing.part or name):
             continue
         place = target_of(Behavior("at", (name, *gene.args[1:])))
-        lies = abs(gene.position[2] - kit.plate - thing.height / 2) < task.episode.tolerance
-        if lies and _inside(_carried(task, place), place, (0.0, 0.0), kit.inner) and any(
+        if on_floor(task, place) and _inside(_carried(task, place), place, (0.0, 0.0), kit.inner) and any(
             not any(hit(fingers, wall) for wall in walls(kit, (0.0, 0.0, 0.0)))
             for fingers in grasps(task, name, place.position, turn_at(task, place))
         ):  # fmt: skip

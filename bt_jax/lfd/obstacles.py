@@ -16,7 +16,7 @@ from bt_jax._util.errors import UserError
 from bt_jax.behaviors import NOTHING, OPEN, Behavior, subgoal_conditions
 from bt_jax.lfd.conflicts import undoes
 from bt_jax.lfd.extents import Extent, block_at, half_of, turn_at
-from bt_jax.lfd.free_places import free_places
+from bt_jax.lfd.free_places import free_places, on_floor
 from bt_jax.lfd.placements import condition_of, target_of
 from bt_jax.lfd.starts import (
     TOUCH,
@@ -142,16 +142,20 @@ class Obstacles:
         return subgoal_conditions(self.task)[str(reached.args[0])]
 
     def _asides(self, sure: frozenset[str], possible: frozenset[str]) -> tuple[Behavior, ...]:
-        """Return that objects are at their free places, the highest first; possible obstacles as far as there are places."""
+        """Return that objects are at their free places, or at their targets in a kit where no place is free, the highest
+        first; possible obstacles as far as there are free places."""
+        own = {str(goal.object): goal for target, goal in self.goals.items() if on_floor(self.task, target)}
+        places = {name: own[name] for name in sure & own.keys()}
+        places |= {name: condition_of(place) for name, place in self._free.items()}
         for name in self.task.object_names:
-            if name in sure and name not in self._free:
+            if name in sure and name not in places:
                 raise UserError(
                     f"task {self.task.name}: no place is free in all layouts to put {name} out of the way; make the kit or "
                     "a table larger"
                 )
-        found = [name for name in self.task.object_names if name in sure | possible and name in self._free]
+        found = [name for name in self.task.object_names if name in sure | possible and name in places]
         found.sort(key=lambda name: start_height(self.task, name), reverse=True)
-        return tuple(condition_of(self._free[name]) for name in found)
+        return tuple(places[name] for name in found)
 
     @functools.cached_property
     def _free(self) -> Mapping[str, Target]:

@@ -68,6 +68,15 @@ def test_a_spare_part_in_a_slot_for_something_else_is_put_aside():
     assert moved(task) == ["Bolt1", "Can"]
 
 
+def test_where_no_place_is_free_what_stands_on_top_goes_to_its_own_slot_first():
+    blocks = tuple(Object(name, (0.08, 0.08, 0.08), (0.9, 0.7, 0.1)) for name in ("Lower", "Upper"))
+    task = kit(blocks, [("Lower", "r1c1", None), ("Upper", "r1c2", None)])
+    layout = dataclasses.replace(task.layout, stack=("Lower", "Upper"))
+    tables = tuple(dataclasses.replace(one, size=(0.5, 0.3, one.size[2])) for one in task.tables)
+    full = dataclasses.replace(task, layout=layout, tables=tables)
+    assert moved(full) == ["Upper", "Lower"]
+
+
 def test_parts_in_slots_for_each_other_change_places():
     goals = [("Bolt", "r1c1", None), ("Brick", "r1c2", 0.0)]
     task = kit((*BOLTS[:1], *BRICKS[:1]), goals, ("Brick1", "r1c1", 0.0), ("Bolt1", "r1c2", None))
