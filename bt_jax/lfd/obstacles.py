@@ -78,10 +78,12 @@ class Obstacles:
         return self._asides(sure, frozenset() if self.certain else possible)
 
     def alternatives(self, condition: Behavior) -> tuple[Behavior, ...]:
-        """Return where else an instance of a part is out of the way: at the targets of its part."""
-        part = self.task.thing(str(condition.object)).part if self.is_aside(condition) else ""
-        places = (dataclasses.replace(one, object=str(condition.object)) for one in self.task.targets
-                  if part and one.object == part)  # fmt: skip
+        """Return where else an instance of a part is out of the way: at the targets of its part, but for those on objects
+        that it starts on."""
+        name = str(condition.object)
+        part = self.task.thing(name).part if self.is_aside(condition) else ""
+        places = (dataclasses.replace(one, object=name) for one in self.task.targets
+                  if part and one.object == part and not self._starts_on(name, one.frame))  # fmt: skip
         return tuple(map(condition_of, places))
 
     @functools.cached_property
@@ -114,9 +116,11 @@ class Obstacles:
             return False
         if any(other.name == "at" and other.object == condition.object for other in known):
             return True
-        part = self.task.thing(str(condition.object)).part
+        name = str(condition.object)
+        part = self.task.thing(name).part
         goals = [goal for target, goal in self.goals.items() if part and target.object == part]
-        return bool(goals) and len(goals) == len(self.task.instances[part]) and known.issuperset(goals)
+        moved = not any(self._starts_on(name, str(goal.frame)) for goal in goals)
+        return bool(goals) and moved and len(goals) == len(self.task.instances[part]) and known.issuperset(goals)
 
     def undoes(self, action: Behavior, condition: Behavior) -> bool:
         """Return whether an action may move what a condition is about or the frame of its place, needs the room below that
@@ -137,6 +141,10 @@ class Obstacles:
         if root != other or a[2] >= b[2]:
             return False
         return _block(self.task, lower, a).gap(_block(self.task, upper, b)) < -TOUCH
+
+    def _starts_on(self, name: str, frame: str) -> bool:
+        """Return whether an object starts on another, so that a place on that says nothing about having been moved."""
+        return frame in self.task.object_names and name in above(self.task, frame)
 
     def _meaning(self, reached: Behavior) -> tuple[Behavior, ...]:
         return subgoal_conditions(self.task)[str(reached.args[0])]

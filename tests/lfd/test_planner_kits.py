@@ -100,6 +100,18 @@ def test_what_leaves_the_fingers_no_room_is_moved_first():
     assert moved(free) == ["Plate"]
 
 
+def test_a_part_that_stands_where_it_should_be_is_put_aside_while_what_is_below_it_moves():
+    task = kit((CAN, *BOLTS[:2]), [("Can", "r1c1", None)])
+    can = Target("Can", (-1.0, -1.3, 0.75), task.robot_frame)
+    bolt = Target("Bolt1", (-1.0, -1.3, 0.83), task.robot_frame)
+    task = dataclasses.replace(
+        task,
+        targets=(*task.targets, Target("Bolt", (0.0, 0.0, 0.08), "Can")),
+        layout=dataclasses.replace(task.layout, fixed=(can, bolt)),
+    )
+    assert moved(task) == ["Bolt1", "Can", "Bolt"]
+
+
 def test_what_would_leave_the_fingers_no_room_is_placed_last():
     task = kit((PLATE, CAN), [("Can", "r1c1", None), ("Plate", "r1c2", 0.0)])
     edge = (PLATE.size[1] + CAN.size[1]) / 2 + task.finger_room / 2
