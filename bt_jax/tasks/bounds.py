@@ -8,6 +8,8 @@ from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import Any
 
+from bt_jax.tasks.things import Object
+
 __all__ = ["BOUNDS", "NOISE", "POSITION", "Bound", "numbers", "out_of_bounds"]
 
 
@@ -52,6 +54,8 @@ BOUNDS: Mapping[str, Bound] = MappingProxyType(
         "kits.wall_height": LENGTH,
         "kits.wall_thickness": LENGTH,
         "objects.size": _metres(0.005, 2.0),
+        "objects.radius": _metres(0.0025, 1.0),
+        "objects.height": _metres(0.005, 2.0),
         "objects.color": Bound(0.0, 1.0, slip=("of 255", 1 / 255)),
         "objects.density": Bound(10.0, 25_000.0, "kg/m³", ("g/cm³", 1000.0)),  # foam to osmium
         "targets.position": POSITION,
@@ -92,7 +96,8 @@ def out_of_bounds(thing: Any) -> Iterator[tuple[str, str]]:
 
 
 def numbers(value: Any, key: str, name: str) -> Iterator[tuple[str, str, float]]:
-    """Yield the key, the key without the numbers of list entries, and the value of every number."""
+    """Yield the key, the key without the numbers of list entries, and the value of every number; of a cylinder its radius
+    and its height, as people write them."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         yield key, name, float(value)
     elif isinstance(value, tuple):
@@ -100,5 +105,9 @@ def numbers(value: Any, key: str, name: str) -> Iterator[tuple[str, str, float]]
             yield from numbers(item, f"{key}[{i}]", name)
     elif dataclasses.is_dataclass(value):
         dot = "." if key else ""
-        for field in dataclasses.fields(value):
-            yield from numbers(getattr(value, field.name), f"{key}{dot}{field.name}", f"{name}{dot}{field.name}")
+        fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+        if isinstance(value, Object) and value.shape == "cylinder":
+            del fields["size"]
+            fields |= {"radius": value.size[0] / 2, "height": value.height}
+        for field, inner in fields.items():
+            yield from numbers(inner, f"{key}{dot}{field}", f"{name}{dot}{field}")

@@ -91,8 +91,19 @@ def task_from_dict(data: Any, *, source: str, kept: bool = False) -> Task:
     episode = data.get("episode")
     written = decode(_without_keywords(data), WrittenTask, source, examples=EXAMPLES)
     task, keys = written.task(source, ticks_given=isinstance(episode, Mapping) and "max_ticks" in episode)
-    check(task, source, keys)
+    check(task, source, {**keys, **_keywords(data)})
     return task
+
+
+def _keywords(data: Mapping[str, Any]) -> Mapping[str, str]:
+    """Return the keys of the slots whose `takes` is written as `for`."""
+    kits = data.get("kits")
+    return {
+        f"kits[{i}].slots[{j}].takes": f"kits[{i}].slots[{j}].for"
+        for i, kit in enumerate(kits if isinstance(kits, list | tuple) else ())
+        for j, slot in enumerate((isinstance(kit, dict) and kit.get("slots")) or ())
+        if isinstance(slot, dict) and "for" in slot
+    }
 
 
 def _without_keywords(data: Mapping[str, Any]) -> Mapping[str, Any]:

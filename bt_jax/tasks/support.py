@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from bt_jax.tasks.task import Target, Task
 from bt_jax.tasks.things import Object, Table, Vec3
 
-__all__ = ["about_vertical", "added", "kit_origin", "resolve", "start_turn", "unsupported"]
+__all__ = ["about_vertical", "added", "kit_origin", "resolve", "resolve_turned", "start_turn", "unsupported"]
 
 COMBINED = 8  # loose boxes whose stacks are considered; with more, nearly every height is possible
 
@@ -36,7 +36,7 @@ def unsupported(task: Task) -> Iterator[tuple[int, float]]:
     What is not known before an episode counts as possible: the table of a kit that is placed at random, and boxes without a
     target in the same scene of reference, alone or stacked, in any place.
     """
-    places = [_resolved(task, target) for target in task.targets]
+    places = [resolve_turned(task, target) for target in task.targets]
     for i, target in enumerate(task.targets):
         root, (x, y, z), turn = places[i]
         half_x, half_y, half = task.thing(target.object).half_at(turn)
@@ -59,7 +59,7 @@ def unsupported(task: Task) -> Iterator[tuple[int, float]]:
 
 def resolve(task: Task, target: Target) -> tuple[str, Vec3]:
     """Return where a target is in the frame that its chain of objects begins with, and that frame: one without a target."""
-    root, position, _ = _resolved(task, target)
+    root, position, _ = resolve_turned(task, target)
     return root, position
 
 
@@ -71,7 +71,7 @@ def start_turn(task: Task, name: str) -> float | None:
     return turns.pop() if len(turns) == 1 else None
 
 
-def _resolved(task: Task, target: Target) -> tuple[str, Vec3, float]:
+def resolve_turned(task: Task, target: Target) -> tuple[str, Vec3, float]:
     """Return the frame that a target's chain of objects begins with, and position and turn [degrees] in it. An object that
     no target turns is taken to be turned as at the start, or not at all if that is not known."""
     below = next((one for one in task.targets if one.object == target.frame and one.object in task.object_names), None)
@@ -79,8 +79,12 @@ def _resolved(task: Task, target: Target) -> tuple[str, Vec3, float]:
         of_root = start_turn(task, target.frame) if target.frame in task.object_names else 0.0
         turn = (start_turn(task, target.object) or 0.0) - (of_root or 0.0) if target.turn is None else target.turn
         return target.frame, target.position, turn
-    root, base, turned = _resolved(task, below)
-    turn = _resolved(task, dataclasses.replace(target, frame=root))[2] if target.turn is None else turned + target.turn
+    root, base, turned = resolve_turned(task, below)
+    turn = (
+        resolve_turned(task, dataclasses.replace(target, frame=root))[2]
+        if target.turn is None
+        else turned + target.turn
+    )
     return root, added(base, about_vertical(target.position, turned)), turn
 
 

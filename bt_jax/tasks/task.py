@@ -154,6 +154,12 @@ class Task:
         return all(thing.is_cube for thing in self.objects)
 
     @property
+    def draws_by_size(self) -> bool:
+        """Whether objects start as far from each other and from the tables' edges as their sizes take. Cubes around one kit,
+        as in the published tasks, only keep `layout.spacing` and `layout.margin`."""
+        return not self.all_cubes or len(self.kits) > 1
+
+    @property
     def kinds(self) -> tuple[str, ...]:
         """What there is to move, interchangeable instances once: the objects of no part, and the parts, as listed."""
         return tuple(dict.fromkeys(thing.part or thing.name for thing in self.objects))

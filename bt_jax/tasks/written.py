@@ -107,6 +107,10 @@ class WrittenTask:
                 keys[key] = f"{written}[{i}]"
                 if thing.is_cube:
                     keys[f"{key}.size[0]"] = f"{written}[{i}].size"
+                elif one.radius is not None:
+                    keys[f"{key}.size"] = f"{written}[{i}].radius"
+                elif thing.shape == "cylinder":
+                    keys |= {f"{key}.{length}": f"{written}[{i}].size" for length in ("radius", "height")}
                 objects.append(thing)
         if self.kit is not NO_KIT and self.kits is not NO_KITS:
             raise UserError(
@@ -189,8 +193,8 @@ def _target(target: WrittenTarget, kits: tuple[Kit, ...], things: Mapping[str, O
         return Target(target.object, target.position, target.frame, target.turn)
     slots = {f"{kit.name}.{slot.name}": (kit, slot) for kit in kits for slot in kit.places}
     if target.slot not in slots:
-        known = ", ".join(slots) or "no kit has slots"
-        raise UserError(f"{where}.slot: there is no slot '{target.slot}'; use one of: {known}")
+        remedy = f"use one of {', '.join(slots)}" if slots else "give a kit slots or a grid"
+        raise UserError(f"{where}.slot: there is no slot '{target.slot}'; {remedy}")
     kit, slot = slots[target.slot]
     thing = things.get(target.object)
     if thing is None:

@@ -8,7 +8,7 @@ from bt_jax._util.errors import UserError
 from bt_jax.tasks import load_task, task_names
 from bt_jax.tasks.bounds import BOUNDS, numbers, out_of_bounds
 from bt_jax.tasks.task import Target
-from bt_jax.tasks.things import Slot
+from bt_jax.tasks.things import Object, Slot
 
 
 def test_every_number_of_a_task_has_a_bound():
@@ -17,6 +17,7 @@ def test_every_number_of_a_task_has_a_bound():
     task = dataclasses.replace(
         task,
         layout=dataclasses.replace(task.layout, fixed=fixed),
+        objects=(*task.objects, Object("Can", (0.06, 0.06, 0.1), (1.0, 0.0, 0.0), shape="cylinder")),
         kits=(dataclasses.replace(task.kit, slots=(Slot("a1", (0.0, 0.0)),), grid=(1, 1)),),
         targets=(dataclasses.replace(task.targets[0], turn=90.0),),
     )

@@ -114,7 +114,7 @@ def fixed(*places, kit="TableRight", **over):
         ({"kit": {"size": 2}}, "kit.size", "smaller"),
         ({"kit": {"wall_thickness": 0.3}}, "", ""),
         ({"kit": None}, "kit", "expected a mapping"),
-        ({"kit": {"name": "YellowBox"}}, "boxes", "rename"),
+        ({"kit": {"name": "YellowBox"}}, "boxes[0].name", "is also a kit; rename"),
         ({"layout": {"kit": "Shelf"}}, "layout.kit", "use random"),
         ({"layout": {"stack": ["RedBox"]}}, "layout.stack", "use some of"),
         ({"layout": {"stack": ["YellowBox", "YellowBox"]}}, "layout.stack", "once"),

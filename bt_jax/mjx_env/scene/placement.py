@@ -35,7 +35,7 @@ def draw_poses(task: Task, rng: np.random.Generator, kit_table: Table) -> Float6
         poses[i] = _fixed_pose(task, place)
     single = [i for i in range(len(names)) if i not in (*stack, *fixed)]
     groups = [group for group in ([stack] if stack else []) + [[i] for i in single]]
-    by_size = _by_size(task)
+    by_size = task.draws_by_size
     if by_size:
         groups.sort(key=lambda group: -task.objects[group[0]].reach)  # the largest ones while there is room
     for _ in range(TRIES):
@@ -61,15 +61,9 @@ def draw_poses(task: Task, rng: np.random.Generator, kit_table: Table) -> Float6
     )
 
 
-def _by_size(task: Task) -> bool:
-    """Return whether objects are placed one after another, as far from others and from the table's edge as their sizes
-    take. Cubes around one kit, as in the published tasks, are all drawn at once until none is too near another."""
-    return not task.all_cubes or len(task.kits) > 1
-
-
 def _margin(task: Task, thing: int) -> float:
     """Return how far the centre of an object stays away from a table's edge."""
-    return max(task.layout.margin, task.objects[thing].reach) if _by_size(task) else task.layout.margin
+    return max(task.layout.margin, task.objects[thing].reach) if task.draws_by_size else task.layout.margin
 
 
 def _is_apart(
@@ -78,7 +72,7 @@ def _is_apart(
     """Return whether an object is far enough from others; by size, so that two fingers fit between, whatever the turns."""
     for other, there in placed.items():
         least = task.layout.spacing
-        if _by_size(task):
+        if task.draws_by_size:
             least = max(least, task.objects[thing].reach + task.objects[other].reach + 2 * task.finger_room)
         if math.dist(spot, there) < least:
             return False

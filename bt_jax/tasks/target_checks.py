@@ -1,0 +1,141 @@
+"""Whether the targets of a task go together: with its objects, its frames, its kits, one another, and its ticks."""
+
+from __future__ import annotations
+
+import itertools
+
+from bt_jax.tasks.footprints import Footprint, overlap
+from bt_jax.tasks.refusals import Fail
+from bt_jax.tasks.slots import fits
+from bt_jax.tasks.start_checks import block_overlap
+from bt_jax.tasks.support import resolve_turned, start_turn
+from bt_jax.tasks.task import Target, Task
+from bt_jax.tasks.things import Kit, Object, Vec3
+
+__all__ = ["check_targets"]
+
+TICKS_PER_MOVE = 2  # one to pick and one to place
+
+
+def check_targets(task: Task, fail: Fail) -> None:
+    """Fail for a target that cannot be met, alone or with the others."""
+    for i, target in enumerate(task.targets):
+        _check_names(task, i, target, fail)
+        _check_slot(task, i, target, fail)
+        _check_place(task, i, target, fail)
+    _check_circles(task, fail)
+    for (i, one), (j, other) in itertools.combinations(enumerate(task.targets), 2):
+        if _overlap(task, one, other):
+            fail(f"targets[{j}]", f"{other.object} would be inside {one.object} of targets[{i}]", "move one of them")
+    _check_ticks(task, fail)
+
+
+def _check_names(task: Task, i: int, target: Target, fail: Fail) -> None:
+    key, name = f"targets[{i}]", target.object
+    if name not in task.instances:
+        fail(f"{key}.object", f"there is no object '{name}'", f"use one of {', '.join(task.kinds)}")
+    if target.frame in task.instances and target.frame not in task.object_names:
+        remedy = f"use one of {', '.join(task.instances[target.frame])}"
+        fail(f"{key}.frame", f"'{target.frame}' is a part, which is no frame as any instance may be meant", remedy)
+    if target.frame not in task.frames:
+        fail(f"{key}.frame", f"there is no frame '{target.frame}'", f"use one of {', '.join(task.frames)}")
+    most = len(task.instances[name])
+    if sum(other.object == name for other in task.targets[: i + 1]) > most:
+        one = most == 1
+        there = f"{name} has a target already" if one else f"there are only {most} of {name}"
+        fail(f"{key}.object", there, "give each object one target" if one else "raise its count or drop a target")
+    if target.turn is not None and not task.thing(name).symmetry:
+        fail(f"{key}.turn", f"{name} is a cylinder, which looks alike in every turn", "leave turn out")
+
+
+def _check_slot(task: Task, i: int, target: Target, fail: Fail) -> None:
+    slots = {f"{kit.name}.{slot.name}": (kit, slot) for kit in task.kits for slot in kit.places}
+    if not target.slot:
+        return
+    if target.slot not in slots:
+        fail(f"targets[{i}].slot", f"there is no slot '{target.slot}'", f"use one of {', '.join(slots)}")
+    kit, slot = slots[target.slot]
+    thing = task.thing(target.object)
+    if slot.takes not in ("", thing.name, thing.part):
+        fail(f"targets[{i}].slot", f"{target.slot} is for {slot.takes}, not for {target.object}", "use another slot")
+    if not fits(kit, slot, thing):
+        x, y = kit.room(slot)
+        room = f"{2000 * x:.4g} x {2000 * y:.4g} mm between the walls"
+        problem = f"{target.object} ({thing.measures}) does not fit in {target.slot}, {room}"
+        fail(f"targets[{i}].slot", problem, f"use another slot, turn this one, or make {kit.name} larger")
+
+
+def _check_place(task: Task, i: int, target: Target, fail: Fail) -> None:
+    key, half = f"targets[{i}].position", task.thing(target.object).half_at(target.turn)
+    for kit in task.kits:
+        if target.frame == kit.name and _hits_kit(kit, target.position, half):
+            fail(key, f"{target.object} would be inside the kit's walls or plate", "move it to free space")
+    if target.frame in task.object_names and target.frame != target.object:
+        below = task.thing(target.frame).half_at(None)
+        if block_overlap(half, target.position, below, (0.0, 0.0, 0.0)) > task.episode.tolerance:
+            fail(key, f"{target.object} would be inside {target.frame}", "move it to free space")
+
+
+def _hits_kit(kit: Kit, position: Vec3, half: Vec3) -> bool:
+    slack = 0.005
+    x, y, bottom = abs(position[0]), abs(position[1]), position[2] - half[2]
+    over_plate = x < kit.half[0] + half[0] and y < kit.half[1] + half[1]
+    if over_plate and bottom < kit.plate - slack:
+        return True
+    low = bottom < kit.rim - slack
+    inside = x + half[0] <= kit.inner[0] and y + half[1] <= kit.inner[1]
+    outside = x - half[0] >= kit.half[0] or y - half[1] >= kit.half[1]
+    return low and not outside and (not inside or _hits_divider(kit, position, half))
+
+
+def _hits_divider(kit: Kit, position: Vec3, half: Vec3) -> bool:
+    return any(
+        all(abs(a - b) < c + d - 1e-6 for a, b, c, d in zip(position, middle, half, across, strict=False))
+        for middle, across in list(kit.walls())[4:]
+    )
+
+
+def _check_circles(task: Task, fail: Fail) -> None:
+    """Fail where objects stand in one another's frames."""
+    frames = {target.object: target.frame for target in task.targets}
+    for start in frames:
+        seen, frame = [start], frames[start]
+        while frame in frames or frame == start:
+            if frame in seen:
+                chain = " in the frame of ".join([*seen, frame])
+                fail("targets", f"circular: {chain}", "give one of them a position in the kit or the robot's frame")
+            seen.append(frame)
+            frame = frames[frame]
+
+
+def _overlap(task: Task, one: Target, other: Target) -> bool:
+    """Return whether two targets are at one place, so that both cannot be met."""
+    (frame, here, turn), (other_frame, there, other_turn) = (resolve_turned(task, it) for it in (one, other))
+    things = task.thing(one.object), task.thing(other.object)
+    slack = min(task.episode.tolerance, *(edge / 4 for thing in things for edge in thing.size))
+    if frame != other_frame or (things[0].height + things[1].height) / 2 - abs(here[2] - there[2]) <= slack:
+        return False
+    footprints = (
+        _footprint(task, things[0], here, one, turn),
+        _footprint(task, things[1], there, other, other_turn),
+    )
+    return overlap(*footprints) > slack
+
+
+def _footprint(task: Task, thing: Object, at: Vec3, target: Target, turn: float) -> Footprint:
+    known = target.turn is not None or start_turn(task, target.object) is not None
+    return Footprint.of(thing, (at[0], at[1]), turn if known else None)
+
+
+def _check_ticks(task: Task, fail: Fail) -> None:
+    """Fail if the ticks are too few to move every object that cannot be at its target from the start."""
+    placed = {*task.layout.stack, *(place.object for place in task.layout.fixed)}
+    instances = {target.object: task.instances[target.object] for target in task.targets}
+    moves = 0
+    for name, objects in instances.items():
+        wanted = sum(target.object == name for target in task.targets)
+        moves += max(0, wanted - sum(one in placed for one in objects))
+    least = TICKS_PER_MOVE * moves + task.episode.success_ticks
+    if task.episode.max_ticks < least:
+        problem = f"{task.episode.max_ticks} ticks are too few to move {moves} object{'s' if moves > 1 else ''}"
+        fail("episode.max_ticks", problem, f"write {least} or more, or leave it out")
