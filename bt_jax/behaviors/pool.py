@@ -19,8 +19,8 @@ def gene_pool(task: Task) -> Vocabulary[Behavior]:
 
     These are gripper conditions and actions, a `reached` condition for each subgoal, and one `move` gene for each object or
     part and each place (57 in the published scene). Places are beside and on top of every other object that can carry it,
-    and in the kits the slots that may take it, or the grid of the task's gene settings where a kit has no slots; each with
-    every turn in which the object looks different there.
+    and in the kits the slots that may take it and the grid of the task's gene settings: in kits without slots, and for what
+    no slot takes in all; each with every turn in which the object looks different there.
     """
     conditions = [Behavior("gripper", (OPEN,)), Behavior("gripper", (CLOSED,)), Behavior("holding", (NOTHING,))]
     conditions += [Behavior("reached", (subgoal.name,)) for subgoal in task.subgoals]
@@ -46,11 +46,11 @@ def _places(task: Task, name: str) -> Iterator[Place]:
                 yield _place(beside if axis == 0 else 0.0, beside if axis == 1 else 0.0, level, other.name, turn)
             if _carries(other, thing, turn):
                 yield _place(0.0, 0.0, half[2] + own[2], other.name, turn)
-    for kit in task.kits:
-        if kit.places:
-            for slot in kit.places:
-                if fits(kit, slot, thing):
-                    yield _place(*slot_position(kit, slot, thing), kit.name, slot_turn(slot, thing))
+    slots = [[slot for slot in kit.places if fits(kit, slot, thing)] for kit in task.kits]
+    for kit, fitting in zip(task.kits, slots, strict=True):
+        for slot in fitting:
+            yield _place(*slot_position(kit, slot, thing), kit.name, slot_turn(slot, thing))
+        if kit.places and any(slots):
             continue
         cubes = task.all_cubes
         height = settings.height if cubes else kit.plate + thing.height / 2

@@ -60,8 +60,8 @@ class Layout:
 
 @dataclasses.dataclass(frozen=True)
 class GeneSettings:
-    """Where the `move` genes may place an object: beside and on every other one, in the slots of every kit, and on a grid in
-    a kit without slots."""
+    """Where the `move` genes may place an object: beside and on every other one, in the slots of every kit that take it, and
+    on a grid in a kit without slots; an object that no slot takes, on the grid of every kit."""
 
     gap: float = 0.02
     grid: int = 3

@@ -82,6 +82,30 @@ def test_the_published_pool():
     assert Behavior("reached", ("unstacked",)) in gene_pool(load_task("restack")).leaves
 
 
+def test_what_no_slot_takes_goes_on_the_grid(tmp_path):
+    written = """
+extends: kitting
+name: tray
+description: A plate in the middle of a tray whose slots are for bolts.
+objects:
+  - {name: Plate, size: [0.2, 0.1, 0.02], color: [1, 0, 0]}
+  - {part: Bolt, count: 2, radius: 0.012, height: 0.06, color: [0, 0, 1]}
+kits:
+  - name: Tray
+    table: TableLeft
+    slots: [{name: low, position: [-0.15, 0.15], for: Bolt}, {name: high, position: [0.15, 0.15], for: Bolt}]
+targets:
+  - {object: Plate, position: [0, 0, 0.0125], frame: Tray, turn: 90}
+  - {object: Bolt, slot: Tray.low}
+"""
+    path = tmp_path / "tray.yaml"
+    path.write_text(written)
+    leaves = gene_pool(load_task(path)).leaves
+    assert Behavior("move", ("Plate", (0.0, 0.0, 0.0125), "Tray", 90.0)) in leaves
+    bolts = {leaf.position[:2] for leaf in leaves if leaf.object == "Bolt" and leaf.frame == "Tray"}
+    assert bolts == {(-0.15, 0.15), (0.15, 0.15)}
+
+
 @pytest.mark.parametrize("name", task_names())
 def test_every_pool_fits_its_task(name):
     task = load_task(name)
