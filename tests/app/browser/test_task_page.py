@@ -287,7 +287,7 @@ def test_a_broken_task_file_is_a_sentence(page, see, server):
     cup = "extends: stack\nname: broken\ntargets: [{object: Cup, position: [0, 0, 0], frame: base_link}]"
     path = server.folder / "tasks" / "broken.yaml"
     path.parent.mkdir(exist_ok=True)
-    for content, says in (("targets: [", "is not valid YAML"), (cup, "no box 'Cup'"), ("- 1", "must be a mapping")):
+    for content, says in (("targets: [", "is not valid YAML"), (cup, "no object 'Cup'"), ("- 1", "must be a mapping")):
         path.write_text(content)
         go(see, "evolve")
         go(see, "task")  # which lists the files again
