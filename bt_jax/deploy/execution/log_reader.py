@@ -138,12 +138,13 @@ def read_log(path: Path) -> Iterator[dict[str, Any]]:
 def numbered_entries(path: Path, damage: Damage) -> Iterator[tuple[int, dict[str, Any]]]:
     """Yield each line with its number, from 1. What is damaged is noted and left out; but for a last line that was not
     finished, which is left out only, and for the first one, without which nothing is known: then UserError is raised."""
-    lines = read_bytes(path).splitlines()
+    content = read_bytes(path)
+    lines = content.splitlines()
     if not lines:
         raise UserError(f"{path} is empty; give the log that a run has written")
     yield 1, _start(path, lines[0])
     for number, line in enumerate(lines[1:], start=2):
-        unfinished = number == len(lines) and not line.endswith(b"}")
+        unfinished = number == len(lines) and not content.endswith(b"\n")
         with contextlib.suppress(ValueError, RecursionError) if unfinished else damage.noted(number):
             yield number, _entry(line)
 

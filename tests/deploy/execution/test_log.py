@@ -148,8 +148,10 @@ def test_another_decision_is_noticed(written, tmp_path):
 def test_a_log_that_breaks_off_is_read_up_to_there(written, tmp_path):
     text = written.read_text()
     broken = tmp_path / "broken.jsonl"
-    broken.write_text(text[: len(text) // 2])
-    assert 0 < len(list(replay(broken))) < len(list(replay(written)))
+    middle = len(text) // 2
+    for end in (middle, text.index("}", middle) + 1):  # also behind what looks like the end of a line
+        broken.write_text(text[:end])
+        assert 0 < len(list(replay(broken))) < len(list(replay(written)))
     console = Console(record=True, width=120, file=io.StringIO())
     replay_command(ReplayArguments(broken), console)
     assert "breaks off" in console.export_text()
