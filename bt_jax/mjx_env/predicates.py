@@ -4,6 +4,7 @@ single objects.
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -19,9 +20,15 @@ __all__ = ["graspable", "in_own_target", "is_clear", "is_upright", "reachable", 
 
 def reachable(world: World, task: Task) -> Bool[Array, "S B"]:
     """Return which objects the gripper reaches: those not below the lowest table's top, so not on the floor."""
+    return world.poses[..., 2] > _least_heights(task)
+
+
+@functools.lru_cache(maxsize=16)
+def _least_heights(task: Task) -> Float32[np.ndarray, "1 B"]:
+    """Return the world z above which the middle of each object is not below the lowest table's top."""
     heights = np.array([[thing.height for thing in task.objects]], np.float32)
     lowest = np.float32(min(table.top for table in task.tables))
-    return world.poses[..., 2] > lowest - np.float32(GEOMETRY.seated) * heights
+    return lowest - np.float32(GEOMETRY.seated) * heights
 
 
 def is_clear(world: World, task: Task) -> Bool[Array, "S B"]:
@@ -39,15 +46,33 @@ def is_upright(world: World, task: Task) -> Bool[Array, "S B"]:
 def _rests_on(world: World, task: Task) -> Bool[Array, "S B B"]:
     """Return at [s, i, j] whether object i stands over object j, close enough to rest on it; a held one rests on nothing."""
     xp = namespace(world.poses)
-    half = standing_extents(task, world.poses[..., 3:])
+    if task.all_cubes:
+        middle, lower, least, most = _cubes_rest(task)
+    else:
+        middle, lower, least, most = _rest(standing_extents(task, world.poses[..., 3:]))
+    offset = world.poses[..., :, None, :3] - world.poses[..., None, :, :3]
+    over = xp.abs(offset[..., :2]) < middle
+    gap = offset[..., 2] - lower
+    held = world.held[..., None] == np.arange(len(task.objects), dtype=np.int8)[None]
+    either = held[..., :, None] | held[..., None, :]
+    return (gap > least) & (gap < most) & over[..., 0] & over[..., 1] & ~either
+
+
+def _rest(half: Float32[Array, "*S B 3"]) -> tuple[Array, Array, Array, Array]:
+    """Return for each pair of objects, an upper and a lower one, how far apart their middles may be along x and y, what is
+    taken off the height of one over the other, and between which bounds the rest has to be."""
+    xp = namespace(half)
     middle = half[..., :, None, :] + half[..., None, :, :]
     height = 2 * xp.minimum(half[..., :, None, 2], half[..., None, :, 2])
-    offset = world.poses[..., :, None, :3] - world.poses[..., None, :, :3]
-    over = xp.abs(offset[..., :2]) < middle[..., :2]
-    gap = offset[..., 2] - (middle[..., 2] - height)
-    above = (gap > np.float32(GEOMETRY.above_least) * height) & (gap < np.float32(GEOMETRY.above_most) * height)
-    held = world.held[..., None] == np.arange(len(task.objects), dtype=np.int8)[None]
-    return above & xp.all(over, axis=-1) & ~held[..., :, None] & ~held[..., None, :]
+    least, most = np.float32(GEOMETRY.above_least) * height, np.float32(GEOMETRY.above_most) * height
+    return middle[..., :2], middle[..., 2] - height, least, most
+
+
+@functools.lru_cache(maxsize=16)
+def _cubes_rest(task: Task) -> tuple[Array, Array, Array, Array]:
+    """Return what `_rest` does for cubes, which extend alike however they lie (NumPy)."""
+    upright = np.tile(np.array([1, 0, 0, 0], np.float32), (1, len(task.objects), 1))
+    return _rest(standing_extents(task, upright))
 
 
 def turn_error(

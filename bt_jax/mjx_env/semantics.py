@@ -110,7 +110,7 @@ class LeafSemantics:
         atoms = [atom for leaf in self.vocabulary.leaves for atom in _atoms(leaf)]
         return tuple(dict.fromkeys(Behavior("at", atom.args) for atom in atoms if atom.position is not None))
 
-    @property
+    @functools.cached_property
     def names(self) -> tuple[str, ...]:
         """What leaves may call an object: every object, then every part."""
         return tuple(self.task.instances)
@@ -136,7 +136,7 @@ class LeafSemantics:
         turns = [math.nan if place.turn is None else math.radians(place.turn) for place in self.places]
         return np.array(turns, np.float32)
 
-    @property
+    @functools.cached_property
     def turns(self) -> bool:
         """Whether any place says how an object should be turned."""
         return not bool(np.isnan(self.place_turn).all())
@@ -183,10 +183,15 @@ class LeafSemantics:
         return {atom: i for i, atom in enumerate((*self.conditions, *self.commands))}
 
     @functools.cached_property
-    def _named(self) -> dict[str, list[int]]:
+    def _named(self) -> dict[str, Int[np.ndarray, " n"]]:
         """Columns of all conditions of the same name."""
-        names = dict.fromkeys(condition.name for condition in self.conditions)
-        return {name: [i for i, condition in enumerate(self.conditions) if condition.name == name] for name in names}
+        each = np.array([condition.name for condition in self.conditions])
+        return {name: np.flatnonzero(each == name) for name in dict.fromkeys(each.tolist())}
+
+    @functools.cached_property
+    def _running(self) -> Int32[np.ndarray, " commands"]:
+        """The outcome of each command that runs."""
+        return np.arange(len(self.commands), dtype=np.int32) << COMMAND_BITS | np.int32(Status.RUNNING)
 
     @functools.cached_property
     def _groups(self) -> list[tuple[np.ndarray, Tree, np.ndarray]]:
@@ -261,7 +266,7 @@ class LeafSemantics:
         xp = namespace(world.poses)
         conditions, place_name = self._condition_values(world, places), self.place_name[places]
         left_out = len(self.places) - len(place_name)
-        named = {name: np.array(columns) - left_out for name, columns in self._named.items()}
+        named = {name: self._named[name] - left_out for name in ("holding", "clear", "reachable")}
         holding, can_hold = (conditions[:, named[name]] for name in ("holding", "clear"))
         holding, empty = holding[:, :-1], holding[:, -1:]
         opened, closed = world.gripper_open[:, None], ~world.gripper_open[:, None]
@@ -277,10 +282,8 @@ class LeafSemantics:
         if self.has_parts:  # an instance is not put where it is itself
             can_place = can_place & (world.held[:, None] != self.place_frame[places].astype(np.int8)[None])
         possible = xp.concatenate([always, can_pick, can_place], axis=1)
-        numbers = np.arange(len(self.commands), dtype=np.int32)
         others = len(self.commands) - len(self.places)
-        numbers = np.concatenate([numbers[:others], numbers[others:][places]])
-        running = (numbers << COMMAND_BITS)[None] | np.int32(Status.RUNNING)
+        running = np.concatenate([self._running[:others], self._running[others:][places]])[None]
         actions = xp.where(done, np.int32(Status.SUCCESS), xp.where(possible, running, np.int32(Status.FAILURE)))
         statuses = conditions.astype(np.int32)
         if self.num_ticked:
@@ -326,8 +329,9 @@ class LeafSemantics:
         name, frame = self.place_name[places], self.place_frame[places]
         poses_of_frames = frames(world, self.task)
         goal = to_world(poses_of_frames, frame, self.place_position[places])
-        wanted, own, counts = self.place_turn[places], self._instances[name, 0], self._counts[name]
+        wanted, own = self.place_turn[places], name
         if self.has_parts:  # all pairs of a place and an instance, those of a place side by side
+            counts = self._counts[name]
             place, instance = np.nonzero(np.arange(self._instances.shape[1]) < counts[:, None])
             goal, frame, wanted, own = (
                 goal[:, place],
@@ -364,7 +368,7 @@ class LeafSemantics:
         """How many objects each name stands for, int[names]."""
         return self.members.sum(axis=1)
 
-    @property
+    @functools.cached_property
     def has_parts(self) -> bool:
         """Whether leaves may name a part for any of its instances."""
         return len(self.names) > len(self.task.objects)

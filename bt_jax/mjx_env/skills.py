@@ -55,7 +55,7 @@ def act(semantics: LeafSemantics, world: World, command: Int32[Array, " S"]) -> 
     if semantics.places:
         carried = held & is_place[:, None]
         goal = _release_pose(semantics, world, xp.maximum(place, 0))
-        poses = xp.where(carried[..., None], goal, poses)
+        poses = xp.where(carried[..., None], goal[:, None], poses)
     opens = (command == 0) | is_place
     closes = (command == 1) | is_pick
     held_after = xp.where(is_pick, taken, xp.where(opens, np.int8(-1), world.held))
@@ -84,23 +84,21 @@ def settled_world(task: Task, released: Released, poses: Float32[Array, "S B 7"]
     return dataclasses.replace(world, reached=world.reached | subgoals_by_sight(task, world))
 
 
-def _release_pose(semantics: LeafSemantics, world: World, place: Int32[Array, " S"]) -> Float32[Array, "S B 7"]:
+def _release_pose(semantics: LeafSemantics, world: World, place: Int32[Array, " S"]) -> Float32[Array, "S 7"]:
     """Return where the gripper lets go of the held object: the goal, or over what is in the way of lowering it there. It is
-    turned about the vertical, the shorter way, where the place says how it should lie, and keeps its orientation otherwise.
-    The poses are those of all objects of a state as if each were held; only that of the held one is used."""
+    turned about the vertical, the shorter way, where the place says how it should lie, and otherwise as it was."""
     task = semantics.task
     xp = namespace(world.poses)
     rows = np.arange(world.held.shape[0])
     frame = frames(world, task)[rows, xp.asarray(semantics.place_frame)[place]]
     goal = frame[:, :3] + rotate(frame[:, 3:], xp.asarray(semantics.place_position)[place])
     held = xp.maximum(world.held, 0)
-    turns = world.poses[..., 3:]
+    turn = world.poses[rows, held, 3:]
     if semantics.turns:
         wanted = xp.asarray(semantics.place_turn)[place]
-        error = turn_error(turns[rows, held], frame[:, 3:], wanted, xp.asarray(semantics.symmetry)[held])
-        turned = turned_about_vertical(turns, xp.broadcast_to(-error[:, None], turns.shape[:-1]))
-        turns = xp.where(xp.isnan(wanted)[:, None, None], turns, turned)
-    half = standing_extents(task, turns)[rows, held]
+        error = turn_error(turn, frame[:, 3:], wanted, xp.asarray(semantics.symmetry)[held])
+        turn = xp.where(xp.isnan(wanted)[:, None], turn, turned_about_vertical(turn, -error))
+    half = standing_extents(task, turn, held)
     surfaces = joined(fixed_surfaces(task, world.kits), object_surfaces(task, world.poses))
     usable = xp.concatenate(
         [
@@ -111,6 +109,4 @@ def _release_pose(semantics: LeafSemantics, world: World, place: Int32[Array, " 
     )
     support = support_height(surfaces, goal[:, :2], half[:, :2], usable)
     height = xp.maximum(goal[:, 2], support + half[:, 2])
-    position = xp.concatenate([goal[:, :2], height[:, None]], axis=-1)
-    position = xp.broadcast_to(position[:, None], (*world.poses.shape[:-1], 3))
-    return xp.concatenate([position, turns], axis=-1)
+    return xp.concatenate([goal[:, :2], height[:, None], turn], axis=-1)

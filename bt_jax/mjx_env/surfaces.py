@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Bool, Float32, Int, Shaped
 
 from bt_jax.mjx_env.world import Array, namespace
 from bt_jax.tasks import Object, Task
@@ -38,19 +39,24 @@ class Surfaces:
 def fixed_surfaces(task: Task, kits: Float32[Array, "S T 3"]) -> Surfaces:
     """Return the floor, the tables, and the plate and the walls of every kit; `kits` are the origins of their frames."""
     xp = namespace(kits)
-    tables = [(*t.position[:2], t.size[0] / 2, t.size[1] / 2, t.top) for t in task.tables]
-    still = np.array([(0, 0, np.inf, np.inf, task.floor), *tables], np.float32)
-    count = kits.shape[0]
-    still = xp.broadcast_to(xp.asarray(still), (count, *still.shape))
-    centre, half, top = [still[..., :2]], [still[..., 2:4]], [still[..., 4]]
-    for k, kit in enumerate(task.kits):
-        parts = [(0, 0, *kit.half, kit.plate), *((*middle, *across, kit.rim) for middle, across in kit.walls())]
-        moving = np.array(parts, np.float32)
-        moving = xp.broadcast_to(xp.asarray(moving), (count, *moving.shape))
-        centre.append(moving[..., :2] + kits[:, k, None, :2])
-        half.append(moving[..., 2:4])
-        top.append(moving[..., 4] + kits[:, k, None, 2])
-    return Surfaces(xp.concatenate(centre, axis=1), xp.concatenate(half, axis=1), xp.concatenate(top, axis=1))
+    centre, half, top, frame = _fixed(task)
+    origins = xp.concatenate([xp.zeros((kits.shape[0], 1, 3), np.float32), kits], axis=1)
+    origins = xp.take(origins, frame, axis=1)
+    half = xp.broadcast_to(xp.asarray(half), (kits.shape[0], *half.shape))
+    return Surfaces(origins[..., :2] + centre[None], half, origins[..., 2] + top[None])
+
+
+@functools.lru_cache(maxsize=16)
+def _fixed(task: Task) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return centre, half and top of the fixed surfaces in their frames, and the frames: 0 the world, then the kits."""
+    rows: list[tuple[float, ...]] = [(0, 0, 0, np.inf, np.inf, task.floor)]
+    rows += [(0, *t.position[:2], t.size[0] / 2, t.size[1] / 2, t.top) for t in task.tables]
+    for k, kit in enumerate(task.kits, start=1):
+        rows.append((k, 0, 0, *kit.half, kit.plate))
+        rows += [(k, *middle, *across, kit.rim) for middle, across in kit.walls()]
+    table = np.array(rows)
+    parts = table[:, 1:].astype(np.float32)
+    return parts[:, :2], parts[:, 2:4], parts[:, 4], table[:, 0].astype(int)
 
 
 def surface_names(task: Task) -> list[str]:
@@ -77,6 +83,10 @@ def joined(first: Surfaces, second: Surfaces) -> Surfaces:
 
 def half_extents(objects: Sequence[Object], quaternion: Float32[Array, "*S B 4"]) -> Float32[Array, "*S B 3"]:
     """Return half the extents, along the world's axes, of B objects that are turned as the quaternions (wxyz) say."""
+    return _extents(_proportions(tuple(objects)), quaternion)
+
+
+def _extents(proportions: _Proportions, quaternion: Float32[Array, "*S B 4"]) -> Float32[Array, "*S B 3"]:
     xp = namespace(quaternion)
     w, x, y, z = (quaternion[..., i] for i in range(4))
     rows = (
@@ -84,33 +94,67 @@ def half_extents(objects: Sequence[Object], quaternion: Float32[Array, "*S B 4"]
         (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
         (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
     )
-    # In units of the longest edge, so that those of cubes are plain row sums of the absolute rotation matrix.
-    longest = _for_each([thing.edge / 2 for thing in objects], quaternion)
-    u, v, h = (_for_each([thing.size[i] / thing.edge for thing in objects], quaternion) for i in range(3))
-    extents = [xp.abs(a) * u + xp.abs(b) * v + xp.abs(c) * h for a, b, c in rows]
-    cylinders = [thing.shape == "cylinder" for thing in objects]
-    if any(cylinders):
-        is_round = _for_each(cylinders, quaternion) > 0
+    if proportions.all_cubes:
+        extents = [xp.abs(a) + xp.abs(b) + xp.abs(c) for a, b, c in rows]
+    else:
+        u, v, h = (_for_each(edge, quaternion) for edge in proportions.edges)
+        extents = [xp.abs(a) * u + xp.abs(b) * v + xp.abs(c) * h for a, b, c in rows]
+    if proportions.any_round:
         axis = [row[2] for row in rows]
         of_round = [xp.sqrt(xp.maximum(1 - a * a, np.float32(0))) * u + xp.abs(a) * h for a in axis]
+        is_round = _for_each(proportions.is_round, quaternion)
         extents = [xp.where(is_round, a, b) for a, b in zip(of_round, extents, strict=True)]
-    return xp.stack([extent * longest for extent in extents], axis=-1)
+    return xp.stack(extents, axis=-1) * _for_each(proportions.half, quaternion)[..., None]
 
 
-def _for_each(values: Sequence[float | bool], quaternion: Float32[Array, "*S B 4"]) -> Float32[Array, "*#S B"]:
+@dataclasses.dataclass(frozen=True)
+class _Proportions:
+    """The sizes of B objects."""
+
+    half: Float32[Array, " B"]  # of the longest edge, metres
+    edges: Float32[Array, "3 B"]  # in longest edges
+    is_cube: Bool[Array, " B"]
+    is_round: Bool[Array, " B"]
+    all_cubes: bool
+    any_round: bool
+
+    def of(self, which: Int[Array, " n"]) -> _Proportions:
+        """Return those of the objects with these indices."""
+        xp = namespace(which)
+        half, is_cube, is_round = (xp.asarray(one)[which] for one in (self.half, self.is_cube, self.is_round))
+        return dataclasses.replace(
+            self, half=half, edges=xp.asarray(self.edges)[:, which], is_cube=is_cube, is_round=is_round
+        )
+
+
+@functools.lru_cache(maxsize=64)
+def _proportions(objects: tuple[Object, ...]) -> _Proportions:
+    half = np.array([thing.edge / 2 for thing in objects], np.float32)
+    edges = np.array([[thing.size[i] / thing.edge for thing in objects] for i in range(3)], np.float32)
+    is_cube = np.array([thing.is_cube for thing in objects], bool)
+    is_round = np.array([thing.shape == "cylinder" for thing in objects], bool)
+    return _Proportions(half, edges, is_cube, is_round, bool(is_cube.all()), bool(is_round.any()))
+
+
+def _for_each(values: Shaped[Array, " B"], quaternion: Float32[Array, "*S B 4"]) -> Shaped[Array, "*#S B"]:
     """Return a number for each object with as many dimensions as the batch."""
-    return np.array(values, np.float32).reshape((1,) * (quaternion.ndim - 2) + (len(values),))
+    return values.reshape((1,) * (quaternion.ndim - 2) + values.shape)
 
 
-def standing_extents(task: Task, quaternion: Float32[Array, "*S B 4"]) -> Float32[Array, "*S B 3"]:
+def standing_extents(
+    task: Task, quaternion: Float32[Array, "*S B 4"], which: Int[Array, " B"] | None = None
+) -> Float32[Array, "*S B 3"]:
     """Return half the extents, along the world's axes, by which objects stand on others: as `half_extents`, but those of a
-    cube are half its edge however it lies."""
+    cube are half its edge however it lies. The objects are the task's, or those with the indices `which`."""
     xp = namespace(quaternion)
-    edges = _for_each([thing.edge / 2 for thing in task.objects], quaternion)[..., None]
-    if task.all_cubes:
-        return xp.broadcast_to(xp.asarray(edges), (*quaternion.shape[:-1], 3))
-    is_cube = _for_each([thing.is_cube for thing in task.objects], quaternion)[..., None] > 0
-    return xp.where(is_cube, edges, half_extents(task.objects, quaternion))
+    proportions = _proportions(task.objects)
+    if proportions.all_cubes:
+        half = proportions.half if which is None else xp.asarray(proportions.half)[which]
+        return xp.broadcast_to(xp.asarray(_for_each(half, quaternion)[..., None]), (*quaternion.shape[:-1], 3))
+    if which is not None:
+        proportions = proportions.of(which)
+    half, is_cube = (_for_each(one, quaternion)[..., None] for one in (proportions.half, proportions.is_cube))
+    return xp.where(is_cube, half, _extents(proportions, quaternion))
 
 
 def overlaps(surfaces: Surfaces, xy: Float32[Array, "S 2"], half: Float32[Array, "S 2"]) -> Bool[Array, "S M"]:

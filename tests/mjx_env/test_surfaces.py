@@ -1,10 +1,19 @@
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bt_jax.mjx_env.surfaces import Surfaces, fixed_surfaces, object_surfaces, overlaps, support_height
+from bt_jax.mjx_env.surfaces import (
+    Surfaces,
+    fixed_surfaces,
+    object_surfaces,
+    overlaps,
+    standing_extents,
+    support_height,
+)
 from bt_jax.tasks import load_task
+from tests.helpers.samples import MIXED
 
 TASK = load_task("stack")
 KIT = np.array([[[1, 0, 0.7525]]], np.float32)
@@ -62,3 +71,15 @@ def test_boxes_fill_the_box_around_their_corners(seed):
     np.testing.assert_allclose(found.centre[0, 0] + found.half[0, 0], corners[:, :2].max(axis=0), atol=1e-5)
     np.testing.assert_allclose(found.centre[0, 0] - found.half[0, 0], corners[:, :2].min(axis=0), atol=1e-5)
     np.testing.assert_allclose(found.top[0, 0], corners[:, 2].max(), atol=1e-5)
+
+
+@pytest.mark.parametrize("task", [TASK, load_task(MIXED)], ids=lambda task: task.name)
+def test_some_objects_stand_as_all_of_them_do(task):
+    rng, count = np.random.default_rng(0), 50
+    which = rng.integers(len(task.objects), size=count)
+    turn = rng.normal(size=(count, 4)).astype(np.float32)
+    turn /= np.linalg.norm(turn, axis=1, keepdims=True)
+    alike = np.broadcast_to(turn[:, None], (count, len(task.objects), 4))
+    expected = standing_extents(task, alike)[np.arange(count), which]
+    np.testing.assert_array_equal(standing_extents(task, turn, which), expected)
+    np.testing.assert_allclose(standing_extents(task, jnp.asarray(turn), jnp.asarray(which)), expected, atol=1e-6)

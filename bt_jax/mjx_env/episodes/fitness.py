@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 
 import jax
@@ -33,38 +34,31 @@ class Misses:
 def target_misses(task: Task, world: World) -> Misses:
     """Return how far each target is from being met, with the instances of each part assigned to its targets so that they
     cost least (Kuhn 1955). An instance is never assigned to a place in its own frame."""
-    instances = task.instances
-    candidates = [np.array([task.object_names.index(name) for name in instances[t.object]]) for t in task.targets]
+    goals = _goals(task)
     poses_of_frames = frames(world, task)
-    frame = np.array([task.frames.index(target.frame) for target in task.targets])
-    goal = to_world(poses_of_frames, frame, np.array([target.position for target in task.targets], np.float32))
-    wanted = np.array([math.nan if t.turn is None else math.radians(t.turn) for t in task.targets], np.float32)
-    symmetry = np.array([math.radians(thing.symmetry) for thing in task.objects], np.float32)
-    first = np.array([own[0] for own in candidates])
+    goal = to_world(poses_of_frames, goals.frame, goals.position)
 
     def misses(own: Int[np.ndarray, "*S targets"]) -> tuple[np.ndarray, np.ndarray]:
         poses = world.poses[..., own, :] if own.ndim == 1 else np.take_along_axis(world.poses, own[..., None], axis=-2)
         turned = np.zeros(goal.shape[:-1], np.float32)
-        if not np.isnan(wanted).all():
-            error = turn_error(poses[..., 3:], poses_of_frames[..., frame, 3:], wanted, symmetry[own])
-            turned = np.where(np.isnan(wanted), np.float32(0), np.abs(error))
+        if goals.turned:
+            error = turn_error(poses[..., 3:], poses_of_frames[..., goals.frame, 3:], goals.turn, goals.symmetry[own])
+            turned = np.where(np.isnan(goals.turn), np.float32(0), np.abs(error))
         return distances(poses[..., :3], goal), turned
 
-    chosen = first
-    if any(len(own) > 1 for own in candidates):
+    chosen = first = goals.first
+    if goals.parts:
         # SciPy's optimizers take long to import, and tasks without parts do without them.
         from scipy.optimize import linear_sum_assignment
 
         chosen = np.tile(first, (len(goal), 1))
         weights = task.weights
-        for part in dict.fromkeys(target.object for target in task.targets if len(instances[target.object]) > 1):
-            at = np.array([i for i, target in enumerate(task.targets) if target.object == part])
-            own = candidates[at[0]]
+        for at, own in goals.parts:
             each = [misses(np.where(np.isin(np.arange(len(first)), at), one, first)) for one in own]
             cost = np.stack([weights.distance * away + weights.turn * turned for away, turned in each], axis=-2)[
                 ..., at
             ]
-            cost = np.where(own[:, None] == frame[at], IMPOSSIBLE, cost)
+            cost = np.where(own[:, None] == goals.frame[at], IMPOSSIBLE, cost)
             for state, costs in enumerate(cost):
                 rows, columns = linear_sum_assignment(costs)
                 chosen[state, at[columns]] = own[rows]
@@ -74,6 +68,39 @@ def target_misses(task: Task, world: World) -> Misses:
         upright = is_upright(world, task)
         met = met & (upright[..., chosen] if chosen.ndim == 1 else np.take_along_axis(upright, chosen, axis=-1))
     return Misses(distance, turn, met & (turn < np.float32(math.radians(task.episode.turn_tolerance))))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Goals:
+    """The targets of a task, and B objects, as arrays (NumPy)."""
+
+    frame: Int[np.ndarray, " targets"]
+    position: Float32[np.ndarray, "targets 3"]
+    turn: Float32[np.ndarray, " targets"]  # radians, NaN where any will do
+    turned: bool  # whether any target says how its object should be turned
+    first: Int[np.ndarray, " targets"]  # the first object that each target may mean
+    parts: tuple[tuple[Int[np.ndarray, " n"], Int[np.ndarray, " m"]], ...]  # targets of one part, and its instances
+    symmetry: Float32[np.ndarray, " B"]  # radians
+
+
+@functools.lru_cache(maxsize=16)
+def _goals(task: Task) -> _Goals:
+    names, instances = task.object_names, task.instances
+    turn = np.array([math.nan if t.turn is None else math.radians(t.turn) for t in task.targets], np.float32)
+    meant = [target.object for target in task.targets]
+    return _Goals(
+        frame=np.array([task.frames.index(target.frame) for target in task.targets]),
+        position=np.array([target.position for target in task.targets], np.float32),
+        turn=turn,
+        turned=not np.isnan(turn).all(),
+        first=np.array([names.index(instances[one][0]) for one in meant]),
+        parts=tuple(
+            (np.flatnonzero([one == part for one in meant]), np.array([names.index(name) for name in instances[part]]))
+            for part in dict.fromkeys(meant)
+            if len(instances[part]) > 1
+        ),
+        symmetry=np.array([math.radians(thing.symmetry) for thing in task.objects], np.float32),
+    )
 
 
 def subgoals_missed(world: World) -> Int32[Array, " S"]:

@@ -51,34 +51,26 @@ def settle(
     fixed = fixed_surfaces(task, kits)
     order = xp.argsort(xp.where(present, poses[..., 2], np.float32(np.inf)), axis=1, stable=True)
     for rank in range(count):
-        chosen = order[:, rank, None] == np.arange(count)[None]
+        which = order[:, rank]
+        chosen = which[:, None] == np.arange(count)[None]
         falls = chosen & present
         if xp is np and not falls.any():
             break
-        pose = _picked(poses, chosen)
+        pose = xp.sum(xp.where(chosen[..., None], poses, np.float32(0)), axis=1)
         surfaces = joined(fixed, object_surfaces(task, poses))
         usable = xp.concatenate([xp.ones(fixed.top.shape, bool), done], axis=1)
-
-        def half_of(pose: Array, chosen: Array = chosen) -> Float32[Array, "S 3"]:
-            repeated = xp.broadcast_to(pose[:, None, 3:], (*chosen.shape, 4))
-            return _picked(standing_extents(task, repeated), chosen)
-
-        pose = _drop(surfaces, usable, pose, half_of(pose))
+        half = standing_extents(task, pose[:, 3:], which)
+        pose = _drop(surfaces, usable, pose, half)
         for _ in range(TOPPLES):
-            before, toppled = pose, _topple(surfaces, usable, pose, half_of(pose))
-            pose = _drop(surfaces, usable, toppled, half_of(toppled))
+            before, toppled = pose, _topple(surfaces, usable, pose, half)
+            half = standing_extents(task, toppled[:, 3:], which)
+            pose = _drop(surfaces, usable, toppled, half)
             if xp is np and np.array_equal(before, pose):
                 break
         poses = xp.where(falls[..., None], pose[:, None], poses)
         done = done | falls
     reach = xp.sqrt(xp.sum((poses[..., :2] - start[..., :2]) ** 2, axis=-1))
     return Settled(poses, xp.ones(kits.shape[0], bool), xp.zeros(kits.shape[0], np.int32), reach)
-
-
-def _picked(values: Float32[Array, "S B n"], chosen: Bool[Array, "S B"]) -> Float32[Array, "S n"]:
-    """Return the row of the chosen object in each state."""
-    xp = namespace(values)
-    return xp.sum(xp.where(chosen[..., None], values, np.float32(0)), axis=1)
 
 
 def _drop(surfaces: Surfaces, usable: Array, pose: Float32[Array, "S 7"], half: Float32[Array, "S 3"]) -> Array:

@@ -54,6 +54,7 @@ class Settler:
         self._near = np.array([[_near(thing, other) for other in objects] for thing in objects], np.float32)
         self._halves = np.array([_level_halves(thing) for thing in objects], np.float32)
         self._cubes = np.array([thing.is_cube for thing in objects])
+        self._away = np.array([[[AWAY * (k + 1), 0, 0] for k in range(len(self.task.kits))]], np.float32)
         self._twins = _groups([thing.body for thing in objects])
         tables = self.task.tables
         self._centres = np.array([table.position[:2] for table in tables], np.float32)
@@ -76,8 +77,7 @@ class Settler:
             table = self._nearest_table(released, rows)
             centre, half, offset = self._centres[table], self._half_widths[table], self._offsets[table][:, None]
             here = (np.abs(kits[..., :2] - centre[:, None]) < half[:, None]).all(axis=-1)
-            away = np.array([[[AWAY * (k + 1), 0, 0] for k in range(kits.shape[1])]], np.float32)
-            local_kits = np.where(here[..., None], kits - offset[..., :3], away)
+            local_kits = np.where(here[..., None], kits - offset[..., :3], self._away)
             rest, fine, reach = self._solve(local_kits, start - offset, near[rows])
             rest = rest + offset
             far = ~self._is_local(start, near[rows], present, reach, centre, half)
@@ -101,9 +101,9 @@ class Settler:
         near = released.present & (flat < self._near[box]) & (released.box >= 0)[:, None]
         reach = (self._halves[box][:, None] + self._halves) * np.float32(1.05)
         touches = (np.abs(offset) < reach).all(axis=-1) & (np.arange(count) != released.box[:, None])
-        tilted = np.where(
-            self._cubes, np.abs(released.poses[..., 3]) < 0.999, np.abs(uprightness(released.poses[..., 3:])) < 0.996
-        )
+        tilted = np.abs(released.poses[..., 3]) < 0.999
+        if not self.task.all_cubes:
+            tilted = np.where(self._cubes, tilted, np.abs(uprightness(released.poses[..., 3:])) < 0.996)
         loose = (touches | (near & tilted)).any(axis=1)
         return near & (~taken | loose)[:, None]
 
