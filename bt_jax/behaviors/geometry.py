@@ -191,14 +191,16 @@ def can_be_taken(task: Task, poses: Poses, name: str, *, held: str | None = None
 
 def taken_by(task: Task, poses: Poses, name: str, *, held: str | None = None) -> str | None:
     """Return which object a `pick` of an object or a part takes, or None if none can be taken: of a part, the nearest to the
-    robot that does not stand in a target of its part, the first of several."""
+    robot that does not stand in a target of its part; of several, the one with the lowest x, then y."""
     if name in task.object_names:
         return name if name in poses and can_be_taken(task, poses, name, held=held) else None
     done = in_own_target(task, poses, held=held)
     left = [one for one in task.instances[name] if one in poses and one not in done]
     robot = poses[task.robot_frame].position[:2]
     candidates = [one for one in left if can_be_taken(task, poses, one, held=held)]
-    return min(candidates, key=lambda one: math.dist(poses[one].position[:2], robot), default=None)
+    return min(
+        candidates, key=lambda one: (math.dist(poses[one].position[:2], robot), *poses[one].position[:2]), default=None
+    )
 
 
 def _stands_in(task: Task, poses: Poses, target: Target, name: str, held: str | None) -> bool:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float32
@@ -13,9 +14,9 @@ from jaxtyping import Bool, Float32
 from bt_jax.behaviors.geometry import GEOMETRY
 from bt_jax.mjx_env.surfaces import Surfaces, fixed_surfaces, half_extents, object_surfaces, standing_extents
 from bt_jax.mjx_env.world import Array, World, distances, frames, headings, namespace, rotate, to_world, uprightness
-from bt_jax.tasks import Task
+from bt_jax.tasks import Target, Task
 
-__all__ = ["graspable", "in_own_target", "is_clear", "is_upright", "reachable", "turn_error"]
+__all__ = ["graspable", "in_own_target", "is_clear", "is_upright", "reachable", "stands_in", "turn_error"]
 
 
 def reachable(world: World, task: Task) -> Bool[Array, "S B"]:
@@ -96,10 +97,22 @@ def in_own_target(world: World, task: Task) -> Bool[Array, "S B"]:
     targets = [target for target in task.targets if target.object not in task.object_names]
     if not targets:
         return xp.zeros(world.poses.shape[:-1], bool)
+    there, away = stands_in(world, task, targets)
+    nearest = xp.argmin(xp.where(there, away, np.float32(np.inf)), axis=1)
+    objects = np.arange(len(task.objects), dtype=np.int8)
+    return (there & (nearest.astype(np.int8)[:, None] == objects[None, :, None])).any(axis=-1)
+
+
+def stands_in(
+    world: World, task: Task, targets: Sequence[Target]
+) -> tuple[Bool[Array, "S B T"], Float32[Array, "S B T"]]:
+    """Return which objects are at which of some targets that they are meant for, upright, turned as it says and not held;
+    and how far, metres, every object is from each. No object stands in its own frame."""
+    xp = namespace(world.poses)
     objects = np.arange(len(task.objects), dtype=np.int8)
     frame = np.array([task.frames.index(target.frame) for target in targets])
-    parts = np.array([[thing.part == target.object for target in targets] for thing in task.objects])
-    own = parts & (objects[:, None] != frame)
+    meant = np.array([[name in task.instances[t.object] for t in targets] for name in task.object_names])
+    own = meant & (objects[:, None] != frame)
     places = frames(world, task)
     goal = to_world(places, frame, np.array([target.position for target in targets], np.float32))
     away = distances(world.poses[:, :, None, :3], goal[:, None])
@@ -113,8 +126,7 @@ def in_own_target(world: World, task: Task) -> Bool[Array, "S B"]:
         )
         most = np.float32(math.radians(task.episode.turn_tolerance))
         there = there & (np.isnan(wanted)[None, None] | (xp.abs(turned) < most))
-    nearest = xp.argmin(xp.where(there, away, np.float32(np.inf)), axis=1)
-    return (there & (nearest.astype(np.int8)[:, None] == objects[None, :, None])).any(axis=-1)
+    return there, away
 
 
 def graspable(world: World, task: Task) -> Bool[Array, "S B"]:

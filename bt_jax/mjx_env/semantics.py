@@ -44,6 +44,7 @@ __all__ = [
     "SUBGOAL_BITS",
     "LeafSemantics",
     "Selection",
+    "atoms_of",
     "command_of",
     "holding_subgoals",
     "subgoals_by_sight",
@@ -107,7 +108,7 @@ class LeafSemantics:
     @functools.cached_property
     def places(self) -> tuple[Behavior, ...]:
         """All distinct `at(object, position, frame)` that the leaves name, also inside genes."""
-        atoms = [atom for leaf in self.vocabulary.leaves for atom in _atoms(leaf)]
+        atoms = [atom for leaf in self.vocabulary.leaves for atom in atoms_of(leaf)]
         return tuple(dict.fromkeys(Behavior("at", atom.args) for atom in atoms if atom.position is not None))
 
     @functools.cached_property
@@ -201,7 +202,7 @@ class LeafSemantics:
             body = leaf.subtree or leaf
             tokens, _, columns = groups.setdefault(_skeleton(body), ([], body, []))
             tokens.append(FIRST_LEAF + i)
-            columns.append([self._columns[atom] for atom in _atoms(leaf)])
+            columns.append([self._columns[atom] for atom in atoms_of(leaf)])
         return [(np.array(tokens), body, np.array(columns).T) for tokens, body, columns in groups.values()]
 
     @functools.cached_property
@@ -390,7 +391,8 @@ class LeafSemantics:
 
 def taken_by(semantics: LeafSemantics, world: World, pick: Int32[Array, " S"]) -> Int32[Array, " S"]:
     """Return which object a `pick` takes in each state, given as an index of `LeafSemantics.names`: of a part, the nearest
-    to the robot of the instances that can be taken and do not stand in a target of it already, the first of several."""
+    to the robot of the instances that can be taken and do not stand in a target of it already; of several, the one with the
+    lowest x, then y."""
     xp, task, count = namespace(world.poses), semantics.task, len(semantics.task.objects)
     if not semantics.has_parts or (xp is np and (pick < count).all()):
         return pick
@@ -398,7 +400,10 @@ def taken_by(semantics: LeafSemantics, world: World, pick: Int32[Array, " S"]) -
     away = (world.poses[..., 0] - np.float32(x)) ** 2 + (world.poses[..., 1] - np.float32(y)) ** 2
     free = is_clear(world, task) & reachable(world, task) & graspable(world, task)
     left = xp.asarray(semantics.members)[pick] & free & ~in_own_target(world, task)
-    nearest = xp.argmin(xp.where(left, away, np.float32(np.inf)), axis=1)
+    for key in (away, world.poses[..., 0], world.poses[..., 1]):
+        key = xp.where(left, key, np.float32(np.inf))
+        left = left & (key == key.min(axis=1, keepdims=True))
+    nearest = xp.argmax(left, axis=1)
     return xp.where(pick < count, pick, nearest).astype(np.int32)
 
 
@@ -437,11 +442,11 @@ def _selection(places: np.ndarray | slice, groups: list[tuple[np.ndarray, Tree, 
 _ACTION = np.int32((1 << SUBGOAL_BITS) - 1)  # an outcome without its subgoals
 
 
-def _atoms(leaf: Tree) -> list[Behavior]:
+def atoms_of(leaf: Tree) -> list[Behavior]:
     """Return the conditions and actions of a leaf, in prefix order; those of its subtree for a gene."""
     if isinstance(leaf, Control | ExtendedNode):
-        return [atom for child in leaf.children for atom in _atoms(child)]
-    return _atoms(leaf.subtree) if leaf.subtree else [leaf]
+        return [atom for child in leaf.children for atom in atoms_of(child)]
+    return atoms_of(leaf.subtree) if leaf.subtree else [leaf]
 
 
 def _skeleton(node: Tree) -> str:

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int8, Int32, Shaped
+from jaxtyping import Bool, Float, Float32, Int, Int8, Int32, Shaped
 
 from bt_jax.behaviors.geometry import GEOMETRY
 from bt_jax.behaviors.pose import Pose
@@ -27,6 +27,7 @@ __all__ = [
     "frames",
     "headings",
     "namespace",
+    "order_of_rows",
     "poses_by_name",
     "rotate",
     "row_names",
@@ -164,6 +165,11 @@ def world_keys(world: World) -> Int32[np.ndarray, "S n"]:
         ],
         axis=1,
     )
+
+
+def order_of_rows(rows: Shaped[np.ndarray, "S k n"]) -> Int[np.ndarray, "S k"]:
+    """Return the order in which the k rows of each state come by their first number, equal ones by the next, and so on."""
+    return np.lexsort(np.moveaxis(rows, 2, 0)[::-1], axis=1)
 
 
 def row_names(rows: Shaped[np.ndarray, "S n"]) -> list[bytes]:

@@ -48,6 +48,17 @@ def jittered(world: World, rng: np.random.Generator) -> World:
     )
 
 
+def swapped(world, rng, groups):
+    """The same states with equal objects in any order."""
+    count, objects = world.poses.shape[:2]
+    order = np.tile(np.arange(objects), (count, 1))
+    for own in groups:
+        order[:, own] = rng.permuted(np.tile(own, (count, 1)), axis=1)
+    rows = np.arange(count)
+    held = np.where(world.held < 0, -1, np.argsort(order, axis=1)[rows, world.held])
+    return dataclasses.replace(world, poses=world.poses[rows[:, None], order], held=held.astype(np.int8))
+
+
 def _turned(turn: float, tilt: float, about: float) -> np.ndarray:
     """A quaternion (wxyz): turned about the vertical, then tilted about a horizontal axis."""
     w, z = np.cos(turn / 2), np.sin(turn / 2)

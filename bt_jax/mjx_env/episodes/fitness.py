@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int, Int8, Int32
 
 from bt_jax.mjx_env.episodes.rules import Ending
-from bt_jax.mjx_env.predicates import is_upright, turn_error
-from bt_jax.mjx_env.world import Array, World, distances, frames, namespace, to_world
+from bt_jax.mjx_env.predicates import is_upright, stands_in, turn_error
+from bt_jax.mjx_env.world import Array, World, distances, frames, namespace, order_of_rows, to_world
 from bt_jax.tasks import Task
 
 __all__ = ["WORST_FITNESS", "Misses", "fitness", "subgoals_missed", "target_misses"]
@@ -28,12 +28,16 @@ class Misses:
 
     distance: Float32[np.ndarray, "*S targets"]  # metres, of the object from where it should be
     turn: Float32[np.ndarray, "*S targets"]  # radians, of the object from how it should lie; 0 where any turn will do
-    met: Bool[np.ndarray, "*S targets"]  # both within the tolerances, and the object stands upright and is not held
+    met: Bool[np.ndarray, "*S targets"]  # an object that is meant stands there (see `stands_in`)
 
 
 def target_misses(task: Task, world: World) -> Misses:
     """Return how far each target is from being met, with the instances of each part assigned to its targets so that they
-    cost least (Kuhn 1955). An instance is never assigned to a place in its own frame."""
+    cost least (Kuhn 1955), whatever their order. An instance is never assigned to a place in its own frame.
+
+    The targets that are met are not read off this assignment, since it may leave one out: with instances in the second and
+    the third slot of a row, it costs as much to move both up by one as to send the last one to the front.
+    """
     goals = _goals(task)
     poses_of_frames = frames(world, task)
     goal = to_world(poses_of_frames, goals.frame, goals.position)
@@ -46,27 +50,34 @@ def target_misses(task: Task, world: World) -> Misses:
             turned = np.where(np.isnan(goals.turn), np.float32(0), np.abs(error))
         return distances(poses[..., :3], goal), turned
 
-    chosen = first = goals.first
+    first = goals.first
     if goals.parts:
         # SciPy's optimizers take long to import, and tasks without parts do without them.
         from scipy.optimize import linear_sum_assignment
 
         chosen = np.tile(first, (len(goal), 1))
         weights = task.weights
-        for at, own in goals.parts:
-            each = [misses(np.where(np.isin(np.arange(len(first)), at), one, first)) for one in own]
+        there, _ = stands_in(world, task, task.targets)
+        met = there.any(axis=1)
+        for at, instances in goals.parts:
+            own = instances[order_of_rows(world.poses[:, instances])]  # [S, m]
+            is_own = np.isin(np.arange(len(first)), at)
+            each = [misses(np.where(is_own, own[:, [k]], first)) for k in range(own.shape[1])]
             cost = np.stack([weights.distance * away + weights.turn * turned for away, turned in each], axis=-2)[
                 ..., at
             ]
-            cost = np.where(own[:, None] == goals.frame[at], IMPOSSIBLE, cost)
-            for state, costs in enumerate(cost):
+            cost = np.where(own[..., None] == goals.frame[at], IMPOSSIBLE, cost)
+            for state, (costs, names) in enumerate(zip(cost, own, strict=True)):
                 rows, columns = linear_sum_assignment(costs)
-                chosen[state, at[columns]] = own[rows]
-    distance, turn = misses(chosen)
-    met = (distance < task.episode.tolerance) & (world.held[..., None] != chosen)
+                chosen[state, at[columns]] = names[rows]
+                stands = there[state][np.ix_(names, at)]
+                rows, columns = linear_sum_assignment(stands, maximize=True)
+                met[state, at[columns]] = stands[rows, columns]
+        return Misses(*misses(chosen), met)
+    distance, turn = misses(first)
+    met = (distance < task.episode.tolerance) & (world.held[..., None] != first)
     if not task.all_cubes:
-        upright = is_upright(world, task)
-        met = met & (upright[..., chosen] if chosen.ndim == 1 else np.take_along_axis(upright, chosen, axis=-1))
+        met = met & is_upright(world, task)[..., first]
     return Misses(distance, turn, met & (turn < np.float32(math.radians(task.episode.turn_tolerance))))
 
 
@@ -79,7 +90,7 @@ class _Goals:
     turn: Float32[np.ndarray, " targets"]  # radians, NaN where any will do
     turned: bool  # whether any target says how its object should be turned
     first: Int[np.ndarray, " targets"]  # the first object that each target may mean
-    parts: tuple[tuple[Int[np.ndarray, " n"], Int[np.ndarray, " m"]], ...]  # targets of one part, and its instances
+    parts: tuple[tuple[Int[np.ndarray, " _"], Int[np.ndarray, " _"]], ...]  # targets of one part, and its instances
     symmetry: Float32[np.ndarray, " B"]  # radians
 
 

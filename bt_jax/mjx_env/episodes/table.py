@@ -1,9 +1,9 @@
 """The transition table: every distinct (state, command) is simulated once.
 
 With deterministic skills an episode is a walk over (state, command) -> state. States get integer ids in the order in which
-they are met. What leaves return in a state is computed when it gets its id; of a large vocabulary, only for leaves that
-trees use, and later for others once they are ticked there. Both live on the device, where `evaluator.TableEvaluator` walks
-over them; the states themselves stay on the host.
+they are met; those that differ only by which instance of a part is where are one. What leaves return in a state is computed
+when it gets its id; of a large vocabulary, only for leaves that trees use, and later for others once they are ticked there.
+Both live on the device, where `evaluator.TableEvaluator` walks over them; the states themselves stay on the host.
 
 The table takes a limited amount of memory. Once that is full it raises `TableFullError` and is to forget what it holds: what
 was forgotten is computed again when it is asked for again, with the same result.
@@ -24,6 +24,7 @@ from bt_jax._util.compile_cache import kept_jit
 from bt_jax.mjx_env.episodes.codes import OutcomeCodes, TooManyOutcomesError
 from bt_jax.mjx_env.episodes.fitness import Misses, target_misses
 from bt_jax.mjx_env.episodes.pages import UNKNOWN, Pages, SparseRows
+from bt_jax.mjx_env.interchange import in_order, interchangeable
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.physics.settler import Settler
 from bt_jax.mjx_env.semantics import LeafSemantics
@@ -70,7 +71,7 @@ class Known:
 
 class TransitionTable:
     """States, outcomes and transitions met so far, in at most `memory` bytes, the settler's solutions included, but never
-    less than one episode takes.
+    less than one episode takes. `swappable`: objects that nothing tells apart (see `interchangeable`).
 
     The last commands, one for each subgoal that the tree has to tick, lead to the same state with that subgoal reached.
     """
@@ -78,6 +79,7 @@ class TransitionTable:
     def __init__(self, semantics: LeafSemantics, physics: Physics, *, memory: int = MEMORY) -> None:
         self.semantics = semantics
         self.settler = Settler(semantics.task, physics, memory=memory // PARTS)
+        self.swappable = interchangeable(semantics)
         self.num_states = 0
         self.num_transitions = 0  # one that was forgotten and is simulated again counts again
         self.num_broken = 0
@@ -149,7 +151,7 @@ class TransitionTable:
         return self._rows
 
     def worlds(self, ids: Int32[np.ndarray, " S"]) -> World:
-        """Return the states with these ids (NumPy)."""
+        """Return the states with these ids (NumPy), swappable objects in order."""
         return take(self._known.world, ids)
 
     def misses(self, ids: Int32[np.ndarray, " S"]) -> Misses:
@@ -163,7 +165,7 @@ class TransitionTable:
 
     def ids(self, world: World) -> Int32[np.ndarray, " S"]:
         """Return the ids of snapped states (NumPy); new ones are added in the order in which they appear."""
-        known = self._ids
+        known, world = self._ids, in_order(world, self.swappable)
         ids = np.array([known.setdefault(name, len(known)) for name in row_names(world_keys(world))], np.int32)
         if len(known) > self.num_states:
             new = np.flatnonzero(ids >= self.num_states)

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float32, Int, Int32
 
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.skills import LIFT, Released
-from bt_jax.mjx_env.world import POSITION_GRID, ROTATION_GRID, row_names, snap, uprightness
+from bt_jax.mjx_env.world import POSITION_GRID, ROTATION_GRID, order_of_rows, row_names, snap, uprightness
 from bt_jax.tasks import Object, Task
 
 __all__ = ["Settler"]
@@ -165,8 +165,7 @@ class Settler:
         """Return the box in each slot: equal boxes are sorted by their records."""
         order = np.tile(np.arange(records.shape[1]), (len(records), 1))
         for group in self._twins:
-            columns = np.moveaxis(records[:, group], 2, 0)
-            order[:, group] = np.array(group)[np.lexsort(columns[::-1], axis=1)]
+            order[:, group] = np.array(group)[order_of_rows(records[:, group])]
         return order
 
 

@@ -1,15 +1,22 @@
 import dataclasses
+import itertools
+import math
+from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from bt_jax.behaviors.geometry import is_at, turn_error
 from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS, fitness, subgoals_missed, target_misses
 from bt_jax.mjx_env.episodes.rules import Ending
+from bt_jax.mjx_env.predicates import in_own_target
 from bt_jax.mjx_env.scene.layouts import sample_layouts
-from bt_jax.tasks import Weights, load_task
-from tests.helpers.samples import kinematic_walk
+from bt_jax.mjx_env.world import poses_by_name
+from bt_jax.tasks import Target, Weights, load_task
+from tests.helpers.random_states import jittered, random_world, swapped
+from tests.helpers.samples import MIXED, PARTS, assert_same, kinematic_walk
 
 TASK = load_task("stack3")
 
@@ -71,3 +78,85 @@ def test_subgoals_are_counted():
     np.testing.assert_array_equal(missed, 1 - world.reached[:, 0].astype(int))
     assert set(missed) == {0, 1}
     assert (subgoals_missed(sample_layouts(TASK, 0, 3)) == 0).all()
+
+
+def brute_force(task, world):
+    """The least cost and the most targets that can be met at once, over all ways to give each target an object."""
+    poses, held = poses_by_name(world, task), int(world.held[0])
+    in_hand = task.object_names[held] if held >= 0 else None
+
+    def cost(target, name):
+        one, pose, frame = task.thing(name), poses[name], poses[target.frame]
+        away = math.dist(pose.position, frame.apply(target.position))
+        turned = 0.0 if target.turn is None else abs(turn_error(one, pose, frame, target.turn))
+        return task.weights.distance * away + task.weights.turn * turned
+
+    def meets(target, name):
+        place = task.thing(name), poses[name], poses[target.frame], target.position
+        return name != in_hand and is_at(*place, turn=target.turn, episode=task.episode)
+
+    names = [[one for one in task.instances[t.object] if one != t.frame] for t in task.targets]
+    ways = [way for way in itertools.product(*names) if len(set(way)) == len(way)]
+    costs = [sum(map(cost, task.targets, way)) for way in ways]
+    return min(costs), max(sum(map(meets, task.targets, way)) for way in ways)
+
+
+@pytest.mark.parametrize("name", [PARTS, MIXED], ids=lambda name: Path(name).stem)
+@settings(max_examples=10)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_instances_are_assigned_as_the_best_of_all_ways(name, seed):
+    task, rng = load_task(name), np.random.default_rng(seed)
+    world = random_world(rng, task)
+    cost, most_met = brute_force(task, world)
+    assume(brute_force(task, jittered(world, rng))[1] == most_met)  # away from limits: the simulation has 32 bits
+    found = target_misses(task, world)
+    weights = task.weights
+    assert (weights.distance * found.distance + weights.turn * found.turn).sum() == pytest.approx(cost, rel=1e-4)
+    assert found.met.sum() == most_met
+    for i, target in enumerate(task.targets):
+        assert found.turn[0, i] == 0 or target.turn is not None
+    shuffled = swapped(
+        world, rng, [np.array([task.object_names.index(o) for o in own]) for own in task.instances.values()]
+    )
+    assert_same(target_misses(task, shuffled), found)
+
+
+def in_a_row(*, slots, bolts, height=0.06):
+    """A task with slots for bolts and the state in which bolts stand at `bolts` [x, z], all in metres."""
+    task = load_task("bolts")
+    bolt = next(thing for thing in task.objects if thing.part)
+    bolt = dataclasses.replace(bolt, size=(*bolt.size[:2], height))
+    task = dataclasses.replace(
+        task,
+        objects=tuple(dataclasses.replace(bolt, name=f"Bolt{i + 1}") for i in range(len(bolts))),
+        targets=tuple(Target(bolt.part, (x, 0.0, z), task.kits[0].name) for x, z in slots),
+    )
+    world = sample_layouts(load_task("bolts"), 0, 1)
+    poses = np.zeros((1, len(bolts), 7), np.float32)
+    poses[0, :, :3] = world.kits[0, 0] + np.array([[x, 0.0, z] for x, z in bolts])
+    poses[..., 3] = 1
+    return task, dataclasses.replace(world, poses=poses)
+
+
+def test_a_slot_that_is_filled_is_met_whatever_else_costs_as_little():
+    row = [(0.1 * i, 0.03) for i in range(2)]
+    for off in (-0.002, 0.0, 0.002):
+        for bolts in ([(0.1 + off, 0.03), (0.2, 0.03)], [(0.2, 0.03), (0.1 + off, 0.03)]):
+            found = target_misses(*in_a_row(slots=row, bolts=bolts))
+            np.testing.assert_array_equal(found.met, [[False, True]])
+            assert found.distance.sum() == pytest.approx(0.2 + off, abs=1e-6), "the least sum"
+
+
+def test_one_flat_part_does_not_meet_two_targets():
+    task, world = in_a_row(slots=[(0.0, 0.004), (0.0, 0.008)], bolts=[(0.0, 0.006), (0.3, 0.002)], height=0.004)
+    assert task.episode.tolerance > 0.002
+    assert target_misses(task, world).met.sum() == 1
+
+
+def test_spare_parts_cost_nothing_and_filled_slots_count_at_the_start():
+    slots = [(0.0, 0.03), (0.1, 0.03)]
+    task, world = in_a_row(slots=slots, bolts=[(0.3, 0.03), (0.1, 0.03), (5.0, 0.03), (0.0, 0.03)])
+    found = target_misses(task, world)
+    assert found.met.all()
+    np.testing.assert_allclose(found.distance, 0, atol=1e-6)
+    np.testing.assert_array_equal(in_own_target(world, task), [[False, True, False, True]])
