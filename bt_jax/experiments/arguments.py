@@ -16,7 +16,8 @@ __all__ = ["ExperimentsArguments"]
 
 @dataclasses.dataclass(frozen=True)
 class ExperimentsArguments:
-    """Repeat the paper's experiments: evolution with a demonstration, and alone, with the same number of episodes."""
+    """Repeat the paper's experiments: evolution with a demonstration, and alone, with the same number of episodes; beside
+    them the method achievements, alone."""
 
     which: Annotated[Literal["1", "2", "3", "all"], tyro.conf.Positional] = "all"
     """the experiment"""

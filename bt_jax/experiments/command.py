@@ -1,4 +1,5 @@
-"""What `python -m bt_jax.experiments` does: the paper's experiments 1 to 3, with demonstration and with GP only."""
+"""What `python -m bt_jax.experiments` does: the paper's experiments 1 to 3, with demonstration, with GP only and by the
+method achievements."""
 
 from __future__ import annotations
 

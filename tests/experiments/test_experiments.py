@@ -2,14 +2,17 @@
 
 import dataclasses
 import json
+from typing import get_args
 
 import numpy as np
 import pytest
 
-from bt_jax.experiments.protocol import EXPERIMENTS, perform
+from bt_jax.experiments.protocol import EXPERIMENTS, Variant, perform
 from bt_jax.experiments.published import published_curves
 from bt_jax.experiments.report import figure, markdown, table
 from tests.helpers.samples import command
+
+PUBLISHED = ("with_demonstration", "gp_only")
 
 
 def shortened(experiment):
@@ -20,14 +23,12 @@ def shortened(experiment):
 
 @pytest.fixture(scope="module")
 def results():
-    return [
-        perform(shortened(experiment), variant, runs=2, test_layouts=3)
-        for experiment in (EXPERIMENTS[0], EXPERIMENTS[2])
-        for variant in ("with_demonstration", "gp_only")
-    ]
+    first, _, third = map(shortened, EXPERIMENTS)
+    variants = [(first, variant) for variant in get_args(Variant)] + [(third, variant) for variant in PUBLISHED]
+    return [perform(experiment, variant, runs=2, test_layouts=3) for experiment, variant in variants]
 
 
-def test_both_variants_are_the_same_until_the_demonstration(results):
+def test_both_published_variants_are_the_same_until_the_demonstration(results):
     ours, alone = results[:2]
     assert ours.best.shape == alone.best.shape == (2, 5)
     np.testing.assert_array_equal(ours.best[:, :3], alone.best[:, :3])
@@ -37,19 +38,33 @@ def test_both_variants_are_the_same_until_the_demonstration(results):
     assert alone.lesson is None
 
 
-def test_the_lesson_of_unstacking_is_one_gene(results):
+def test_the_method_of_this_package_goes_on_with_the_third_box(results):
     ours = results[2]
+    assert ours.best.shape == (2, 5)
+    assert ours.lesson is None
+    assert max(ours.episodes) <= (5 + 1) * ours.experiment.config.population  # one is measured again for the third box
+
+
+def test_the_lesson_of_unstacking_is_one_gene(results):
+    ours = results[3]
     assert any(row.baseline_leaves for row in ours.history)
 
 
 def test_the_report_shows_everything(results):
     curves = published_curves()
-    assert figure(results[:2], curves).startswith(b"\x89PNG")
+    assert figure(results[:3], curves).startswith(b"\x89PNG")
     text = markdown(results, curves, machine="here")
-    for words in ("## Experiment 1", "## Experiment 3", "experiment_1.png", "place BlueBox at", "GP only, best run"):
+    for words in (
+        "## Experiment 1",
+        "## Experiment 3",
+        "experiment_1.png",
+        "place BlueBox at",
+        "GP only, best run",
+        "achievements, best run",
+    ):
         assert words in text
     rows = table(results, curves)
-    assert [row["published mean"] for row in rows] == ["-61", "-93", "-87", "-541"]
+    assert [row["published mean"] for row in rows] == ["-61", "-93", "", "-87", "-541"]
 
 
 def test_the_published_curves_end_as_the_paper_says():
@@ -69,7 +84,9 @@ def test_from_the_command_line(tmp_path):
     done = command("bt_jax.experiments", 1, "--runs", 2, "--test-layouts", 5, "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     data = json.loads((tmp_path / "out" / "results.json").read_text())
-    assert [one["variant"] for one in data] == ["with_demonstration", "gp_only"]
+    assert [one["variant"] for one in data] == list(get_args(Variant))
+    assert min(data[2]["unseen"]) == 1.0
+    assert max(data[2]["episodes"]) <= min(data[1]["episodes"])
     assert min(best[-1] for best in data[0]["best"]) >= -65
     again = command("bt_jax.experiments", 1, "--out", tmp_path / "out")
     assert again.returncode == 2
