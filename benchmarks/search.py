@@ -1,4 +1,4 @@
-"""How many episodes does the search for achievements need, and how long does it take?"""
+"""How many episodes does the search for achievements need, how long does it take, and how good are its trees?"""
 
 from __future__ import annotations
 
@@ -6,89 +6,112 @@ import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 from time import perf_counter
+from typing import Literal
 
 import numpy as np
 import tyro
 
+from benchmarks._kits import named
 from benchmarks._report import report
 from bt_jax._util.startup import CompileClock, configure_jax
 from bt_jax.encoding.walk import prefix
 from bt_jax.gp.config import GPConfig
-from bt_jax.tasks import load_task
+from bt_jax.tasks import Task, task_names
 from bt_jax.training.settings import Settings
 from bt_jax.training.training import Training
+
+TOWERS = ("tower-of-4", "tower-of-5", "tower-of-6", "tower-of-8")
+GUARDED = 5  # nodes of the shortest tree that unstacks: Fallback(reached(unstacked), Sequence(move, move))
 
 
 @dataclasses.dataclass(frozen=True)
 class Arguments:
-    """Evolve trees by the search for achievements until one solves the task, and try it in unseen layouts."""
+    """Evolve trees with the defaults of `train`, and try them in unseen layouts."""
 
-    tasks: tuple[str, ...] = ("stack", "stack3", "restack")
-    """tasks of the package, or YAML files"""
+    tasks: tuple[str, ...] = (*task_names(), *TOWERS)
+    """tasks of the package, YAML files, tower-of-N or kit-of-N"""
     seeds: int = 10
     """seeds for each task"""
-    first_seed: int = 6000
+    first_seed: int = 8000
     """the first of them"""
     population: int = 16
     """trees measured in a generation"""
     episodes: int = 16_000
     """most episodes of a run"""
-    level: str = "physics"
+    level: Literal["physics", "kinematic"] = "physics"
     """physics or kinematic"""
     out: Path | None = None
     """JSON file to write"""
 
 
 @dataclasses.dataclass(frozen=True)
-class Solution:
-    """What one run took: `episodes` are distinct trees, up to the end of the generation that solved the task."""
+class Run:
+    """What one run took. `episodes` are distinct trees, up to the end of the generation that solved the task; all else is
+    that of the whole run, which goes on until nothing improves."""
 
+    seed: int
     solved: bool
     episodes: int
     seconds: float  # without compiling
+    fitness: float
     nodes: int
-    unseen: float  # share of unseen layouts that the tree solves
+    unseen: int  # of 100 layouts
 
 
 def main(arguments: Arguments) -> None:
     configure_jax()
+    rows = []
     with CompileClock() as clock:
-        rows = [_row(task, list(_solutions(task, arguments, clock))) for task in arguments.tasks]
+        for name in arguments.tasks:
+            task = named(name)
+            rows.append(_row(task, list(_runs(task, arguments, clock))))
+            print(rows[-1], flush=True)
     seeds = f"seeds {arguments.first_seed} to {arguments.first_seed + arguments.seeds - 1}"
-    report("search", f"the method achievements, {arguments.level}, {seeds}", rows, out=arguments.out)
+    report("search", f"the method achievements, {arguments.level}, {seeds}", rows, out=arguments.out, seeds=seeds)
 
 
-def _solutions(task: str, arguments: Arguments, clock: CompileClock) -> Iterator[Solution]:
-    settings = Settings(level=arguments.level)  # type: ignore[arg-type]  # checked by the level's maker
+def _runs(task: Task, arguments: Arguments, clock: CompileClock) -> Iterator[Run]:
     for seed in range(arguments.first_seed, arguments.first_seed + arguments.seeds):
-        config = GPConfig(
-            method="achievements",
-            population=arguments.population,
-            generations=arguments.episodes // arguments.population,
-            seed=seed,
-        )
+        config = GPConfig(population=arguments.population, seed=seed)
         before, began = clock.seconds, perf_counter()
-        training = Training(load_task(task), config, settings)
+        training = Training(task, config, Settings(level=arguments.level))
+        solved_after = None
         for state in training.evolution.run():
-            if state.knowledge[0].solved:
+            if solved_after is None and state.knowledge[0].solved:
+                solved_after = state.trees_measured[0]
+            if solved_after is None and state.trees_measured[0] >= arguments.episodes:
                 break
         seconds = perf_counter() - began - (clock.seconds - before)
         tree = training.best_tree(state)
-        unseen = training.test(tree).success_rate
-        yield Solution(state.knowledge[0].solved, state.trees_measured[0], seconds, len(prefix(tree)), unseen)
+        yield Run(
+            seed,
+            solved_after is not None,
+            state.trees_measured[0] if solved_after is None else solved_after,
+            seconds,
+            float(np.max(state.population.fitness)),
+            len(prefix(tree)),
+            int(training.test(tree).solved.sum()),
+        )
 
 
-def _row(task: str, found: list[Solution]) -> dict:
-    solved = [one for one in found if one.solved]
+def _row(task: Task, runs: list[Run]) -> dict:
+    solved = [run for run in runs if run.solved]
+    least = len(task.targets) + 1 + GUARDED * len(task.subgoals)
     return {
-        "task": Path(task).stem,
-        "solved": f"{len(solved)} of {len(found)}",
-        "episodes, median": float(np.median([one.episodes for one in solved])) if solved else None,
-        "episodes, most": max((one.episodes for one in solved), default=None),
-        "seconds, median": float(np.median([one.seconds for one in found])),
-        "seconds, most": max(one.seconds for one in found),
-        "nodes": sorted({one.nodes for one in solved}),
-        "unseen layouts, least": min((one.unseen for one in solved), default=None),
+        "task": task.name,
+        "solved": f"{len(solved)} of {len(runs)}",
+        "episodes, median": float(np.median([run.episodes for run in solved])) if solved else None,
+        "episodes, most": max((run.episodes for run in solved), default=None),
+        "seconds, median": round(float(np.median([run.seconds for run in runs])), 2),
+        "seconds, most": round(max(run.seconds for run in runs), 2),
+        "nodes, least possible": least,
+        "nodes, most": max((run.nodes for run in solved), default=None),
+        "unseen layouts of 100, least": min((run.unseen for run in solved), default=None),
+        "fitness, median": round(float(np.median([run.fitness for run in runs])), 1),
+        "fitness, worst": round(min(run.fitness for run in runs), 1),
+        "seeds not solved": [run.seed for run in runs if not run.solved],
+        "seeds with superfluous nodes": [run.seed for run in solved if run.nodes > least],
+        "seeds that fail in a layout": [run.seed for run in solved if run.unseen < 100],
     }
 
 

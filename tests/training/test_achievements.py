@@ -25,11 +25,11 @@ from tests.helpers.samples import assert_same
 
 CONFIG = GPConfig(seed=1)
 QUICK = Settings(level="kinematic", test_layouts=20)
-STACK3 = load_task("stack3")
+STACK3, FIXTURE = load_task("stack3"), load_task("fixture")
 
 
 def renamed(task, names):
-    """The same boxes under other names."""
+    """The same objects under other names."""
     new = dict(zip(task.object_names, names, strict=True))
     boxes = tuple(dataclasses.replace(box, name=new[box.name]) for box in task.objects)
     targets = tuple(
@@ -37,7 +37,13 @@ def renamed(task, names):
         for target in task.targets
     )
     layout = dataclasses.replace(task.layout, stack=tuple(new[name] for name in task.layout.stack))
-    return dataclasses.replace(task, objects=boxes, targets=targets, layout=layout)
+    kits = tuple(
+        dataclasses.replace(
+            kit, slots=tuple(dataclasses.replace(one, takes=new.get(one.takes, "")) for one in kit.slots)
+        )
+        for kit in task.kits
+    )
+    return dataclasses.replace(task, objects=boxes, targets=targets, layout=layout, kits=kits)
 
 
 def test_the_search_is_told_which_box_a_gene_moves_and_which_are_wanted():
@@ -58,6 +64,7 @@ def test_the_search_is_told_which_box_a_gene_moves_and_which_are_wanted():
     ("task", "names"),
     [
         ("stack3", ("BlueBox", "YellowBox", "GreenBox")),
+        ("fixture", FIXTURE.object_names[::-1]),
         pytest.param("restack", ("Zebra", "Aardvark", "GreenBox"), marks=pytest.mark.slow),
     ],
 )
