@@ -66,16 +66,18 @@ def run(arguments: DemonstrateArguments) -> None:
         raise UserError(next(iter(problems.values())))
     total = len(folder.names())
     if total < NEEDED:
+        frame = task.robot_frame
         console.print(
-            f"{total} of {NEEDED} demonstrations: with fewer, every place is taken to be in {task.robot_frame}"
+            f"{total} of {NEEDED} demonstrations: with fewer, every place but a slot is taken to be in {frame}"
         )
     console.print(f"learn from them with python -m bt_jax.learn {escape(shlex.quote(str(folder.path)))}")
     if problems:
         numbers = [str(number) for number in problems]
         listed = ", ".join(numbers[:LISTED]) + (f" and {len(numbers) - LISTED} others" if len(numbers) > LISTED else "")
+        where = f"the layouts {listed}, first in " if len(problems) > 1 else ""
         raise UserError(
-            f"{recorded} of {arguments.count} demonstrations are kept; the script fails in the layouts {listed}, first in "
-            f"{next(iter(problems.values()))}"
+            f"{recorded} of {arguments.count} demonstrations {'is' if recorded == 1 else 'are'} kept; the script fails in "
+            f"{where}{next(iter(problems.values()))}"
         )
 
 

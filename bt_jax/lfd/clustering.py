@@ -23,6 +23,7 @@ from bt_jax.lfd.demonstration import Action, Demonstrations, Instance, Kind
 from bt_jax.tasks import Task
 
 __all__ = [
+    "HAND",
     "NEEDED",
     "REACH",
     "SPREAD_FLOOR",

@@ -15,24 +15,25 @@ RELEASED = 1.5  # of the lower height: how high over what it is put on an object
 
 
 def supports(action: Action, thing: str, task: Task) -> tuple[str, ...]:
-    """Return the frames of what a box is put on, when it is released: the boxes under it, or else the kit, or else the
-    robot's, in which the tables are fixed."""
+    """Return the frames of what an object is put on, when it is released: the objects under it, or else the kit, or else
+    the robot's, in which the tables are fixed."""
     robot = task.robot_frame
     lies = action.pose(thing, robot) if thing in action.poses else Pose((0.0, 0.0, 0.0))
     here = dataclasses.replace(lies, position=tuple(action.handled(robot).tolist()))
-    boxes = tuple(
+    objects = tuple(
         name
         for name in task.object_names
         if name != thing
         and name in action.poses
         and rests_on(task.thing(thing), here, task.thing(name), action.pose(name, robot), above_most=RELEASED)
     )
-    if boxes:
-        return boxes
-    if task.kit.name in action.poses:
-        x, y, z = action.handled(task.kit.name)
-        if max(abs(x), abs(y)) < task.kit.size[0] / 2 and abs(z) < RELEASED * task.edge(thing):
-            return (task.kit.name,)
+    if objects:
+        return objects
+    for kit in task.kits:
+        if kit.name in action.poses:
+            x, y, z = action.handled(kit.name)
+            if abs(x) < kit.half[0] and abs(y) < kit.half[1] and abs(z) < RELEASED * task.thing(thing).height:
+                return (kit.name,)
     return (task.robot_frame,)
 
 

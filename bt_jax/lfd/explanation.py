@@ -32,17 +32,19 @@ def missing_sentence(lesson: Lesson) -> str:
         return ""
     return (
         f"{len(lesson.demonstrations)} of {NEEDED} demonstrations needed: from {NEEDED} on, the frames of the places "
-        f"are inferred; until then they are fixed places in {lesson.demonstrations.frames.default}"
+        f"are inferred; until then all but slots are fixed places in {lesson.demonstrations.frames.default}"
     )
 
 
 def order_sentences(lesson: Lesson, one: LearntSubtask, *, say: Callable[[Behavior], str] = str) -> list[str]:
-    """Return which placement comes before which other, and in how many demonstrations that was seen. `say` names an
-    action."""
+    """Return which placement comes before which other, and in how many demonstrations that was seen. What follows from the
+    others is left out. `say` names an action."""
     places = {step for step, inference in enumerate(lesson.inferences) if inference.kind == "place"}
+    pairs = {(order.before, order.after) for order in one.constraints}
     found = []
     for order in one.constraints:
-        if order.before in places and order.after in places:
+        follows = any((order.before, step) in pairs and (step, order.after) in pairs for step in places)
+        if order.before in places and order.after in places and not follows:
             before, after = (say(lesson.inferences[step].behavior) for step in (order.before, order.after))
             seen = f"all {order.seen} demonstrations that have" if order.seen > 1 else "the one demonstration that has"
             found.append(f"{before} before {after}: in {seen} both")
@@ -50,12 +52,15 @@ def order_sentences(lesson: Lesson, one: LearntSubtask, *, say: Callable[[Behavi
 
 
 def precondition_sentences(one: LearntSubtask, *, say: Callable[[Behavior], str] = str) -> list[str]:
-    """Return what an action waits for besides its own preconditions. `say` names actions and conditions."""
-    return [
-        f"{say(action)} waits for {', '.join(map(say, conditions))}"
-        for action, conditions in one.preconditions.items()
-        if conditions and action.name == "place"
-    ]
+    """Return what an action waits for besides its own preconditions, but not what those places wait for themselves. `say`
+    names actions and conditions."""
+    found = []
+    for action, conditions in one.preconditions.items():
+        earlier = {it for place in conditions for it in one.preconditions.get(Behavior("place", place.args), ())}
+        own = [condition for condition in conditions if condition not in earlier]
+        if own and action.name == "place":
+            found.append(f"{say(action)} waits for {', '.join(map(say, own))}")
+    return found
 
 
 def goal_sentence(goal: tuple[Behavior, ...]) -> str:

@@ -17,6 +17,7 @@ from jaxtyping import Float
 
 from bt_jax.behaviors import Behavior
 from bt_jax.lfd.clustering import (
+    HAND,
     NEEDED,
     REACH,
     SPREAD_FLOOR,
@@ -127,11 +128,18 @@ def _apart(one: Inference, other: Inference) -> bool:
 
 def _as_shown(group: Group, task: Task, default: str, count: int) -> list[Inference]:
     """Return the actions of too few demonstrations: what is done at one place is one."""
-    frame, why = group.object, PICK
-    if group.kind == "place":
-        frame, why = default, f"{count} of {NEEDED} demonstrations needed to infer a frame, so it is {default}"
+    place = group.kind == "place"
+    frame = default if place else group.object
     labels = dbscan(group.positions[frame], SAME_PLACE, 1).tolist()
-    return [_inference(group, task, frame, rows, why) for rows in _in_turn(group, group.everything, labels)]
+    found = [_inference(group, task, frame, rows, PICK) for rows in _in_turn(group, group.everything, labels)]
+    why = f"{count} of {NEEDED} demonstrations needed to infer a frame"
+    return [_by_default(one, why) for one in found] if place else found
+
+
+def _by_default(inference: Inference, why: str) -> Inference:
+    """Say why a place is in the default frame, unless a slot tells its frame."""
+    end = "but a slot tells it" if inference.slot else f"so it is {inference.frame}"
+    return dataclasses.replace(inference, reason=f"{why}, {end}")
 
 
 def _places(group: Group, task: Task, default: str) -> list[Inference]:
@@ -143,9 +151,10 @@ def _places(group: Group, task: Task, default: str) -> list[Inference]:
                 values[rows] = max(values.get(rows, 0.0), candidate.evidence)
     together = best_packing(values)
     found = [one for rows in together for one in _agreed(group, task, rows, *_frame(group, rows, task))]
-    why = f"no frame has {NEEDED} demonstrations that agree within {REACH} m, so it is {default}"
+    why = f"no frame has {NEEDED} demonstrations that agree within {REACH} m"
     for row in sorted(group.everything.difference(*together)):
-        found.append(_inference(group, task, default, [row], why, group.compared(row, frozenset([row]), default)))
+        one = _inference(group, task, default, [row], "", group.compared(row, frozenset([row]), default))
+        found.append(_by_default(one, why))
     return found
 
 
@@ -166,10 +175,20 @@ def _agreed(group: Group, task: Task, rows: Rows, frame: str, tied: tuple[str, .
     """Return the actions of a cluster in its frame; what one demonstration does several times is several."""
     found = []
     for part in _parts(group, rows, frame):
-        own = group.compared(part[0], rows, frame)
-        why = PICK if group.kind == "pick" else _reason(own, tied)
-        found.append(_inference(group, task, frame, part, why, own, tied))
+        kits = _kits(group, task, rows, frame)
+        one = _inference(group, task, frame, part, PICK, group.compared(part[0], rows, frame), tied, kits)
+        if group.kind == "place":
+            others = [name for name in (frame, *tied) if name != one.frame] if tied else []
+            one = dataclasses.replace(one, reason=_reason(one.candidates, others))
+        found.append(one)
     return found
+
+
+def _kits(group: Group, task: Task, rows: Rows, frame: str) -> list[str]:
+    """Return the kits in which rows agree as closely as in their frame, to what a person can tell."""
+    clusters = {name: own[rows] for name, own in group.clusters.items() if rows in own}
+    most = clusters[frame].spread + HAND if frame in clusters else 0.0
+    return [name for name in task.kit_names if name in clusters and clusters[name].spread <= most]
 
 
 def _parts(group: Group, rows: Rows, frame: str) -> list[list[int]]:
@@ -202,11 +221,12 @@ def _inference(
     reason: str,
     candidates: tuple[Candidate, ...] = (),
     tied: tuple[str, ...] = (),
+    kits: Sequence[str] = (),
 ) -> Inference:
     own = [group.observed[row] for row in rows]
     if group.kind == "place":
         few = len(rows) < NEEDED and frame == task.robot_frame
-        kits = task.kit_names if few else (frame, *tied)
+        kits = task.kit_names if few else (frame, *tied, *kits)
         return placed(own, task, frame, reason, candidates, tied, kits=kits)
     if len(task.instances.get(group.object, ())) > 1:
         reason = _taken(own, group, task)

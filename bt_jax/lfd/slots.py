@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bt_jax.lfd.clustering import Observed, Vec3
+from bt_jax.lfd.contact import supports
 from bt_jax.lfd.turns import REACH, Turn, apart, shown_turn
 from bt_jax.tasks import Object, Task
 from bt_jax.tasks.slots import fits, slot_position, slot_turn
@@ -37,9 +38,12 @@ class FoundSlot:
 def slot_of(rows: Sequence[Observed], kits: Sequence[str], thing: Object, task: Task) -> FoundSlot | None:
     """Return the slot of one of the kits that placements of an object are in, the nearest; None if there is no such slot.
 
-    It takes the object, and does not ask for another turn than they show. Twice what their scatter leaves open of the mean
-    is not counted as distance.
+    It takes the object, and does not ask for another turn than they show; what is put on another object is in no slot. Twice
+    what their scatter leaves open of the mean is not counted as distance.
     """
+    stacked = [supports(one.action, one.thing, task)[0] in task.object_names for one in rows]
+    if sum(stacked) > len(rows) / 2:
+        return None
     found = []
     for kit in task.kits:
         if kit.name not in kits or not all(kit.name in one.action.poses for one in rows):

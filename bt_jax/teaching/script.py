@@ -103,8 +103,11 @@ def _degrees(text: str, step: str) -> float:
 def perform(
     session: Teleoperation, script: Sequence[Input], *, noise: float = 0.0, rng: np.random.Generator | None = None
 ) -> Demonstration:
-    """Do what a script says in a session, missing each place by Gaussian `noise` [m], and return the recording."""
+    """Do what a script says in a session, missing each place by Gaussian `noise` [m], and return the recording. A hand that
+    comes down too low is stopped by what is there."""
+    off = np.zeros(3)
     for step in script:
+        missed = off
         off = rng.normal(0.0, noise, 3) if rng is not None and noise else np.zeros(3)
         match step.kind:
             case "pick":
@@ -120,6 +123,8 @@ def perform(
             case "turn":
                 session.turn_by(step.turn or 0.0)
             case "release":
+                if missed[2] < 0 and session.held and session.landing().inside is not None:
+                    session.move((0.0, 0.0, -missed[2]))
                 session.release()
     return session.demonstration()
 

@@ -1,11 +1,12 @@
 import dataclasses
+import itertools
 
 import pytest
 from rich.console import Console
 
 from bt_jax.commands.learn import show
 from bt_jax.lfd import learn
-from bt_jax.lfd.explanation import order_sentences
+from bt_jax.lfd.explanation import order_sentences, precondition_sentences
 from tests.helpers.demonstrations import STACK3, STACKING, demonstrations
 
 
@@ -18,6 +19,16 @@ def test_an_order_says_in_how_many_demonstrations_it_was_seen(count, said):
     sentences = [sentence for one in lesson.subtasks for sentence in order_sentences(lesson, one)]
     assert sentences
     assert all(sentence.endswith(said) for sentence in sentences)
+
+
+def test_orders_and_preconditions_that_follow_from_others_are_left_out():
+    (one,) = (lesson := learn(demonstrations(STACK3, STACKING), STACK3)).subtasks
+    names = [target.object for target in STACKING]
+    following = list(itertools.pairwise(names))
+    orders = order_sentences(lesson, one, say=lambda action: action.object)
+    assert [tuple(sentence.split(":")[0].split(" before ")) for sentence in orders] == following
+    waits = precondition_sentences(one, say=lambda action: action.object)
+    assert sorted(tuple(reversed(sentence.split(" waits for "))) for sentence in waits) == sorted(following)
 
 
 def test_one_demonstration_is_said_in_the_singular():

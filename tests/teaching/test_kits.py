@@ -131,6 +131,25 @@ def test_a_turn_that_nobody_shows_stays_free():
     assert place.note == "the turns do not agree, so any will do"
 
 
+def test_a_hand_that_comes_down_too_low_is_stopped_by_the_tray():
+    """A place that is missed downwards by more than objects may sink is no error of the script."""
+    assert len(list(shown(KIT4, into_slots(KIT4), noise=0.006, count=4))) == 4
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_why_a_place_is_a_slot_names_no_other_frame_as_its_own(count):
+    """Both trays stand on one table, so a place in one of them agrees in the other as well."""
+    steps = "; ".join(f"pick Bolt; to {slot}; release" for slot in ("TrayA.r1c1", "TrayB.r1c1"))
+    lesson = learn(shown(BOLTS, steps, noise=0.001, count=count), BOLTS)
+    places = [one for one in lesson.inferences if one.kind == "place"]
+    assert [one.slot for one in places] == ["TrayA.r1c1", "TrayB.r1c1"]
+    for one, other in zip(places, ("TrayB", "TrayA"), strict=True):
+        if count == 2:
+            assert one.reason == "2 of 3 demonstrations needed to infer a frame, but a slot tells it"
+        else:
+            assert one.reason.endswith(f"in {one.frame}; {other} fits as well")
+
+
 def test_sizes_of_any_shape_tell_tasks_apart(tmp_path):
     folder = DemonstrationFolder(tmp_path / "shown")
     folder.create(Frames.of(KIT4))

@@ -64,6 +64,8 @@ def test_a_layout_in_which_a_script_fails_costs_only_itself(tmp_path, capsys):
     kept = "error: 4 of 6 demonstrations are kept; the script fails in the layouts 0, 5, first in layout 0: "
     assert said.startswith(kept)
     assert "BlueBox would fall to the floor" in said
+    said, _ = demonstrated(capsys, tmp_path / "others", EDGE, "--count", 2)
+    assert said.startswith("error: 1 of 2 demonstrations is kept; the script fails in layout 0: ")
     folder = DemonstrationFolder(tmp_path / "demos")
     assert folder.names() == [one.name for one in folder.read()] == ["demo1", "demo2", "demo3", "demo4"]
 
