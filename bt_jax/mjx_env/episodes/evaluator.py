@@ -287,10 +287,11 @@ def evaluation(
     subgoals_missed = (~reached).sum(axis=-1, dtype=np.int32)
     trace = None if tally.trace is None else np.asarray(tally.trace).reshape(*shape, -1)
     nodes = np.asarray(trees.sizes)[:, :1].astype(np.int32)
+    turned = any(target.turn is not None for target in task.targets)  # otherwise all turns are 0
     values = fitness(
         task,
         distance=misses.distance.sum(axis=-1),
-        turn=misses.turn.sum(axis=-1),
+        turn=misses.turn.sum(axis=-1) if turned else 0.0,
         subgoals_missed=subgoals_missed,
         nodes=np.broadcast_to(nodes, shape),
         ending=ending,

@@ -62,13 +62,20 @@ def test_free_objects_accelerate_as_in_the_c_engine(spins):
 
 @pytest.mark.slow
 def test_what_is_put_down_rests_where_the_c_engine_leaves_it():
+    """On tables, on each other, between dividers and where they cross."""
     task, count = only(TASK, "Plate", "Can"), 24
     rng = np.random.default_rng(0)
     layouts = sample_layouts(task, 0, count)
     poses = layouts.poses.copy()
     poses[..., 2] += rng.uniform(0, 0.01, poses.shape[:2])
-    stacked = np.arange(count) % 2 == 0
+    stacked, in_tray = np.arange(count) % 3 == 0, np.flatnonzero(np.arange(count) % 3 == 1)
     poses[stacked, 1, :3] = poses[stacked, 0, :3] + [0.02, 0.01, 0.065]
+    tray, can = task.kits[1], task.thing("Can")
+    places = np.array([tray.places[i % len(tray.places)].position for i in range(len(in_tray))])
+    poses[in_tray, 1, :2] = layouts.kits[in_tray, 1, :2] + places + rng.uniform(-0.02, 0.02, places.shape)
+    poses[in_tray, 1, 2] = layouts.kits[in_tray, 1, 2] + tray.plate + can.height / 2 + 0.002
+    over = in_tray[places[:, 0] < 0]
+    poses[over, 0, :3] = layouts.kits[over, 1] + [tray.inner[0] / 3, 0, tray.rim + 0.012]
     present = np.ones((count, 2), bool)
     other = jax.tree.map(np.asarray, make_physics(task, "mjx").settle(layouts.kits, poses, present))
     reference = make_physics(task, "mujoco", threads=1).settle(layouts.kits, poses, present)

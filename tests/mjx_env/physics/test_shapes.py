@@ -1,4 +1,4 @@
-"""Cuboids and cylinders in the C engine: they stand where they are put, topple, roll and come to rest."""
+"""Cuboids, cylinders and divided trays: what is put down stands there; the rest topples, rolls and comes to rest."""
 
 import dataclasses
 
@@ -19,7 +19,7 @@ from tests.helpers.samples import MIXED
 TASK = load_task(MIXED)
 KITS = sample_layouts(TASK, 0, 1).kits
 NAMES = TASK.object_names
-TABLE = TASK.tables[2]
+TABLE, TRAY = TASK.tables[2], TASK.kits[1]
 LEVELS = {"mujoco": MujocoPhysics(TASK, threads=1), "kinematic": Kinematic(TASK)}
 levels = pytest.mark.parametrize("level", LEVELS.values(), ids=LEVELS)
 kinds = st.sampled_from([*TASK.kinds[:-1], "Bolt1"])
@@ -73,6 +73,34 @@ def test_what_stands_stays_where_it_is():
     for _ in range(5):
         poses = snap(LEVELS["mujoco"].settle(layouts.kits, poses, everything).poses)
     np.testing.assert_array_equal(poses, first)
+
+
+def in_tray(x, y, z):
+    """Where a place in the divided tray is, for `settle`; z is over its plate."""
+    return np.array([x, y, z + TRAY.plate - TABLE.top]) + KITS[0, 1] - [*TABLE.position[:2], 0]
+
+
+@levels
+@given(
+    name=st.sampled_from(["Can", "Cube", "Bolt1"]),
+    place=st.sampled_from(TRAY.places),
+    off=st.tuples(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02), st.floats(0, 0.003)),
+    turn=st.floats(-3, 3),
+)
+@settings(max_examples=15)
+def test_what_is_put_between_dividers_stands_there(level, name, place, off, turn):
+    start, rest, _ = settle(level, (name, in_tray(*np.add([*place.position, 0], off)), turn))
+    np.testing.assert_allclose(rest[0, :3], start[0, :3] - [0, 0, off[2]], atol=3e-4)
+    assert abs(np.dot(rest[0, 3:], start[0, 3:])) > 0.999
+
+
+@levels
+@pytest.mark.parametrize("name", ["Plate", "Brick"])
+@pytest.mark.parametrize("side", [-1, 1])
+def test_what_is_put_where_dividers_cross_lies_on_them(level, name, side):
+    crossing = in_tray(side * TRAY.inner[0] / 3, 0, TRAY.wall_height + 0.001)
+    start, rest, _ = settle(level, (name, crossing, 0))
+    np.testing.assert_allclose(rest[0, :3], start[0, :3] - [0, 0, 0.001], atol=3e-4)
 
 
 @levels
