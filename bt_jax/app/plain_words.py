@@ -15,7 +15,7 @@ from bt_jax.behaviors import NOTHING, Behavior, Control, ExtendedNode, Kind, Tre
 from bt_jax.tasks import Kit, Object, Slot, Target, Task
 from bt_jax.tasks.slots import slot_position, slot_turn
 
-__all__ = ["Words", "differences", "differing_settings"]
+__all__ = ["Words", "differences", "differing_settings", "slot_at"]
 
 NEAR = 0.2  # offsets below this part of an object's shorter side are not mentioned
 IN_SLOT = 0.01  # metres from the middle of a slot, within which a place is that slot
@@ -128,7 +128,7 @@ class Words:
         one = self.task.thing(thing)
         if frame in self.task.kit_names:
             kit = self.task.kits[self.task.kit_names.index(frame)]
-            slot = _slot(kit, one, position)
+            slot = slot_at(kit, one, position)
             if slot is not None:
                 own = slot_turn(slot, one)
                 as_the_slot = turn is None or (own is not None and (turn - own) % (one.symmetry or 1) == 0)
@@ -254,8 +254,8 @@ def differing_settings(one: Task, other: Task) -> list[str]:
     return [words for key, words in SETTINGS.items() if getattr(one, key) != getattr(other, key)]
 
 
-def _slot(kit: Kit, thing: Object, position: Vec3) -> Slot | None:
-    """Return the slot in which an object stands with its centre at a position in a kit's frame."""
+def slot_at(kit: Kit, thing: Object, position: Vec3) -> Slot | None:
+    """Return the slot in which an object stands with its centre at a position in a kit's frame, None if in none."""
     places = [slot for slot in kit.places if math.dist(slot_position(kit, slot, thing), position) < IN_SLOT]
     return min(places, key=lambda slot: math.dist(slot.position, position[:2]), default=None)
 

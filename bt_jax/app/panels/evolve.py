@@ -45,7 +45,7 @@ class _Evolve:
             with ui.row().classes("items-center gap-2"):
                 self.population = _field("Population", "evolve-population", studio.evolution.gp.population)
                 self.generations = _field("Generations", "evolve-generations", studio.evolution.gp.generations)
-                self.generations.props("placeholder='until solved' stack-label")
+                self.generations.props("placeholder='until solved' stack-label").classes("evolve-generations")
                 self.seed = _field("Seed", "evolve-seed", studio.evolution.gp.seed)
                 self.start = button("Start", "evolve-start", "play_arrow", page.guard(self._start))
                 self.pause = button("Pause", "evolve-pause", "pause", page.guard(self._pause_or_resume))

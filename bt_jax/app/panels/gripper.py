@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Awaitable, Callable
+from typing import Literal
 
 import numpy as np
 from nicegui import ui
@@ -11,9 +12,11 @@ from nicegui.events import GenericEventArguments
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.panels.context import PanelContext
+from bt_jax.app.panels.destinations import Destinations
 from bt_jax.app.panels.parts import button, css_color, heading, known
+from bt_jax.app.plain_words import slot_at
+from bt_jax.app.state.directions import TURN_STEP, Direction
 from bt_jax.app.state.studio import Studio
-from bt_jax.app.state.teaching import Direction
 from bt_jax.app.widgets.dialogs import ask
 from bt_jax.app.widgets.scene_view import Ghost
 from bt_jax.teaching.teleoperation import Landing, Teleoperation
@@ -28,6 +31,7 @@ MOVES: dict[str, Direction] = {
     "PageUp": "up",
     "PageDown": "down",
 }
+TURNS: dict[str, Literal[-1, 1]] = {"q": 1, "e": -1}
 KEYS = 9  # objects that a number picks
 PAD: tuple[tuple[Direction, str, str, str], ...] = (  # direction, icon, what it does, place in the grid
     ("away", "arrow_upward", "Away from you (arrow up)", "1 / 2"),
@@ -36,6 +40,10 @@ PAD: tuple[tuple[Direction, str, str, str], ...] = (  # direction, icon, what it
     ("right", "arrow_forward", "To the right (arrow right)", "2 / 3"),
     ("up", "keyboard_double_arrow_up", "Higher (page up)", "1 / 5"),
     ("down", "keyboard_double_arrow_down", "Lower (page down)", "2 / 5"),
+)
+TURN_PAD = (
+    ("q", "rotate_left", f"Turn to the left by {TURN_STEP:g} degrees (Q)", "1 / 1"),
+    ("e", "rotate_right", f"Turn to the right by {TURN_STEP:g} degrees (E)", "1 / 3"),
 )
 
 
@@ -53,7 +61,7 @@ class GripperControls:
         self._cells: dict[str, list[ui.label]] = {}
         self._pick_buttons: list[ui.button] = []
         self._move_buttons: list[ui.button] = []
-        self._over_buttons: dict[str, ui.button] = {}
+        self._turn_buttons: list[ui.button] = []
         self._build()
         self._task_changed()
         page.on("task", self._task_changed, now=False)
@@ -73,9 +81,9 @@ class GripperControls:
             pick.set_enabled(held is None)
         for move in self._move_buttons:
             move.set_enabled(held is not None)
-        for frame, over in self._over_buttons.items():
-            over.set_enabled(held is not None)
-            over.set_visibility(held is None or held != frame)
+        for turn in self._turn_buttons:
+            turn.set_enabled(held is not None and session.task.thing(held).symmetry > 0)
+        self.destinations.refresh(held)
         self.release.set_enabled(held is not None)
         if teaching.step != self._stepped:  # else a step that is being written would be lost
             self._stepped = teaching.step
@@ -112,6 +120,16 @@ class GripperControls:
                     move = button("", f"demonstrate-{direction}", icon, guard(self._mover(direction)), more="outline")
                     move.props(f'aria-label="{text}" title="{text}"').style(f"grid-area: {place}")
                     self._move_buttons.append(move)
+                for key, icon, text, place in TURN_PAD:
+                    turn = button(
+                        "",
+                        f"demonstrate-turn-{key}",
+                        icon,
+                        guard(functools.partial(teaching.turn, TURNS[key])),
+                        more="outline",
+                    )
+                    turn.props(f'aria-label="{text}" title="{text}"').style(f"grid-area: {place}")
+                    self._turn_buttons.append(turn)
             with ui.column().classes("gap-1"):
                 with ui.row().classes("items-center gap-1 no-wrap"):
                     smaller = "flat round aria-label='Smaller step (-)' title='Smaller step (-)'"
@@ -127,9 +145,7 @@ class GripperControls:
                     button("", "demonstrate-larger", "add", guard(lambda: teaching.change_step(1)), more=larger)
                 self.release = button("Release", "demonstrate-release", "pan_tool_alt", guard(self._release))
                 self.release.props("title='Let go (R)'").classes("w-full")
-        with ui.row().classes("items-center gap-2"):
-            ui.label("Over").classes("teach-word")
-            self.over = ui.row().classes("gap-2 items-center")
+        self.destinations = Destinations(self.studio, self.page)
         self.landing = ui.label().classes("teach-landing").props("data-testid=demonstrate-landing role=status")
         with ui.element("div").classes("teach-columns"):
             with ui.element("div"):
@@ -139,8 +155,8 @@ class GripperControls:
                 heading("Done so far")
                 self.done = ui.element("ol").classes("teach-done").props("data-testid=demonstrate-done")
         ui.label(
-            "Keys: the numbers pick; arrows and page up/down carry; + and - change the step; R releases; Ctrl+Z undoes. "
-            "Or click what you want to pick in the scene."
+            "Keys: the numbers pick; arrows and page up/down carry; Q and E turn; + and - change the step; R releases; "
+            "Ctrl+Z undoes. Or click what you want to pick in the scene."
         ).classes("teach-hint")
 
     def _mover(self, direction: Direction) -> Callable[[], Awaitable[None]]:
@@ -150,6 +166,8 @@ class GripperControls:
         key, teaching = event.args, self.teaching
         if key in MOVES:
             await teaching.move(MOVES[key])
+        elif key in TURNS:
+            await teaching.turn(TURNS[key])
         elif key == "undo":
             await self._undo()
         elif key == "r":
@@ -220,17 +238,9 @@ class GripperControls:
                 )
                 pick.style(f"--box: {css_color(thing)}").classes("teach-pick")
                 self._pick_buttons.append(pick)
-        self.over.clear()
-        self._over_buttons = {}
-        with self.over:
-            for frame in (*self.studio.edited.task.object_names, *self.studio.edited.task.kit_names):
-                carry = self._guard(functools.partial(self.teaching.carry_over, frame))
-                text = f"outline title='Carry straight over {frame}'"
-                self._over_buttons[frame] = button(
-                    self._called(frame), f"demonstrate-over-{frame}", "vertical_align_bottom", carry, more=text
-                )
+        self.destinations.task_changed()
         numbers = " ".join(str(number) for number in range(1, min(KEYS, len(self.studio.edited.task.objects)) + 1))
-        self.pad.props(f'data-teach-keys="{" ".join(MOVES)} {numbers} + = - r"')
+        self.pad.props(f'data-teach-keys="{" ".join([*MOVES, *TURNS])} {numbers} + = - r"')
         self._posed = None
         self.refresh()
 
@@ -243,7 +253,7 @@ class GripperControls:
             self.clear()
             return
         pose = np.array(session.world.poses[0, session.task.object_names.index(held)])
-        self.landing.set_text(_landing_sentence(held, landing, drop=float(pose[2] - landing.position[2])))
+        self.landing.set_text(_landing_sentence(session, held, landing))
         if bad:
             self.clear()
             return
@@ -281,11 +291,17 @@ def _number(value: float) -> str:
     return f"{round(float(value), 1) + 0.0:.1f}".replace("-", "\N{MINUS SIGN}")
 
 
-def _landing_sentence(held: str, landing: Landing, *, drop: float) -> str:
-    """Say what happens if the object is let go now, `drop` [m] above where it would be set down."""
+def _landing_sentence(session: Teleoperation, held: str, landing: Landing) -> str:
+    """Say what happens if the held object is let go now."""
     if landing.inside is not None:
         return f"{held} is inside {landing.inside}: raise it, or carry it aside."
     if landing.on is None:
         return f"Below {held} is only the floor, where the gripper does not reach: carry it over a table."
+    drop = float(session.world.poses[0, session.task.object_names.index(held), 2] - landing.position[2])
+    where = f"set down on {landing.on}"
+    for kit in session.task.kits:
+        x, y, z = session.position(kit.name).tolist()
+        slot = slot_at(kit, session.task.thing(held), (x, y, z - drop)) if kit.name == landing.on else None
+        where = where if slot is None else f"set down in slot {slot.name} of {kit.name}"
     below = f", {100 * drop:.1f} cm below" if drop >= 0.001 else ""
-    return f"If you let go now, {held} is set down on {landing.on}{below}."
+    return f"If you let go now, {held} is {where}{below}."

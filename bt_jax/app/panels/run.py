@@ -16,6 +16,7 @@ from bt_jax.app.state.goals import target_keys
 from bt_jax.app.state.player import Player
 from bt_jax.app.state.playing import SPEEDS
 from bt_jax.app.state.scene_words import THERE, target_state
+from bt_jax.app.state.snapping import snapped
 from bt_jax.app.state.spots import Spot, origins, references, spot_at
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.context import Step
@@ -208,10 +209,16 @@ class _Run:
     async def _drop(self, dragged: str, name: str, position: np.ndarray) -> None:
         if self.page.step != "run":
             return
-        if self.studio.playing.player is None:
+        player = self.studio.playing.player
+        if player is None:
             raise UserError("nothing runs yet; press Play first, or arrange the start in step 1")
         self.page.steer("run")
-        await self.studio.playing.put(name, lambda world: position)
+        found = snapped(player.task, player.world, name, position)
+        if found is None:
+            await self.studio.playing.put(name, lambda world: position)
+        else:
+            await self.studio.playing.put(name, lambda world: found.position, found.turn)
+            self.page.say(f"{name} is put into {found.slot}.", "success")
 
     def _refresh(self) -> None:
         if self.page.step != "run":

@@ -17,6 +17,7 @@ from bt_jax.app.plain_words import Words, differences, differing_settings
 from bt_jax.app.state.arrangement import fixed_layout, free_layout, kit_table, kit_tables, move_kit, put
 from bt_jax.app.state.goals import kind_of, new_key, target_keys
 from bt_jax.app.state.retargeting import retarget, spare_place, untarget
+from bt_jax.app.state.snapping import snapped
 from bt_jax.app.state.spots import Spot, origins, references, spot_at, spot_of_target
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.dialogs import ask
@@ -244,8 +245,25 @@ class _Task:
         if dragged == "targets":
             target = target_keys(self.studio.edited.task).get(name)
             await self._target(name, lambda task, start: position, turn=None if target is None else target.turn)
+            self._say_slot(name)
         else:
+            await self._drop_start(name, position)
+
+    def _say_slot(self, key: str) -> None:
+        """Say into which slot a target was moved."""
+        task = self.studio.edited.task
+        target = target_keys(task).get(key)
+        if target is not None and target.slot:
+            words = Words(task)
+            self.page.say(f"{words.named(target.object)} should be {words.target(target)}.", "success")
+
+    async def _drop_start(self, name: str, position: Float[np.ndarray, "3"]) -> None:
+        found = snapped(self.studio.edited.task, self.studio.edited.start, name, position)
+        if found is None:
             await self._start(name, lambda task, start: position)
+        else:
+            await self._start(name, lambda task, start: found.position, turn=found.turn)
+            self.page.say(f"{name} starts in {found.slot}.", "success")
 
     async def _target(self, key: str, place: Place, frame: str | None = None, turn: float | None = None) -> None:
         studio = self.studio

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -21,11 +21,13 @@ from bt_jax.teaching.teleoperation import Teleoperation
 __all__ = ["DemonstrationDraft", "DraftKeeper"]
 
 NOT_UNIT = 0.01  # by which the length of a rotation may differ from 1; the components of states are rounded to 0.001
+LEAST_TURN = 0.001  # degrees; what is turned by less was not turned
 
 
 @dataclasses.dataclass(frozen=True)
 class Input:
-    """One input of a person: `what` is the object that is picked, or where it is carried [m, in the robot's frame]."""
+    """One input of a person: `what` is the object that is picked, or where it is carried [m] and how it is turned there
+    [degrees], in the robot's frame; in an older draft there is no turn."""
 
     kind: Literal["pick", "carry", "release"]
     what: Any = None
@@ -62,7 +64,7 @@ class DemonstrationDraft:
                 if each.kind == "pick":
                     session.pick(each.what)
                 elif each.kind == "carry":
-                    session.move_to(each.what, self.task.robot_frame)
+                    _carry(session, each.what)
                 else:
                     session.release(lowered=True)
         except UserError:
@@ -117,11 +119,20 @@ def _within(values: np.ndarray, low: float, high: float) -> bool:
     return bool(np.all((values >= low) & (values <= high)))
 
 
+def _carry(session: Teleoperation, where: Sequence[float]) -> None:
+    """Carry the held object to a position [m], and turn it as it was turned there [degrees], if that is known."""
+    frame = session.task.robot_frame
+    session.move_to(where[:3], frame)
+    by = where[3] - session.turn(frame) if len(where) > 3 else 0.0
+    if abs(by) > LEAST_TURN:
+        session.turn_by(by)
+
+
 def _is_valid(each: Input) -> bool:
     if each.kind == "carry":
         far = POSITION.high - POSITION.low  # between the robot, whose frame it is in, and a place
         where = np.asarray(each.what, float)
-        return where.shape == (3,) and _within(where, -far, far)
+        return where.shape in ((3,), (4,)) and _within(where[:3], -far, far) and _within(where[3:], -360.0, 360.0)
     return each.kind == "release" or (each.kind == "pick" and isinstance(each.what, str))
 
 

@@ -7,7 +7,6 @@ where any will do. Targets go by the keys of `goals`. Impossible ones are refuse
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -27,17 +26,15 @@ from bt_jax.app.state.extents import (
     turned,
 )
 from bt_jax.app.state.goals import goals, kind_of, target_keys
+from bt_jax.app.state.snapping import SNAP, slot_near
 from bt_jax.behaviors import gene_pool
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.surfaces import fixed_surfaces, joined, object_surfaces, support_height
 from bt_jax.mjx_env.world import World, frames
-from bt_jax.tasks import Kit, Object, Slot, Target, Task, with_target
-from bt_jax.tasks.slots import fits, slot_position, slot_turn
+from bt_jax.tasks import Object, Target, Task, with_target
+from bt_jax.tasks.slots import slot_position, slot_turn
 
 __all__ = ["retarget", "spare_place", "untarget"]
-
-SNAP = 0.25  # a target this near, in sizes of its object, to a place that genes use is moved there
-CATCH = 0.35  # a target this near to a slot, in distances to the next slot, is moved into it
 
 
 def retarget(
@@ -120,7 +117,7 @@ def _dependent(task: Task, name: str) -> set[str]:
 def _snapped(task: Task, kind: str, thing: Object, frame: str, local: Point, turn: float | None) -> Target:
     """Return the target in the slot or at the horizontal position of the gene that is close, if one is."""
     for kit in task.kits:
-        slot = _slot(kit, thing, local) if kit.name == frame else None
+        slot = slot_near(kit, thing, local) if kit.name == frame else None
         if slot is not None:
             place, turn = slot_position(kit, slot, thing), slot_turn(slot, thing)
             return Target(kind, place, frame, turn, f"{kit.name}.{slot.name}")
@@ -132,17 +129,6 @@ def _snapped(task: Task, kind: str, thing: Object, frame: str, local: Point, tur
         local = np.array([*best[:2], local[2]])
     x, y, z = (float(value) for value in np.round(local, 4) + 0.0)
     return Target(kind, (x, y, z), frame, turn)
-
-
-def _slot(kit: Kit, thing: Object, local: Point) -> Slot | None:
-    """Return the slot that a place in a kit is close to, None if there is none that takes the object."""
-    places = [slot for slot in kit.places if fits(kit, slot, thing)]
-    if not places or not -thing.height / 4 < local[2] - kit.plate - thing.height / 2 < kit.wall_height:
-        return None
-    best = min(places, key=lambda slot: math.dist(slot.position, local[:2]))
-    others = [math.dist(slot.position, best.position) for slot in kit.places if slot is not best]
-    reach = max(SNAP * max(thing.size[:2]), CATCH * min(others, default=min(kit.half)))
-    return best if math.dist(best.position, local[:2]) <= reach else None
 
 
 def _check_stays(task: Task, physics: Physics, world: World, key: str) -> None:

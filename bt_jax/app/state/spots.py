@@ -7,6 +7,7 @@ the underside above the reference: 0 is on the table, on the kit's floor, on top
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -64,9 +65,9 @@ def origins(task: Task, world: World, *, ended: bool) -> dict[str, Point]:
 
 
 def spot_at(task: Task, world: World, name: str) -> Spot:
-    """Return where an object is now, from the middle of the nearest table."""
-    pose = poses_now(task, world)[name]
-    turn = round(heading(pose), 1) + 0.0 if task.thing(name).symmetry else None
+    """Return where an object is now, from the middle of the nearest table; it is turned by no more than it looks."""
+    pose, period = poses_now(task, world)[name], task.thing(name).symmetry
+    turn = round(math.remainder(heading(pose), period), 1) + 0.0 if period else None
     return _relative(task, name, pose[:3], _table(task, pose).name, origins(task, world, ended=False), turn)
 
 

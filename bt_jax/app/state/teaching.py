@@ -8,16 +8,13 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
-from collections.abc import Mapping
 from typing import Any, Literal
-
-import numpy as np
-from jaxtyping import Float
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.state.bus import Bus
 from bt_jax.app.state.demonstration_draft import DemonstrationDraft, DraftKeeper
 from bt_jax.app.state.demonstration_library import DemonstrationLibrary
+from bt_jax.app.state.directions import Direction, next_turn, vector
 from bt_jax.app.state.edited_task import EditedTask, same_things
 from bt_jax.app.state.playing import Playing
 from bt_jax.app.state.replay import ReplayStep, described, replay_steps
@@ -32,10 +29,8 @@ from bt_jax.tasks import Task
 from bt_jax.teaching.script import DEMONSTRATED, reached_by
 from bt_jax.teaching.teleoperation import Landing, Teleoperation
 
-__all__ = ["DIRECTIONS", "Direction", "Teaching"]
+__all__ = ["Teaching"]
 
-Direction = Literal["left", "right", "away", "near", "up", "down"]
-DIRECTIONS: tuple[Direction, ...] = ("left", "right", "away", "near", "up", "down")
 STEP_SIZES = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2)  # metres, for the keys + and -
 FIRST_STEP = 0.02
 OVER = 0.5  # how far the held object is carried over another, in its heights
@@ -148,8 +143,8 @@ class Teaching:
         """Carry the held object one step, as seen by the person before the scene."""
         async with self._lock:
             session = self._making()
-            session.move(self.step * _vector(self._edited.task, direction))
-            self._done("carry", session.position(session.task.robot_frame).tolist())
+            session.move(self.step * vector(self._edited.task, direction))
+            self._carried(session)
 
     async def carry_over(self, frame: str) -> None:
         """Carry the held object straight over the middle of a frame, and up if it would touch what is there."""
@@ -161,7 +156,23 @@ class Teaching:
             held, below = session.task.thing(session.held), session.task.instances.get(frame, (session.held,))[0]
             low = (held.height + session.task.thing(below).height) / 2 + OVER * held.height
             session.move_to((0.0, 0.0, max(height, low)), frame)
-            self._done("carry", session.position(session.task.robot_frame).tolist())
+            self._carried(session)
+
+    async def carry_to_slot(self, name: str) -> None:
+        """Carry the held object straight over a slot, such as "TrayA.a1", turned as it lies there."""
+        async with self._lock:
+            session = self._making()
+            up = 0.0 if session.held is None else OVER * session.task.thing(session.held).height
+            session.move_to_slot(name, off=(0.0, 0.0, up))
+            self._carried(session)
+
+    async def turn(self, way: Literal[-1, 1]) -> None:
+        """Turn the held object to the next round angle, with 1 counter-clockwise as seen from above."""
+        async with self._lock:
+            session = self._making()
+            now = session.turn(session.task.robot_frame)
+            session.turn_by(next_turn(now, way) - now)
+            self._carried(session)
 
     async def release(self) -> None:
         """Set the held object down on what is below, and let it go."""
@@ -261,6 +272,10 @@ class Teaching:
             raise UserError("no demonstration is in the making; begin a new one first")
         return self.session
 
+    def _carried(self, session: Teleoperation) -> None:
+        frame = session.task.robot_frame
+        self._done("carry", [*session.position(frame).tolist(), session.turn(frame)])
+
     def _done(self, kind: Literal["pick", "carry", "release"], what: Any = None) -> None:
         self._draft = None if self._draft is None else self._draft.then(kind, what)
         self._show_session()
@@ -277,19 +292,6 @@ class Teaching:
 def _begun(task: Task, physics: Physics, tree: Tree | None, layout: World) -> Teleoperation:
     """Return a demonstration that begins in a layout, or where a tree ends there."""
     return Teleoperation(task, physics, layout if tree is None else reached_by(tree, task, physics, layout))
-
-
-def _vector(task: Task, direction: Direction) -> Float[np.ndarray, "3"]:
-    """Return the unit vector of a direction in the world."""
-    axes: Mapping[str, np.ndarray] = {
-        "right": np.array(task.right),
-        "left": -np.array(task.right),
-        "away": np.array(task.away),
-        "near": -np.array(task.away),
-        "up": np.array([0.0, 0.0, 1.0]),
-        "down": np.array([0.0, 0.0, -1.0]),
-    }
-    return axes[direction]
 
 
 def _replay(folder: DemonstrationFolder, name: str, task: Task, physics: Physics) -> list[ReplayStep]:

@@ -3,7 +3,8 @@
 import { OrbitControls, THREE } from "nicegui-scene";
 import { stateAt } from "bt_jax-scene/motion.js";
 import { pointer } from "bt_jax-scene/pointer.js";
-import { discard, ghostOf, meshOf, nameTag, poseOf, setPose, slotTag, softwareOnly } from "bt_jax-scene/shapes.js";
+import { discard, ghostOf, meshOf, poseOf, setPose, softwareOnly } from "bt_jax-scene/shapes.js";
+import { keepApart, nameTag, slotTag } from "bt_jax-scene/tags.js";
 import { view } from "bt_jax-scene/view.js";
 
 const GLIDE = 180; // milliseconds
@@ -22,6 +23,7 @@ export default {
   mounted() {
     const canvas = this.$el.children[0];
     this.tip = this.$el.children[1];
+    this.extent = [1, 1]; // pixels across, and up and down
     this.rendered = 0; // pictures so far, for measurements
     this.software = softwareOnly();
     try {
@@ -240,6 +242,7 @@ export default {
       this.pending = false;
       if (!this.renderer) return;
       if (this.motion) this.advance(time);
+      keepApart(this.tags, this.camera, this.extent);
       this.renderer.render(this.scene, this.camera);
       this.rendered += 1;
       if (this.motion) this.draw();

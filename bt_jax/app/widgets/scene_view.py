@@ -232,8 +232,11 @@ def _model(task: Task) -> dict[str, Any]:
 
 def _kit(kit: Kit, parts: list[dict[str, Any]]) -> dict[str, Any]:
     """Return what is drawn of a kit besides its shapes: the surfaces to stand on, and the names of its slots."""
-    slots = [{"name": slot.name, "position": [*slot.position, kit.plate]} for slot in kit.places]
-    return {"name": kit.name, "parts": parts, "slots": slots}
+    slots = {
+        slot.position: slot.name for slot in reversed(kit.places)
+    }  # one that is written hides that of the grid there
+    named = [{"name": name, "position": [*position, kit.plate]} for position, name in slots.items()]
+    return {"name": kit.name, "parts": parts, "slots": named}
 
 
 def _geom(model: mujoco.MjModel, index: int) -> dict[str, Any]:

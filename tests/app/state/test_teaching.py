@@ -1,13 +1,14 @@
 """A person who teaches, without a browser."""
 
 import asyncio
+import math
 
 import numpy as np
 import pytest
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.state.demonstration_library import ListedDemonstration
-from bt_jax.app.state.teaching import DIRECTIONS
+from bt_jax.app.state.directions import DIRECTIONS
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.lfd import plan_task
 from bt_jax.mjx_env.world import frames, to_world
@@ -122,6 +123,35 @@ async def test_an_object_is_carried_straight_over_another(studio):
         assert teaching.landing.on == frame
     with pytest.raises(UserError, match="no frame 'GreenBox' to carry"):
         await teaching.carry_over("GreenBox")
+
+
+@in_loop
+async def test_an_object_is_turned_to_round_angles_and_carried_to_its_slot(studio):
+    studio.open_task(load_task("kit4"))
+    teaching = studio.teaching
+    await teaching.begin(reached=False)
+    with pytest.raises(UserError, match="holds nothing; pick an object first"):
+        await teaching.turn(1)
+    await teaching.pick("Plate")
+    session, seen = teaching.session, []
+    for way in (1, 1, -1):
+        before = session.turn("base_link")
+        await teaching.turn(way)
+        seen.append(session.turn("base_link"))
+        assert 0 < way * math.remainder(seen[-1] - before, 360) < 15.2
+        assert abs(math.remainder(seen[-1], 15)) < 0.01
+    assert seen[2] == pytest.approx(seen[0], abs=0.01)
+    with pytest.raises(UserError, match="Plate does not go into the slot"):
+        await teaching.carry_to_slot("Tray.can")
+    await teaching.carry_to_slot("Tray.plate")
+    assert teaching.landing.on == "Tray"
+    again = teaching.draft.session(studio.worker.physics(session.task))
+    np.testing.assert_allclose(again.world.poses, session.world.poses, atol=1e-5)
+    await teaching.release()
+    assert teaching.done == ["Pick up Plate", "Put Plate in slot plate of Tray"]
+    await teaching.undo()
+    await teaching.undo()  # the turns, too
+    assert (session.held, teaching.done) == ("Plate", ["Pick up Plate"])
 
 
 @in_loop

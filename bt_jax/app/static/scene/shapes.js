@@ -1,9 +1,6 @@
 // Meshes of the scene, and poses [x, y, z, qw, qx, qy, qz].
 import { THREE } from "nicegui-scene";
 
-const TAG = 17; // height of the name of an object, pixels
-const SMALL_TAG = 13; // and of one among many
-const SLOT_TAG = 11; // and of a slot
 const ROUND = 32; // sides of a cylinder
 
 export function softwareOnly() {
@@ -31,47 +28,6 @@ function outline(geometry, material) {
   const lines = new THREE.LineSegments(new THREE.EdgesGeometry(geometry, 30), material);
   if (material.isLineDashedMaterial) lines.computeLineDistances();
   return lines;
-}
-
-// The name of an object, at its right, so that those of a stack keep apart.
-export function nameTag(text, many) {
-  const tag = textTag(text, "rgba(255, 255, 255, 0.88)", "#1d2733");
-  tag.material.depthTest = false;
-  tag.userData.height = many ? SMALL_TAG : TAG;
-  tag.center.set(-19 / (tag.userData.height * tag.userData.shape), 0.5);
-  return tag;
-}
-
-// The name of a slot, standing in it behind what is there.
-export function slotTag(text) {
-  const tag = textTag(text, "rgba(29, 39, 51, 0.45)", "#ffffff");
-  tag.userData.height = SLOT_TAG;
-  tag.center.set(0.5, 0);
-  return tag;
-}
-
-function textTag(text, background, color) {
-  const canvas = document.createElement("canvas");
-  const context = canvas.getContext("2d");
-  const font = "500 42px sans-serif";
-  context.font = font;
-  canvas.width = Math.ceil(context.measureText(text).width) + 36;
-  canvas.height = 64;
-  context.font = font;
-  context.fillStyle = background;
-  context.beginPath();
-  context.roundRect(0, 0, canvas.width, canvas.height, 20);
-  context.fill();
-  context.fillStyle = color;
-  context.textBaseline = "middle";
-  context.fillText(text, 18, 34);
-  const texture = new THREE.CanvasTexture(canvas);
-  texture.colorSpace = THREE.SRGBColorSpace;
-  const material = { map: texture, transparent: true, sizeAttenuation: false };
-  const tag = new THREE.Sprite(new THREE.SpriteMaterial(material));
-  tag.userData.shape = canvas.width / canvas.height;
-  tag.renderOrder = 10;
-  return tag;
 }
 
 // Frees the graphics memory of an object and everything in it.

@@ -17,6 +17,7 @@ export const view = {
   resize() {
     const { clientWidth: width, clientHeight: height } = this.$el;
     if (!width || !height) return;
+    this.extent = [width, height];
     this.renderer.setSize(width, height, false);
     Object.assign(this.$el.children[0].style, { width: `${width}px`, height: `${height}px` });
     this.camera.aspect = width / height;

@@ -1,0 +1,21 @@
+"""Round angles to which a person turns what is in the gripper."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bt_jax.app.state.directions import TURN_STEP, next_turn
+
+ways = st.sampled_from((-1, 1))
+
+
+@given(st.floats(-180, 180), ways)
+def test_the_next_round_angle_is_at_most_one_step_away(turn, way):
+    found = next_turn(turn, way)
+    assert found == TURN_STEP * round(found / TURN_STEP)
+    assert 0 < way * (found - turn) <= 1.01 * TURN_STEP
+
+
+@given(st.integers(-12, 12), ways, st.floats(-1e-3, 1e-3))
+def test_from_a_round_angle_it_is_one_step(steps, way, noise):
+    assert next_turn(steps * TURN_STEP + noise, way) == pytest.approx((steps + way) * TURN_STEP)
