@@ -8,7 +8,7 @@ from bt_jax.tasks.footprints import Footprint, overlap
 from bt_jax.tasks.refusals import Fail
 from bt_jax.tasks.slots import fits
 from bt_jax.tasks.start_checks import block_overlap
-from bt_jax.tasks.support import resolve_turned, start_turn
+from bt_jax.tasks.support import kit_origin, resolve_turned, start_turn
 from bt_jax.tasks.task import Target, Task
 from bt_jax.tasks.things import Kit, Object, Vec3
 
@@ -24,6 +24,8 @@ def check_targets(task: Task, fail: Fail) -> None:
         _check_slot(task, i, target, fail)
         _check_place(task, i, target, fail)
     _check_circles(task, fail)
+    for i, target in enumerate(task.targets):
+        _check_reach(task, i, target, fail)
     for (i, one), (j, other) in itertools.combinations(enumerate(task.targets), 2):
         if _overlap(task, one, other):
             fail(f"targets[{j}]", f"{other.object} would be inside {one.object} of targets[{i}]", "move one of them")
@@ -74,6 +76,18 @@ def _check_place(task: Task, i: int, target: Target, fail: Fail) -> None:
         below = task.thing(target.frame).half_at(None)
         if block_overlap(half, target.position, below, (0.0, 0.0, 0.0)) > task.episode.tolerance:
             fail(key, f"{target.object} would be inside {target.frame}", "move it to free space")
+
+
+def _check_reach(task: Task, i: int, target: Target, fail: Fail) -> None:
+    """Fail for a target below the tables, where the gripper does not reach."""
+    root, position, _ = resolve_turned(task, target)
+    if root in task.object_names:
+        return
+    on_robot = root == task.robot_frame
+    origins = [task.robot_position] if on_robot else [kit_origin(task, table, root) for table in task.tables]
+    if max(z for _, _, z in origins) + position[2] < min(table.top for table in task.tables):
+        problem = f"{target.object} would be below the tables, out of the gripper's reach"
+        fail(f"targets[{i}].position", problem, "move it onto a table or into a kit")
 
 
 def _hits_kit(kit: Kit, position: Vec3, half: Vec3) -> bool:
