@@ -150,7 +150,7 @@ class Handling:
         if moved:
             return True
         self.committed = True
-        self._open(arm)
+        self.moves.release(carried)
         del self.moves.carried[arm]
         self.moves.known[carried.box] = self.moves.robot.forward(arm, self.moves.link.arm(arm).commanded) * carried.pose
         yield from self.moves.fingers(arm, at_least=self.moves.around(arm, self.moves.width(carried)))

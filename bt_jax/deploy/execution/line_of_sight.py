@@ -32,6 +32,6 @@ class LineOfSight:
     def blocked(self, joints: Mapping[str, Joints], sight: Sequence[Sequence[float]], margin: float) -> bool:
         """May arms with these joints hide one of the places of `sight` from the first of them, the camera's, or come as near
         to a line between them as `margin`? In the base frame, m."""
-        self._model.move(joints, None)
+        self._model.move(joints, {})
         eye, *places = (np.array(place, float) for place in sight)
         return any(self._model.is_near_line(eye, place, margin) for place in places)

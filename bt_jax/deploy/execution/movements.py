@@ -19,7 +19,7 @@ from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.settings import GraspSettings, MotionSettings
 from bt_jax.deploy.link.protocol import RobotLink
 from bt_jax.deploy.planning.clearance import Carried
-from bt_jax.deploy.planning.grasps import grip_width
+from bt_jax.deploy.planning.grasps import grip_width, release_width
 from bt_jax.deploy.planning.planner import JointPath, Planner, Surroundings
 from bt_jax.deploy.planning.pose_geometry import distance_between, turn_between
 from bt_jax.deploy.planning.process import PlanningProcess
@@ -208,6 +208,12 @@ class Movements:
     def width(self, carried: Carried) -> float:
         """Return how far apart the fingers are that hold an object as it is carried, m."""
         return grip_width(self.things[carried.box], carried.pose)
+
+    def release(self, carried: Carried) -> None:
+        """Begin to open the fingers that hold an object, no wider than its neighbours allow."""
+        opening = self.robot.arm(carried.arm).gripper.opening
+        wide = release_width(self.things[carried.box], carried.pose, opening)
+        self.link.grip(carried.arm, wide, self.grasp.force)
 
     def around(self, arm: str, width: float) -> float:
         """Return how far apart fingers must be to pass over something of this width, m."""

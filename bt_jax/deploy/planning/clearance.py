@@ -14,6 +14,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy.planning.collisions import CollisionModel
+from bt_jax.deploy.planning.grasps import release_width
 from bt_jax.deploy.robot.arrays import Joints
 from bt_jax.deploy.robot.model import RobotModel
 from bt_jax.deploy.robot.shapes import Box, Cylinder, Link, Solid
@@ -23,7 +24,8 @@ __all__ = ["Carried", "CellClearance", "SafetyClearance"]
 
 HERE = RigidTransform.identity()
 ARM_MARGIN = 0.01  # m between arms, and between an arm and the body
-WORLD_MARGIN = 0.004  # m between an arm and tables, kit and boxes
+WORLD_MARGIN = 0.004  # m between an arm and kits and objects
+TABLE_MARGIN = 0.006  # m between an arm and tables: more than `safety.Rules.clearance`, within which a path is rejected
 CARRIED_MARGIN = 0.006  # m between a carried box and anything else
 SINK = 0.005  # m that a box may overlap at its place with what it rests on, as heights are seen
 GRAZE = 0.002  # m that it may overlap with what is beside it there, as boxes side by side are seen
@@ -57,8 +59,8 @@ class _Part:
 
 
 class CellClearance:
-    """Distances in a cell, for the joints of all arms by name; grippers are open unless their `opening` [m] is given. Poses
-    are in the robot's base frame."""
+    """Distances in a cell, for the joints of all arms by name. Grippers are open, one that carries something as far as it
+    will be to let go of it. Poses are in the robot's base frame."""
 
     def __init__(self, robot: RobotModel, task: Task, *, movable: bool = True) -> None:
         self.robot, self.task = robot, task
@@ -76,6 +78,7 @@ class CellClearance:
         self._margins = np.array([self._margin(*pair) for pair in self._pairs])
         self._contacts = np.array([{self._of[i].kind, self._of[j].kind} == {"held", "thing"} for i, j in self._pairs])
         self._active = np.ones(len(self._pairs), bool)
+        self._opening: dict[str, float] = {}
         self.place({})
 
     def place(
@@ -87,6 +90,10 @@ class CellClearance:
     ) -> None:
         """Say where kit and boxes are; what is not named is nowhere. A carried box is where its gripper is. Hands may touch
         the box `gripped`."""
+        self._opening = {}
+        if carried is not None and carried.known:
+            wide = self.robot.arm(carried.arm).gripper.opening
+            self._opening[carried.arm] = release_width(self.task.thing(carried.box), carried.pose, wide)
         inactive = set()
         for name, solids in self._things.items():
             there = name in poses and (carried is None or carried.box != name or not carried.known)
@@ -103,18 +110,18 @@ class CellClearance:
         for k, (i, j) in enumerate(self._pairs):
             self._active[k] = not ({i, j} & inactive or self._may_touch(i, j, gripped))
 
-    def distance(self, joints: Mapping[str, Joints], *, opening: float | None = None) -> float:
+    def distance(self, joints: Mapping[str, Joints]) -> float:
         """Return the least distance [m], negative if something overlaps; inf if there are no pairs."""
-        return self._least(joints, opening, np.zeros(len(self._pairs)))[0]
+        return self._least(joints, np.zeros(len(self._pairs)))[0]
 
-    def slack(self, joints: Mapping[str, Joints], *, opening: float | None = None) -> float:
+    def slack(self, joints: Mapping[str, Joints]) -> float:
         """Return the least of each pair's distance less the margin that it should keep [m]."""
-        return self._least(joints, opening, self._margins)[0]
+        return self._least(joints, self._margins)[0]
 
-    def slacks(self, joints: Mapping[str, Joints], *, opening: float | None = None) -> Float[np.ndarray, " pairs"]:
+    def slacks(self, joints: Mapping[str, Joints]) -> Float[np.ndarray, " pairs"]:
         """Return each pair's distance less the margin that it should keep [m], and where that is positive perhaps less of
         it; inf where a pair does not count."""
-        found = self._bounds(joints, opening)
+        found = self._bounds(joints)
         for pair in np.flatnonzero(found < self._margins):  # none where a joint is not a number
             found[pair] = self._model.distance(int(pair))
         return found - self._margins
@@ -126,15 +133,13 @@ class CellClearance:
 
     def nearest(self, joints: Mapping[str, Joints], allowed: Float[np.ndarray, " pairs"] | float = 0.0) -> str:
         """Which two shapes are nearest to what they may be, for messages; `allowed` is the least slack of each pair [m]."""
-        slack, pair = self._least(joints, None, self._margins + allowed)
+        slack, pair = self._least(joints, self._margins + allowed)
         first, second = (self._model.names[solid] for solid in self._pairs[pair])
         return f"{first} and {second} ({1000 * slack:.0f} mm)"
 
-    def _least(
-        self, joints: Mapping[str, Joints], opening: float | None, margins: Float[np.ndarray, " pairs"]
-    ) -> tuple[float, int]:
+    def _least(self, joints: Mapping[str, Joints], margins: Float[np.ndarray, " pairs"]) -> tuple[float, int]:
         """Return the least of the distances less `margins`, and of which pair it is; NaN if a joint is not a number."""
-        bounds = self._bounds(joints, opening) - margins
+        bounds = self._bounds(joints) - margins
         least, nearest = np.inf, 0
         if np.isnan(bounds).any():
             return np.nan, nearest
@@ -146,9 +151,9 @@ class CellClearance:
                 least, nearest = slack, int(pair)
         return float(least), nearest
 
-    def _bounds(self, joints: Mapping[str, Joints], opening: float | None) -> Float[np.ndarray, " pairs"]:
+    def _bounds(self, joints: Mapping[str, Joints]) -> Float[np.ndarray, " pairs"]:
         """Move the arms; return what each pair is apart at least, inf where it does not count."""
-        return np.where(self._active, self._model.move(joints, opening), np.inf)
+        return np.where(self._active, self._model.move(joints, self._opening), np.inf)
 
     def _add(self, part: _Part, name: str, link: str, solid: Solid, pose: RigidTransform = HERE) -> int:
         self._of.append(part)
@@ -200,6 +205,8 @@ class CellClearance:
         kinds = (self._of[i].kind, self._of[j].kind)
         if "held" in kinds:
             return CARRIED_MARGIN
+        if any(self._of[k].kind == "thing" and self._of[k].owner not in self._things for k in (i, j)):
+            return TABLE_MARGIN
         return WORLD_MARGIN if "thing" in kinds else ARM_MARGIN
 
     def _may_touch(self, i: int, j: int, gripped: str | None) -> bool:

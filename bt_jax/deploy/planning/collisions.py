@@ -71,10 +71,10 @@ class CollisionModel:
         self._reach = np.array(self._radii)[self._first] + np.array(self._radii)[self._second]
         self._state = pin.GeometryData(self._geometry)
 
-    def move(self, joints: Mapping[str, Joints], opening: float | None) -> PairValues:
-        """Move the arms and open the grippers, wide without `opening` [m]; return what each pair is apart at least, m."""
+    def move(self, joints: Mapping[str, Joints], opening: Mapping[str, float]) -> PairValues:
+        """Move the arms and open their grippers, wide without an `opening`; return what each pair is apart at least, m."""
         for arm, columns in self._columns.items():
-            finger = self.robot.arm(arm).gripper.stroke if opening is None else opening / 2
+            finger = opening.get(arm, self.robot.arm(arm).gripper.opening) / 2
             self._q[columns] = (*joints[arm], finger, finger)
         pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._state, self._q)
         centres = np.array([placement.translation for placement in self._state.oMg])

@@ -21,6 +21,7 @@ __all__ = [
     "grip_widths",
     "put_poses",
     "raised",
+    "release_width",
     "yaw_of",
 ]
 
@@ -28,10 +29,8 @@ DOWN = Rotation.from_euler("x", np.pi)  # z of the tool towards the floor
 QUARTERS = np.arange(4) * np.pi / 2
 AROUND = np.arange(8) * np.pi / 4  # directions from which a cylinder is grasped
 DEEP = 0.03  # m below the top of a tall object that the TCP goes
-HIGH = (
-    0.019  # m above the foot of a flat one that it stays, so that fingers, which reach further down, pass over the rims
-)
-LEAST = 0.001  # of kits; but as far below its top
+LEAST = 0.001  # m below the top of a flat one that it goes, however high it should stay
+ASIDE = 0.012  # m by which fingers open wider than what they let go of: neighbours may be near
 WIDER = 0.001  # m by which an object may be wider than the fingers open, as sizes are told
 
 
@@ -42,12 +41,13 @@ def yaw_of(rotation: Rotation) -> float:
     return float(np.arctan2(level[1], level[0]) % (np.pi / 2))
 
 
-def grasp_poses(box: RigidTransform, thing: Object, opening: float) -> list[RigidTransform]:
+def grasp_poses(box: RigidTransform, thing: Object, opening: float, least: float = 0.0) -> list[RigidTransform]:
     """Return the poses of the TCP from which an object at `box` can be grasped from above by fingers that open as wide as
-    `opening` [m]; all in the base frame. There are none for one that lies on its side, except a cube."""
+    `opening` [m], the TCP as high above its foot as `least` [m] if it is as high as that; all in the base frame. There are
+    none for one that lies on its side, except a cube."""
     if not thing.is_cube and box.rotation.as_matrix()[2, 2] < math.cos(math.pi / 4):
         return []
-    yaw, above = _yaw(thing, box.rotation), _grip_height(thing)
+    yaw, above = _yaw(thing, box.rotation), _grip_height(thing, least)
     place = box.translation + np.array([0.0, 0.0, above])
     poses = [
         RigidTransform.from_components(place, Rotation.from_euler("z", yaw + turn) * DOWN) for turn in _turns(thing)
@@ -66,6 +66,11 @@ def grip_width(thing: Object, held: RigidTransform) -> float:
 def grip_widths(thing: Object, opening: float) -> tuple[float, ...]:
     """Return how far apart fingers may be that hold an object, m."""
     return tuple(dict.fromkeys(width for width in thing.size[:2] if width <= opening + WIDER))
+
+
+def release_width(thing: Object, held: RigidTransform, opening: float) -> float:
+    """Return how far apart fingers move, `opening` at most, to let go of an object at `held` in the TCP's frame, m."""
+    return min(grip_width(thing, held) + ASIDE, opening)
 
 
 def put_poses(
@@ -124,8 +129,8 @@ def _put_turns(thing: Object, turn: float | None) -> list[list[float]]:
     return [along] if turn is not None else [along, [angle + math.pi / 2 for angle in along]]
 
 
-def _grip_height(thing: Object) -> float:
+def _grip_height(thing: Object, least: float) -> float:
     """Return how far above the centre of an object the TCP is that grasps it, m: at half its height, but no deeper below its
-    top than the fingers are long, and not so low that they touch what is beside it."""
+    top than the fingers are long, and `least` above its foot."""
     half = thing.height / 2
-    return max(0.0, half - DEEP, min(HIGH - half, half - LEAST))
+    return max(0.0, half - DEEP, min(least - half, half - LEAST))

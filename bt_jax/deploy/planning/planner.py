@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform
 
-from bt_jax.deploy.planning.clearance import GRAZE, SINK, Carried, CellClearance
+from bt_jax.deploy.planning.clearance import GRAZE, SINK, TABLE_MARGIN, WORLD_MARGIN, Carried, CellClearance
 from bt_jax.deploy.planning.grasps import grasp_poses, put_poses, raised
 from bt_jax.deploy.planning.kinematics import ArmKinematics
 from bt_jax.deploy.planning.paths import connect
@@ -110,8 +110,13 @@ class Planner:
         raise problem
 
     def grasps(self, arm: str, box: str, pose: RigidTransform) -> list[RigidTransform]:
-        """Return the poses of the TCP from which an arm could grasp an object at a pose."""
-        return grasp_poses(pose, self.task.thing(box), self.robot.arm(arm).gripper.opening)
+        """Return the poses of the TCP from which an arm could grasp an object at a pose, its fingers above the rims that are
+        beside slots."""
+        model = self.robot.arm(arm)
+        rims = [kit.wall_height + WORLD_MARGIN for kit in self.task.kits if kit.places]
+        return grasp_poses(
+            pose, self.task.thing(box), model.gripper.opening, model.below + max(rims, default=TABLE_MARGIN)
+        )
 
     def home(self, arm: str, among: Surroundings) -> JointPath:
         """Plan to the arm's place of rest. Raise Unplannable."""

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax.deploy.robot.arrays import Joints, Point
-from bt_jax.deploy.robot.shapes import Link, LinkShape, Placement, Vec3, placement_matrix
+from bt_jax.deploy.robot.shapes import Link, LinkShape, Placement, Vec3, highest, placement_matrix
 
 __all__ = ["ArmModel", "GripperModel", "JointModel", "RobotModel"]
 
@@ -122,6 +122,12 @@ class ArmModel:
         """How far the point between the finger tips can be from the first joint at most."""
         steps = [placement for placement, _ in (*(joint.placement for joint in self.joints[1:]), self.hand)]
         return float(sum(map(np.linalg.norm, (*steps, self.tcp))))
+
+    @functools.cached_property
+    def below(self) -> float:
+        """How far the fingers reach beyond the TCP along the hand's z, m."""
+        ends = {"finger_a": self.gripper.fingers[0][0][2], "finger_b": self.gripper.fingers[1][0][2]}
+        return max(ends[str(s.link)] + highest(s.solid) for s in self.shapes if s.link in ends) - self.tcp[2]
 
     @property
     def joint_names(self) -> tuple[str, ...]:

@@ -8,7 +8,19 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-__all__ = ["Box", "Capsule", "Cylinder", "Hull", "Link", "LinkShape", "Placement", "Solid", "Vec3", "placement_matrix"]
+__all__ = [
+    "Box",
+    "Capsule",
+    "Cylinder",
+    "Hull",
+    "Link",
+    "LinkShape",
+    "Placement",
+    "Solid",
+    "Vec3",
+    "highest",
+    "placement_matrix",
+]
 
 Vec3 = tuple[float | int, float | int, float | int]
 Placement = tuple[Vec3, Vec3]  # xyz [m], rpy [rad] about fixed axes x, y, z
@@ -56,6 +68,17 @@ class Hull:
 
 
 Solid = Box | Capsule | Cylinder | Hull
+
+
+def highest(solid: Box | Capsule | Hull) -> float:
+    """Return the largest z of a solid's points in its link's frame, m."""
+    match solid:
+        case Box(centre, edges):
+            return centre[2] + edges[2] / 2
+        case Capsule(start, end, radius):
+            return max(start[2], end[2]) + radius
+        case Hull(corners):
+            return max(z for _, _, z in corners)
 
 
 @dataclasses.dataclass(frozen=True)

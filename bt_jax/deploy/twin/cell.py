@@ -39,7 +39,16 @@ CAMERA, FILM = "cell", "film"
 STRANGER = "stranger"  # an object that the task does not know
 WRONG = 1.0  # m that an instance counts as farther from a target in which it lies wrongly
 NARROWER = 0.875  # size of one without markers, as a share of a box's
-STEP = 0.002  # seconds of physics
+OPTIONS = {  # of the physics
+    "timestep": 0.002,
+    "cone": "elliptic",
+    "impratio": 10,
+    "integrator": "implicitfast",
+    # MuJoCo's defaults: within the fewer steps of a task's scene, the line search among elliptic cones sometimes finds no
+    # better point, and what the fingers hold is thrown with the forces of its start.
+    "iterations": 100,
+    "ls_iterations": 50,
+}
 STIFF = "0.005 1"  # of contacts, s and damping ratio: a box that falls must not sink into the kit's thin plate
 SHELL = '<material name="shell" rgba=".88 .88 .86 1" specular=".3" shininess=".4"/>'
 
@@ -150,7 +159,7 @@ def _mjcf(
             geom.set("euler", _text(np.radians([float(angle) for angle in geom.attrib["euler"].split()])))
     _found(root, "compiler").set("angle", "radian")
     option = _found(root, "option")
-    for key, value in {"timestep": STEP, "cone": "elliptic", "impratio": 10, "integrator": "implicitfast"}.items():
+    for key, value in OPTIONS.items():
         option.set(key, str(value))
     _found(root, "visual/quality").set("offsamples", "0")
     for geom in root.iter("geom"):

@@ -1,11 +1,14 @@
-"""Where a carried box may be put down: on and beside what is there, and never into it."""
+"""Where a carried box may be put down: on and beside what is there, and never into it; and the way home."""
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
-from bt_jax.deploy.planning.clearance import Carried
+from bt_jax.deploy.link.safety import Rules
+from bt_jax.deploy.planning.clearance import Carried, CellClearance
+from bt_jax.deploy.planning.grasps import carried_pose
 from bt_jax.deploy.planning.planner import Planner, Surroundings
+from bt_jax.deploy.planning.timing import Pace
 from bt_jax.deploy.planning.unplannable import Unplannable
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.tasks import load_task
@@ -49,3 +52,28 @@ def test_a_box_is_not_put_into_another(aside):
 def test_a_box_is_not_put_through_the_wall_of_the_kit():
     with pytest.raises(Unplannable, match="KittingBox and GreenBox in hand"):
         put((0.065, 0, 0.0007))
+
+
+@pytest.mark.parametrize("nearer", [0.003, 0.005])
+def test_fingers_that_let_go_pass_between_an_object_and_its_neighbour(nearer):
+    """Open wide, they would come too near to the plate, which stands off its slot."""
+    task = load_task("yumi_kit4")
+    planner, tray = Planner(YUMI, task), RigidTransform.from_translation([0.3, 0, 0.001])
+    bar = RigidTransform.from_translation([0.3, 0.2, 0.0155])
+    held = carried_pose(planner.grasps("left", "Bar", bar)[0], bar, task.thing("Bar"))
+    turned = Rotation.from_euler("z", 90, degrees=True)
+    plate = tray * RigidTransform.from_components([nearer - 0.06, 0, 0.011], turned)
+    among = Surroundings({"Tray": tray, "Plate": plate}, dict(YUMI.home))
+    reach = planner.put(Carried("left", "Bar", held), tray.apply([0, 0, 0.0167]), 0.0, among, 90.0)
+    assert np.abs(turned.inv().apply((reach.tcp * held).rotation.apply([1.0, 0, 0]))[1]) < 1e-6
+
+
+def test_no_way_home_is_planned_so_near_to_a_table_that_it_would_be_rejected():
+    task = load_task("yumi_kit4")
+    planner, clearance = Planner(YUMI, task), CellClearance(YUMI, task, movable=False)
+    above_can = np.array([-1.726, -0.959, 1.792, 0.601, -0.843, -1.281, -0.013])
+    joints = {**YUMI.home, "left": above_can}
+    among = Surroundings({"Tray": RigidTransform.from_translation([0.3, 0, 0.001])}, joints)
+    for _ in range(3):
+        path = planner.timed(planner.home("left", among), Pace())
+        assert min(clearance.distance({**joints, "left": row}) for row in path.joints[::4]) >= Rules.clearance

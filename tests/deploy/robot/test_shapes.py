@@ -69,7 +69,7 @@ def test_only_links_that_never_meet_or_always_nearly_touch_are_not_looked_at():
     model.watch([(i, j) for _, i, j in pairs])
     nearest = []
     for _ in range(300):
-        model.move({**YUMI.home, "left": rng.uniform(arm.lower, arm.upper)}, None)
+        model.move({**YUMI.home, "left": rng.uniform(arm.lower, arm.upper)}, {})
         least = dict.fromkeys(unseen, np.inf)
         for k, (pair, _, _) in enumerate(pairs):
             least[pair] = min(least[pair], model.distance(k))
