@@ -13,11 +13,12 @@ import numpy as np
 from jaxtyping import Int8, UInt64
 
 from bt_jax.encoding.arrays import Trees
+from bt_jax.gp.achievements.archive import PER_KEY
 from bt_jax.gp.achievements.breeding import Origin, built, origins, varied
 from bt_jax.gp.achievements.goals import Goals, Measured
 from bt_jax.gp.achievements.knowledge import Knowledge
 from bt_jax.gp.alphabet import Alphabet
-from bt_jax.gp.config import GPConfig
+from bt_jax.gp.config import PATIENCE, GPConfig
 from bt_jax.gp.mutation import EditRates
 from bt_jax.gp.procedure import Procedure, State, now_seen, on_device
 from bt_jax.gp.random_trees import growth
@@ -45,7 +46,9 @@ class AchievementSearch(Procedure):
 
     or give `evaluate`, which takes Trees [R, P, N] and returns `Measured`, and call `step` or `run`. The population of a
     state is its best tree and what was measured last; `config.population` trees are measured each generation. A run has
-    ended once its best tree solves the task and was not improved for `config.num_patience` generations.
+    ended once its best tree solves the task and was not improved for `config.num_patience` generations. `confirm`, if given,
+    then takes the run and its best trees [K, N], and returns what they achieve in more layouts; the run goes on unless one
+    solves the task there, too.
     """
 
     def __init__(
@@ -55,6 +58,7 @@ class AchievementSearch(Procedure):
         goals: Goals,
         evaluate: Callable[[Trees], Measured] = _nothing,
         *,
+        confirm: Callable[[int, Trees], Measured] | None = None,
         baseline: Trees | None = None,
         episodes_per_tree: int = 1,
     ) -> None:
@@ -64,7 +68,7 @@ class AchievementSearch(Procedure):
         alphabet = Alphabet.of_kinds(kinds)
         alphabet.check()
         super().__init__(config, baseline=baseline, episodes_per_tree=episodes_per_tree)
-        self.kinds, self.goals, self.evaluate = kinds, goals, evaluate
+        self.kinds, self.goals, self.evaluate, self.confirm = kinds, goals, evaluate, confirm
         self._alphabet = jax.tree.map(lambda count: np.array(count, np.int32), alphabet)
         self._rates = EditRates.of(alphabet, config.mutation)
         self._first_rates = EditRates.of(alphabet, growth(gene_under_fallback=config.gene_under_fallback))
@@ -104,9 +108,11 @@ class AchievementSearch(Procedure):
                 pairs = archive.parents(rng, (2, count))
                 first, second = archive.trees[pairs[0]], archive.trees[pairs[1]]
                 achieved = archive.achieved(len(goals.concerns))[pairs[0]]
+                missed = archive.missed[pairs[0]]
             else:
                 first, second, achieved = spare, spare, np.zeros((count, len(goals.concerns)), bool)
-            trees, made = built(rng, origin, first, achieved, knowledge, goals)
+                missed = np.zeros(achieved.shape, np.float32)
+            trees, made = built(rng, origin, first, achieved, missed, knowledge, goals, self.kinds)
             origin = np.where((origin < Origin.CROSSED) & ~made | (turn >= ROUNDS // 2), Origin.MUTATED, origin)
             steps = np.where(origin == Origin.MUTATED, self._chain_lengths(rng, count) + turn, 0)
             key = rng.integers(1 << 32, size=2, dtype=np.uint64).astype(np.uint32)
@@ -157,9 +163,23 @@ class AchievementSearch(Procedure):
         return State(population, generation, baseline_fitness, now_seen(seen, offspring), earlier, learnt)
 
     def step(self, state: State | None) -> State:
-        """Return the state one generation later, or for None the first: `ask`, `evaluate`, `tell`."""
+        """Return the state one generation later, or for None the first: `ask`, `evaluate`, `tell`, and `confirm` for the
+        runs that have just come to their end."""
         offspring = self.ask(state)
-        return self.tell(state, offspring, self.evaluate(offspring))
+        measured = self.evaluate(offspring)
+        state = self.tell(state, offspring, measured)
+        if self.confirm is None:
+            return state
+        learnt = tuple(self._confirmed(run, known) for run, known in enumerate(state.knowledge))
+        return dataclasses.replace(state, knowledge=learnt, population=_population(offspring, measured, learnt))
+
+    def _confirmed(self, run: int, known: Knowledge) -> Knowledge:
+        """Return what a run knows after its best trees were tried in more layouts, if it is time for that."""
+        patience = PATIENCE if self.config.num_patience is None else self.config.num_patience
+        if self.confirm is None or not known.solved or known.stagnant != patience:
+            return known
+        rows = known.complete(self.goals)[:PER_KEY]
+        return known.tried(rows, self.confirm(run, known.archive.trees[rows]), self.goals)
 
     def adopt(self, trees: Trees, *, generation: int, earlier: Sequence[int]) -> State:
         """Go on with trees [R, P, N] that were bred for another fitness: what was learnt begins with their episodes."""

@@ -51,10 +51,14 @@ def _group(leaf: Behavior, kinds: Mapping[str, int]) -> int:
 def measured(evaluation: Evaluation, task: Task, shape: tuple[int, int]) -> Measured:
     """Return what the episodes of R times P trees tell the search; `shape` is (R, P)."""
     assert evaluation.trace is not None
-    achieved = np.concatenate([evaluation.misses.met, evaluation.reached], axis=-1).mean(axis=1, dtype=np.float32)
+    weights, misses = task.weights, evaluation.misses
+    achieved = np.concatenate([misses.met, evaluation.reached], axis=-1).mean(axis=1, dtype=np.float32)
+    off = weights.distance * misses.distance + weights.turn * misses.turn
+    missed = np.concatenate([off, weights.subgoal * ~evaluation.reached], axis=-1).mean(axis=1, dtype=np.float32)
     return Measured(
         fitness=evaluation.fitness.reshape(shape),
         solved=evaluation.solved.all(axis=1).reshape(shape),
-        achieved=achieved.reshape(*shape, -1),
-        trace=np.bitwise_or.reduce(evaluation.trace, axis=1).reshape(*shape, -1),
+        achieved=achieved.reshape(*shape, achieved.shape[-1]),
+        missed=missed.reshape(*shape, missed.shape[-1]),
+        trace=np.bitwise_or.reduce(evaluation.trace, axis=1).reshape(*shape, evaluation.trace.shape[-1]),
     )

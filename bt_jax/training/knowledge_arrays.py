@@ -22,6 +22,7 @@ KNOWLEDGE: Mapping[str, Any] = types.MappingProxyType(
         "kept_sizes": UInt8[np.ndarray, "E N"],
         "kept_fitness": Float32[np.ndarray, " E"],
         "kept_keys": UInt64[np.ndarray, " E"],
+        "kept_missed": Float32[np.ndarray, "E A"],  # not in older files
         "kept_counts": Int64[np.ndarray, " R"],
         "tested": Int32[np.ndarray, "R V"],
         "achieves": Float32[np.ndarray, "R V A"],
@@ -43,6 +44,7 @@ def arrays_of(knowledge: tuple[Knowledge, ...]) -> dict[str, np.ndarray]:
         "kept_sizes": np.concatenate([archive.trees.sizes for archive in archives]),
         "kept_fitness": np.concatenate([archive.fitness for archive in archives]),
         "kept_keys": np.concatenate([archive.keys for archive in archives]),
+        "kept_missed": np.concatenate([archive.missed for archive in archives]),
         "kept_counts": np.array([len(archive) for archive in archives]),
         "tested": np.stack([linkage.tested for linkage in linkages]),
         "achieves": np.stack([linkage.achieves for linkage in linkages]),
@@ -57,11 +59,17 @@ def knowledge_of(arrays: Mapping[str, np.ndarray]) -> tuple[Knowledge, ...]:
     """Return what the arrays of a checkpoint say, which are of the shapes of `KNOWLEDGE`."""
     if "kept_counts" not in arrays:
         return ()
+    if "kept_missed" not in arrays:
+        missed = np.zeros((len(arrays["kept_keys"]), arrays["achieves"].shape[-1]), np.float32)
+        arrays = {**arrays, "kept_missed": missed}
     ends = np.cumsum(arrays["kept_counts"])[:-1]
-    kept = {name: np.split(arrays[f"kept_{name}"], ends) for name in ("tokens", "sizes", "fitness", "keys")}
+    kept = {name: np.split(arrays[f"kept_{name}"], ends) for name in ("tokens", "sizes", "fitness", "keys", "missed")}
     return tuple(
         Knowledge(
-            Archive(Trees(kept["tokens"][run], kept["sizes"][run]), kept["fitness"][run], kept["keys"][run]),
+            Archive(
+                Trees(kept["tokens"][run], kept["sizes"][run]),
+                *(kept[name][run] for name in ("fitness", "keys", "missed")),
+            ),
             Linkage(*(arrays[name][run] for name in ("tested", "achieves", "pairs", "order"))),
             bool(arrays["solved"][run]),
             int(arrays["stagnant"][run]),

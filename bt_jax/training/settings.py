@@ -8,12 +8,14 @@ from typing import Literal
 
 from bt_jax._util.errors import UserError
 
-__all__ = ["UNSEEN", "Backend", "Evaluator", "Level", "Settings"]
+__all__ = ["CONFIRMED", "CONFIRMING", "UNSEEN", "Backend", "Evaluator", "Level", "Settings"]
 
 Level = Literal["physics", "kinematic"]
 Backend = Literal["auto", "mujoco", "mjx"]
 Evaluator = Literal["table", "rollout"]
 UNSEEN = 1 << 20  # seeds of layouts for tests; training uses the seeds of its runs
+CONFIRMING = 1 << 21  # seeds of layouts in which a run tries its best trees before it ends,
+CONFIRMED = 30  # so many
 
 
 @dataclasses.dataclass(frozen=True)

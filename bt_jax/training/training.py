@@ -36,7 +36,7 @@ from bt_jax.training.goals import goals_of, measured
 from bt_jax.training.levels import make_level, make_settle
 from bt_jax.training.result import EXPLAINED, Failures, Result, Test
 from bt_jax.training.run_config import RunConfig
-from bt_jax.training.settings import UNSEEN, Settings
+from bt_jax.training.settings import CONFIRMED, CONFIRMING, UNSEEN, Settings
 
 __all__ = ["Training", "evolve"]
 
@@ -95,6 +95,7 @@ class Training:
                 self.vocabulary.kinds,
                 goals,
                 self._measured,
+                confirm=self._confirm,
                 baseline=baseline,
                 episodes_per_tree=per_tree,
             )
@@ -129,6 +130,29 @@ class Training:
     def _measured(self, trees: Trees) -> Measured:
         runs, population, _ = trees.tokens.shape
         return measured(self._evaluation(trees), self.task, (runs, population))
+
+    def _confirm(self, run: int, trees: Trees) -> Measured:
+        """Return what K trees [K, N] achieve in layouts that are neither those of the run nor those of the test."""
+        layouts = sample_layouts(self.task, [CONFIRMING, self.config.seed + run], CONFIRMED)
+        count, _ = trees.tokens.shape
+        each, own = self._copies(trees, CONFIRMED)
+        found = measured(self.evaluator(each, layouts, own), self.task, (count, len(own) // count))
+        return Measured(
+            fitness=found.fitness.mean(axis=1),
+            solved=np.array(found.solved.all(axis=1)),
+            achieved=found.achieved.mean(axis=1),
+            missed=found.missed.mean(axis=1),
+            trace=np.bitwise_or.reduce(found.trace, axis=1),
+        )
+
+    def _copies(self, trees: Trees, count: int) -> tuple[Trees, Int32[np.ndarray, "E K"]]:
+        """Return each of several trees [K, N] as often as it takes to be measured in `count` layouts, as many at once as in
+        training, and the layouts of each."""
+        per_tree = self.settings.layouts
+        copies = -(-count // per_tree)
+        which = np.minimum(np.arange(copies * per_tree, dtype=np.int32), count - 1).reshape(copies, per_tree)
+        each = jax.tree.map(lambda leaf: np.repeat(leaf, copies, axis=0), trees)
+        return each, np.tile(which, (len(trees.tokens), 1))
 
     def _evaluation(self, trees: Trees) -> Evaluation:
         runs, population, _ = trees.tokens.shape
@@ -172,11 +196,7 @@ class Training:
         """Run a tree in `count` layouts (default: `test_layouts`) that no run of this training has seen."""
         count = self.settings.test_layouts if count is None else count
         layouts = self._unseen(count)
-        per_tree = self.settings.layouts
-        copies = -(-count // per_tree)
-        one = encode(tree, self.vocabulary, self.config.max_nodes)
-        trees = jax.tree.map(lambda leaf: np.tile(leaf, (copies, 1)), one)
-        which = np.minimum(np.arange(copies * per_tree, dtype=np.int32), count - 1).reshape(copies, per_tree)
+        trees, which = self._copies(encode(tree, self.vocabulary, self.config.max_nodes)[None], count)
         result = self.evaluator(trees, layouts, which)
         return Test(result.solved.reshape(-1)[:count], result.values.reshape(-1)[:count])
 

@@ -58,8 +58,15 @@ def test_it_finds_the_smallest_tree_and_stops_once_nothing_improves(step):
 
 
 def test_the_same_seed_gives_the_same_run_from_any_state_on(found):
-    search = search_in(Tower())
+    asked = []
+
+    def confirm(run, trees):
+        asked.append(run)
+        return jax.tree.map(lambda leaf: leaf[0], Tower().measured(trees[None]))
+
+    search = search_in(Tower(), confirm=confirm)  # whose trees do as well in other layouts
     assert_same([state.knowledge for state in found], [state.knowledge for state in search.run()])
+    assert asked == [0]
     middle = found[len(found) // 2]
     assert_same([state.population for state in search.run(middle)], [s.population for s in found[len(found) // 2 :]])
     other = search_in(Tower(), dataclasses.replace(CONFIG, seed=4)).step(None)
@@ -124,3 +131,33 @@ def test_history_tells_what_was_learnt(found):
     assert 0 < first.kept <= last.kept
     assert (last.achieved, last.understood) == (3, 3)
     assert last.episodes == CONFIG.population * len(found)
+
+
+def text_of(tower, tree):
+    return one_line(decode(tree, tower.vocabulary))
+
+
+@pytest.mark.parametrize("runs", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_tree_that_fails_in_other_layouts_does_not_end_the_search(runs):
+    """Block 0 may lie in either of two places, but elsewhere only in one of them."""
+    tower, asked = Tower(near=((0, 0, 0.0),)), []
+
+    def confirm(run, trees):
+        asked.append(run)
+        return jax.tree.map(lambda leaf: leaf[0], Tower(right=(0, 1, 3)).measured(trees[None]))
+
+    config = dataclasses.replace(CONFIG, runs=runs)
+    *_, state = search_in(tower, config, confirm=confirm).run()
+    assert state.generation < CONFIG.num_generations
+    assert set(asked) == set(range(runs))
+    trees, _ = best_of(state)
+    for run in range(runs):
+        assert state.knowledge[run].solved
+        assert text_of(tower, trees[run]) == "Sequence(0@0, 1@1, 2@3)"
+
+
+def test_what_costs_fitness_in_a_solved_tree_is_refined():
+    """A place beside the right one will do, but the right one is better; and a leaf that does nothing goes."""
+    tower = Tower(near=((1, 2, 5.0),))
+    *_, state = search_in(tower).run()
+    assert text_of(tower, best_of(state)[0][0]) == "Sequence(0@4, 1@1, 2@3)"

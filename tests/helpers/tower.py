@@ -22,12 +22,18 @@ MAX_TICKS = 20
 
 @dataclasses.dataclass(frozen=True)
 class Tower:
-    """`right[b]` is where block b belongs. With a `step`, all blocks are locked until `unlock` has run and `unlocked` was
-    ticked."""
+    """`right[b]` is where block b belongs; `near` are a block, a place that will do for it, and by how much fitness falls.
+    With a `step`, all blocks are locked until `unlock` has run and `unlocked` was ticked."""
 
     right: tuple[int, ...] = (4, 1, 3)
     places: int = 6
     step: bool = False
+    near: tuple[tuple[int, int, float], ...] = ()
+
+    def misses(self, block: int, place: int) -> float:
+        """Return what a block in a place costs."""
+        costs = {(b, p): cost for b, p, cost in self.near}
+        return 0.0 if place == self.right[block] else costs.get((block, place), 100.0)
 
     @functools.cached_property
     def vocabulary(self) -> Vocabulary[Symbol]:
@@ -58,16 +64,17 @@ class Tower:
         shape = trees.tokens.shape[:2]
         flat = jax.tree.map(lambda leaf: np.asarray(leaf).reshape(-1, leaf.shape[-1]), trees)
         found = [self.episode(flat[i]) for i in range(len(flat.tokens))]
-        fitness, solved, achieved, trace = (np.stack(column) for column in zip(*found, strict=True))
+        fitness, solved, achieved, missed, trace = (np.stack(column) for column in zip(*found, strict=True))
         return Measured(
             fitness.astype(np.float32).reshape(shape),
             solved.reshape(shape),
             achieved.astype(np.float32).reshape(*shape, -1),
+            missed.astype(np.float32).reshape(*shape, -1),
             trace.reshape(*shape, -1),
         )
 
-    def episode(self, tree: Trees) -> tuple[float, bool, np.ndarray, np.ndarray]:
-        """Return fitness, whether the tree solves the task, what was achieved, and the trace."""
+    def episode(self, tree: Trees) -> tuple[float, bool, np.ndarray, np.ndarray, np.ndarray]:
+        """Return fitness, whether the tree solves the task, what was achieved and what was missed, and the trace."""
         root, trace = decode(tree, self.vocabulary), np.zeros(tree.num_nodes, np.uint8)
         nodes, site, successes = prefix(root), Site(self), 0
         for _ in range(MAX_TICKS):
@@ -81,17 +88,20 @@ class Tower:
             if ticked.status == Status.FAILURE or successes == 2:
                 break
             site.act()
-        met = [place == right for place, right in zip(site.at, self.right, strict=True)] + [site.told] * self.step
-        solved = all(met) and ticked.status == Status.SUCCESS
-        fitness = -100.0 * (len(met) - sum(met)) - 20.0 * (ticked.status != Status.SUCCESS) - len(nodes)
-        return fitness, solved, np.array(met), trace
+        missed = np.array(
+            [self.misses(b, place) for b, place in enumerate(site.at)] + [100.0 - 100 * site.told] * self.step
+        )
+        met = missed < 100
+        solved = met.all() and ticked.status == Status.SUCCESS
+        fitness = -missed.sum() - 20.0 * (ticked.status != Status.SUCCESS) - len(nodes)
+        return fitness, solved, met, missed, trace
 
 
 class Site:
     """A tower while it is built."""
 
     def __init__(self, tower: Tower) -> None:
-        self.right, self.at = tower.right, [-1] * len(tower.right)
+        self.tower, self.at = tower, [-1] * len(tower.right)
         self.unlocked = self.told = not tower.step
         self.command: str | None = None
 
@@ -105,7 +115,7 @@ class Site:
         else:
             block, place = map(int, leaf.name.split("@"))
             done = self.at[block] == place
-            possible = self.told and (block == 0 or self.at[block - 1] == self.right[block - 1])
+            possible = self.told and (block == 0 or self.tower.misses(block - 1, self.at[block - 1]) < 100)
         if done or not possible:
             return Status.SUCCESS if done else Status.FAILURE
         self.command = leaf.name

@@ -115,6 +115,19 @@ def test_a_run_goes_on_from_its_checkpoint_as_if_it_had_never_stopped(tmp_path, 
         assert_same(one.seen, other.seen)
 
 
+def test_a_checkpoint_of_before_misses_were_kept_goes_on(tmp_path):
+    training = Training(STACK3, dataclasses.replace(CONFIG, generations=4), QUICK)
+    state = training.evolution.step(None)
+    Checkpoint(state, training.vocabulary.leaves, 0, [], training.run_config).save(tmp_path / "state.npz")
+    with np.load(tmp_path / "state.npz") as arrays:
+        older = {name: arrays[name] for name in arrays if name != "kept_missed"}
+    np.savez(tmp_path / "older.npz", **older)
+    saved = Checkpoint.load(tmp_path / "older.npz")
+    archive, kept = state.knowledge[0].archive, saved.state.knowledge[0].archive
+    assert_same(kept, dataclasses.replace(archive, missed=np.zeros_like(archive.missed)))
+    assert training.evolution.step(saved.state).generation == 1
+
+
 def rounded(row):
     return {name: float(f"{value:.4f}") for name, value in dataclasses.asdict(row).items() if isinstance(value, float)}
 

@@ -6,7 +6,7 @@ import dataclasses
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float32, Int32, UInt64
+from jaxtyping import Bool, Float32, Int, Int32, UInt64
 
 from bt_jax.encoding.arrays import Trees
 
@@ -24,36 +24,44 @@ class Archive:
     trees: Trees  # [E, N]
     fitness: Float32[np.ndarray, " E"]
     keys: UInt64[np.ndarray, " E"]  # the achievements as bits
+    missed: Float32[np.ndarray, "E A"]  # by how much fitness fell with what each achievement lacks
 
     @staticmethod
-    def empty(num_nodes: int) -> Archive:
+    def empty(num_nodes: int, achievements: int) -> Archive:
         """Return an archive without trees."""
         trees = Trees(np.zeros((0, num_nodes), np.int16), np.zeros((0, num_nodes), np.uint8))
-        return Archive(trees, np.zeros(0, np.float32), np.zeros(0, np.uint64))
+        return Archive(trees, np.zeros(0, np.float32), np.zeros(0, np.uint64), np.zeros((0, achievements), np.float32))
 
     def __len__(self) -> int:
         return len(self.fitness)
 
-    def entrants(self, fitness: Float32[np.ndarray, " M"], keys: UInt64[np.ndarray, " M"]) -> Int32[np.ndarray, " _"]:
-        """Return which of M trees would find a place, were each the only one."""
+    def entrants(
+        self, fitness: Float32[np.ndarray, " M"], keys: UInt64[np.ndarray, " M"], *, drift: bool
+    ) -> Int32[np.ndarray, " _"]:
+        """Return which of M trees would find a place, were each the only one; with `drift`, in place of one as fit, too."""
         if not len(self):
             return np.arange(len(fitness), dtype=np.int32)
         place = np.searchsorted(self.keys, keys) + PER_KEY - 1  # that of the worst which is kept, if there are so many
         inside = np.minimum(place, len(self) - 1)
         full = (place < len(self)) & (self.keys[inside] == keys)
-        return np.flatnonzero(~full | (fitness > self.fitness[inside])).astype(np.int32)
+        least = self.fitness[inside]
+        return np.flatnonzero(~full | (fitness > least) | (drift & (fitness == least))).astype(np.int32)
 
-    def with_(self, trees: Trees, fitness: Float32[np.ndarray, " M"], keys: UInt64[np.ndarray, " M"]) -> Archive:
-        """Return the archive after M trees have competed for their places; of equals, the earlier stays."""
-        trees = Trees(*(np.concatenate(pair) for pair in zip(_fields(self.trees), _fields(trees), strict=True)))
-        fitness, keys = np.concatenate([self.fitness, fitness]), np.concatenate([self.keys, keys])
+    def with_(self, others: Archive) -> Archive:
+        """Return the archive after the trees of another, in any order, have competed for their places; of equals, those of
+        the other stay."""
+        both = jax.tree.map(lambda new, old: np.concatenate([new, old]), others, self)
+        trees, fitness, keys = both.trees, both.fitness, both.keys
         _, once = np.unique(np.concatenate(_fields(trees), axis=1), axis=0, return_index=True)
         once = np.sort(once)
         order = once[np.lexsort((-fitness[once], keys[once]))]
         keys = keys[order]
         rank = np.arange(len(order)) - np.searchsorted(keys, keys)
-        kept = order[rank < PER_KEY]
-        return Archive(trees[kept], fitness[kept], keys[rank < PER_KEY])
+        return both.at(order[rank < PER_KEY])
+
+    def at(self, rows: Int[np.ndarray, " _"]) -> Archive:
+        """Return some of the entries."""
+        return Archive(self.trees[rows], self.fitness[rows], self.keys[rows], self.missed[rows])
 
     def achieved(self, achievements: int) -> Bool[np.ndarray, "E A"]:
         """Return what each tree achieves."""

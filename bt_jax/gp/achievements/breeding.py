@@ -1,5 +1,5 @@
-"""Offspring of the search: trees that test leaves, that are assembled from what is known, that get what they lack, and the
-crossovers and mutations of the other method."""
+"""Offspring of the search: trees that test leaves, that are assembled from what is known, that get what they lack, that are
+refined, and the crossovers and mutations of the other method."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import enum
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int32, UInt32
+from jaxtyping import Array, Bool, Float32, Int8, Int32, UInt32
 
 from bt_jax._util.compile_cache import kept_jit
 from bt_jax.behaviors.nodes import Kind
@@ -17,6 +17,7 @@ from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.achievements.compose import children_of, compose, leaf_parts
 from bt_jax.gp.achievements.goals import Goals
 from bt_jax.gp.achievements.knowledge import Knowledge
+from bt_jax.gp.achievements.traces import without_leaf
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.config import MutationConfig
 from bt_jax.gp.crossover import crossover
@@ -28,11 +29,12 @@ from bt_jax.gp.validity import is_valid
 __all__ = ["Origin", "built", "origins", "varied"]
 
 NEW = 0.5  # share of trees that test leaves, while there is something to test
-SHARES = (0.3, 0.4, 0.15)  # of the others, of `ASSEMBLED`, `FILLED` and `CROSSED`; the rest are `MUTATED`
+SHARES = (0.27, 0.36, 0.1, 0.135)  # of the others, from `ASSEMBLED` to `CROSSED`; the rest are `MUTATED`
 WITH_STEP = 0.7  # of assembled trees begin with what has done a step on the way
 GUARDED = 0.5  # of new trees, while nobody has done a step
 CURIOUS = 0.25  # of assembled and filled trees test a leaf in place of one that is known
 IN_PLACE = 0.5  # of filled trees in which another leaf of the group stands lose that one
+SHORTER = 0.3  # of refined trees that lack nothing lose a leaf
 DRAWS = 4  # of what has done a step, the smallest of so many is taken
 
 
@@ -42,8 +44,9 @@ class Origin(enum.IntEnum):
     TESTING = 0
     ASSEMBLED = 1
     FILLED = 2
-    CROSSED = 3
-    MUTATED = 4
+    REFINED = 3
+    CROSSED = 4
+    MUTATED = 5
 
 
 def origins(rng: np.random.Generator, knowledge: Knowledge, goals: Goals, count: int) -> Int32[np.ndarray, " M"]:
@@ -59,17 +62,22 @@ def built(
     rng: np.random.Generator,
     origin: Int32[np.ndarray, " M"],
     parents: Trees,
-    parent_keys: Bool[np.ndarray, "M A"],
+    achieved: Bool[np.ndarray, "M A"],
+    missed: Float32[np.ndarray, "M A"],
     knowledge: Knowledge,
     goals: Goals,
+    kinds: Int8[np.ndarray, " V"],
 ) -> tuple[Trees, Bool[np.ndarray, " M"]]:
-    """Return M trees [M, N], those that are put together as their origins say, and which of them came about."""
+    """Return M trees [M, N], those that are put together as their origins say, and which of them came about. Where nothing
+    is lacking that could be filled in, a parent is refined. `achieved` and `missed` are those of the parents."""
     trees = Trees(np.zeros_like(parents.tokens), np.zeros_like(parents.sizes))
     made = np.zeros(len(origin), bool)
+    origin = np.where((origin == Origin.FILLED) & achieved.all(axis=1), Origin.REFINED, origin)
     for kind, make in (
         (Origin.TESTING, lambda rows: _testing(rng, len(rows), knowledge, goals, trees.num_nodes)),
         (Origin.ASSEMBLED, lambda rows: _assembled(rng, len(rows), knowledge, goals, trees.num_nodes)),
-        (Origin.FILLED, lambda rows: _filled(rng, parents[rows], parent_keys[rows], knowledge, goals)),
+        (Origin.FILLED, lambda rows: _filled(rng, parents[rows], achieved[rows], knowledge, goals)),
+        (Origin.REFINED, lambda rows: _refined(rng, parents[rows], achieved[rows], missed[rows], goals, kinds)),
     ):
         rows = np.flatnonzero(origin == kind)
         if rows.size:
@@ -190,6 +198,37 @@ def _filled(
                 some, fits = compose(_beside([Trees(front.tokens[:, None], front.sizes[:, None]), rest]))
         trees.tokens[rows], trees.sizes[rows], made[rows] = some.tokens, some.sizes, fits
     return trees, made
+
+
+def _refined(
+    rng: np.random.Generator,
+    parents: Trees,
+    achieved: Bool[np.ndarray, "M A"],
+    missed: Float32[np.ndarray, "M A"],
+    goals: Goals,
+    kinds: Int8[np.ndarray, " V"],
+) -> tuple[Trees, Bool[np.ndarray, " M"]]:
+    """Return the parents with another leaf of the same group in the place of one: any, but in a tree that lacks nothing one
+    whose group costs fitness, in proportion to how much; some of these lose a leaf instead."""
+    tokens, sizes = parents.tokens.copy(), parents.sizes.copy()
+    leaf = (tokens >= FIRST_LEAF) & (goals.group[tokens] >= 0)
+    group = np.where(leaf, goals.group[tokens], 0)
+    complete = np.array(achieved.all(axis=1))
+    cost = missed @ (goals.concerns[:, None] == np.arange(goals.num_groups))  # [M, G]
+    weight = leaf * np.where(complete[:, None], np.take_along_axis(cost, group, axis=1), np.float32(1))
+    made = np.array(weight.any(axis=1))
+    with np.errstate(divide="ignore"):
+        at = (rng.exponential(size=weight.shape) / weight).argmin(axis=1)
+    shorter = complete & (rng.random(len(tokens)) < SHORTER)
+    for row in np.flatnonzero(made & ~shorter):
+        alike = np.flatnonzero(goals.group == group[row, at[row]])
+        tokens[row, at[row]] = alike[rng.integers(alike.size)]
+    for row in np.flatnonzero(shorter):
+        smaller = without_leaf(parents[row], int(rng.choice(np.flatnonzero(tokens[row] >= FIRST_LEAF))), kinds)
+        made[row] = smaller is not None
+        if smaller is not None:
+            tokens[row], sizes[row] = smaller.tokens, smaller.sizes
+    return Trees(tokens, sizes), made
 
 
 def _with_leaf(

@@ -42,6 +42,10 @@ class Goals:
                 f"{len(self.concerns)} targets and subgoals are too many; use at most {MAX_ACHIEVEMENTS} together"
             )
 
+    def wanted(self) -> Int32[np.ndarray, " G"]:
+        """Return of how many leaves of each group a tree needs to succeed: one for each achievement that it concerns."""
+        return np.bincount(self.concerns[self.concerns >= 0], minlength=self.num_groups).astype(np.int32)
+
     @property
     def num_groups(self) -> int:
         """G."""
@@ -56,4 +60,7 @@ class Measured:
     fitness: Float32[np.ndarray, "*R M"]
     solved: Bool[np.ndarray, "*R M"]
     achieved: Float32[np.ndarray, "*R M A"]  # share of the layouts
+    missed: Float32[
+        np.ndarray, "*R M A"
+    ]  # by how much fitness fell with what each achievement lacks, mean of the layouts
     trace: UInt8[np.ndarray, "*R M N"]  # what each leaf has returned in any of them (see `encoding.tick.Ticked`)

@@ -31,7 +31,7 @@ class Knowledge:
     @staticmethod
     def empty(goals: Goals, num_nodes: int, baseline: Trees | None = None) -> Knowledge:
         """Return what is known before the first episode, of a baseline [N] only what it is made of."""
-        return Knowledge(Archive.empty(num_nodes), Linkage.empty(goals, baseline))
+        return Knowledge(Archive.empty(num_nodes, len(goals.concerns)), Linkage.empty(goals, baseline))
 
     def done(self) -> Bool[np.ndarray, " A"]:
         """Return which achievements a tree of the archive has."""
@@ -59,7 +59,7 @@ class Knowledge:
         """Return the knowledge after a generation of M trees [M, N] (NumPy). The archive gets them without the nodes that
         did nothing."""
         keys = keys_of(measured.achieved >= 1)
-        rows = self.archive.entrants(measured.fitness, keys)
+        rows = self.archive.entrants(measured.fitness, keys, drift=not self.solved)
         linkage = self.linkage.updated(trees, measured, goals)
         if not rows.size:
             return dataclasses.replace(self, linkage=linkage, stagnant=self.stagnant + 1)
@@ -73,8 +73,32 @@ class Knowledge:
         best = int(fitness.argmax())
         better = fitness[best] > self.archive.fitness.max(initial=-np.inf)
         return Knowledge(
-            self.archive.with_(entering, fitness, keys[rows]),
+            self.archive.with_(Archive(entering, fitness, keys[rows], measured.missed[rows])),
             linkage,
             solved=bool(measured.solved[rows[best]]) if better else self.solved,
             stagnant=0 if better else self.stagnant + 1,
         )
+
+    def complete(self, goals: Goals) -> Int32[np.ndarray, " _"]:
+        """Return the entries of the archive that have all achievements that concern a group, the fittest first."""
+        has_all = self.archive.achieved(len(goals.concerns))[:, goals.concerns >= 0].all(axis=1)
+        rows = np.flatnonzero(has_all).astype(np.int32)
+        return rows[np.argsort(-self.archive.fitness[rows], kind="stable")]
+
+    def tried(self, rows: Int32[np.ndarray, " K"], measured: Measured, goals: Goals) -> Knowledge:
+        """Return the knowledge after entries of the archive were tried in more layouts: those that do not solve them all are
+        from now on worth what they are worth there."""
+        failed = ~measured.solved
+        if not failed.any():
+            return self
+        worse = Archive(
+            self.archive.trees[rows[failed]],
+            measured.fitness[failed],
+            keys_of(measured.achieved[failed] >= 1),
+            measured.missed[failed],
+        )
+        archive = self.archive.at(np.setdiff1d(np.arange(len(self.archive)), rows[failed])).with_(worse)
+        known = dataclasses.replace(self, archive=archive)
+        solved = archive.fitness.argmax() in known.complete(goals)
+        passed = solved and not failed.all()
+        return dataclasses.replace(known, solved=solved, stagnant=self.stagnant if passed else 0)

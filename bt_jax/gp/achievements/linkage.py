@@ -6,7 +6,7 @@ import dataclasses
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int32
+from jaxtyping import Bool, Float32, Float64, Int, Int32
 
 from bt_jax.behaviors.vocabulary import FIRST_LEAF
 from bt_jax.encoding.arrays import Trees
@@ -24,7 +24,7 @@ DISTURBED = (1.0, 0.5, 0.25)  # by how much at most an order is disturbed, one o
 @dataclasses.dataclass(frozen=True)
 class Linkage:
     """Counts over all episodes of a run (NumPy). A leaf works in an episode if it succeeded and an achievement that concerns
-    it was there at the end."""
+    it was there at the end; of several leaves of its group that succeeded, the last did it."""
 
     tested: Int32[np.ndarray, " V"]  # episodes in which a leaf was ticked
     achieves: Float32[np.ndarray, "V A"]  # in which it worked, by achievement
@@ -55,6 +55,9 @@ class Linkage:
         np.add.at(tested, tokens[ticked], 1)
 
         concerned = goals.group[tokens][..., None] == goals.concerns  # [M, N, A]
+        concerned &= (_later(np.where(succeeded, goals.group[tokens], -1)) < goals.wanted()[goals.group[tokens]])[
+            ..., None
+        ]
         concerned |= (trace & NOTED > 0)[..., None] & (goals.concerns < 0)  # a leaf that told of a step has done it
         credit = np.where(succeeded[..., None] & concerned, measured.achieved[:, None, :], np.float32(0))
         achieves = self.achieves.copy()
@@ -132,6 +135,12 @@ class Linkage:
             result[:, place] = np.where(waiting[rows, choice], leaves[rows, choice], 0)
             waiting[rows, choice] = False
         return result
+
+
+def _later(groups: Int32[np.ndarray, "M N"]) -> Int[np.ndarray, "M N"]:
+    """Return how many nodes of the same group come behind each."""
+    behind = np.triu(np.ones((groups.shape[1],) * 2, bool), 1)
+    return ((groups[:, :, None] == groups[:, None, :]) & behind).sum(axis=2)
 
 
 def _drawn(rng: np.random.Generator, weights: Float64[np.ndarray, " V"], count: int) -> Int32[np.ndarray, " M"]:

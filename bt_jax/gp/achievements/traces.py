@@ -14,7 +14,7 @@ from bt_jax.encoding.arrays import Trees, violations
 from bt_jax.encoding.walk import prefix, tidy
 from bt_jax.gp.achievements.goals import FAILED, SUCCEEDED
 
-__all__ = ["without_idle"]
+__all__ = ["without_idle", "without_leaf"]
 
 PASSED = {Kind.SEQUENCE: SUCCEEDED, Kind.FALLBACK: FAILED}  # the trace of a leaf after which its parent always went on
 
@@ -54,6 +54,12 @@ def without_idle(
             break
         best = smaller
     return _encoded(best, tree.num_nodes)
+
+
+def without_leaf(tree: Trees, place: int, kinds: Int8[np.ndarray, " V"]) -> Trees | None:
+    """Return a tree [N] without the leaf at a place, tidied up; None if nothing is left."""
+    found = tidy(_without(_decoded(tree, np.zeros(tree.num_nodes, np.uint8), kinds), frozenset([place])))
+    return None if found is None else _encoded(found, tree.num_nodes)
 
 
 def _idle(node: Node[_Leaf]) -> Iterable[int]:

@@ -1,6 +1,7 @@
 """The archive keeps the two best trees of each set of achievements, and nothing else."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -17,7 +18,9 @@ def arrays(batch):
     tokens[:, 0] = [token for token, _, _ in batch]
     sizes = (tokens > 0).astype(np.uint8)
     achieved = np.array([achieved for *_, achieved in batch])
-    return Trees(tokens, sizes), np.array([fitness for _, fitness, _ in batch], np.float32), keys_of(achieved)
+    missed = (1 - achieved).astype(np.float32)
+    fitness = np.array([fitness for _, fitness, _ in batch], np.float32)
+    return Archive(Trees(tokens, sizes), fitness, keys_of(achieved), missed)
 
 
 def once(batches):
@@ -26,13 +29,13 @@ def once(batches):
     return [[(token, *known.setdefault(token, (fitness, achieved))) for token, fitness, achieved in b] for b in batches]
 
 
-@given(batches)
-def test_it_keeps_the_best_of_each_set(batches):
-    archive, batches = Archive.empty(NODES), once(batches)
+@given(batches, st.booleans())
+def test_it_keeps_the_best_of_each_set(batches, drift):
+    archive, batches = Archive.empty(NODES, ACHIEVEMENTS), once(batches)
     for batch in batches:
-        trees, fitness, keys = arrays(batch)
-        rows = archive.entrants(fitness, keys)
-        archive = archive.with_(trees[rows], fitness[rows], keys[rows])
+        others = arrays(batch)
+        archive = archive.with_(others.at(archive.entrants(others.fitness, others.keys, drift=drift)))
+    np.testing.assert_array_equal(archive.missed == 0, archive.achieved(ACHIEVEMENTS))
     everything = {token: (tuple(achieved), fitness) for batch in batches for token, fitness, achieved in batch}
     kept = {}
     for i, row in enumerate(archive.achieved(ACHIEVEMENTS)):
@@ -45,10 +48,18 @@ def test_it_keeps_the_best_of_each_set(batches):
     assert kept == {achieved: sorted(values, reverse=True)[:PER_KEY] for achieved, values in best.items()}
 
 
+@pytest.mark.parametrize(("drift", "kept"), [(False, [3, 4]), (True, [5, 6])])
+def test_with_drift_a_tree_that_is_as_fit_takes_the_place_of_an_earlier_one(drift, kept):
+    same = [True, False, False]
+    archive = Archive.empty(NODES, ACHIEVEMENTS).with_(arrays([(3, 1, same), (4, 1, same)]))
+    later = arrays([(5, 1, same), (6, 1, same), (7, 0, same)])
+    archive = archive.with_(later.at(archive.entrants(later.fitness, later.keys, drift=drift)))
+    assert archive.trees.tokens[:, 0].tolist() == kept
+
+
 @given(batches)
 def test_parents_are_entries_of_the_archive(batches):
-    trees, fitness, keys = arrays(once(batches)[0])
-    archive = Archive.empty(NODES).with_(trees, fitness, keys)
+    archive = Archive.empty(NODES, ACHIEVEMENTS).with_(arrays(once(batches)[0]))
     parents = archive.parents(np.random.default_rng(0), (2, 200))
     assert parents.shape == (2, 200)
     assert ((parents >= 0) & (parents < len(archive))).all()

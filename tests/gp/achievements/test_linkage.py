@@ -25,7 +25,7 @@ def learnt(*rows):
     trees, fits = compose(leaf_parts(np.array(rows, np.int32), 8))
     assert fits.all()
     measured = TOWER.measured(Trees(trees.tokens[None], trees.sizes[None]))
-    one = type(measured)(measured.fitness[0], measured.solved[0], measured.achieved[0], measured.trace[0])
+    one = jax.tree.map(lambda leaf: leaf[0], measured)
     return Linkage.empty(GOALS).updated(trees, one, GOALS)
 
 
@@ -96,7 +96,20 @@ def test_a_leaf_that_tells_of_a_step_is_known_for_it():
     linkage = Linkage.empty(goals)
     assert linkage.step_leaves(rng, 3, 5) is None
     trace[trees.tokens == TOKENS["unlock"]] |= NOTED
-    measured = Measured(np.zeros(2, np.float32), np.zeros(2, bool), achieved, trace)
+    measured = Measured(np.zeros(2, np.float32), np.zeros(2, bool), achieved, 1 - achieved, trace)
     linkage = linkage.updated(trees, measured, goals)
     assert linkage.step_leaves(rng, 3, 5).tolist() == [TOKENS["unlock"]] * 5
     assert linkage.achieves[:, 3].sum() == 1
+
+
+@pytest.mark.parametrize(("wanted", "credited"), [(1, [0, 0, 1]), (2, [0, 1, 1])])
+def test_of_leaves_that_move_the_same_the_last_has_done_it(wanted, credited):
+    """As many of the last as there are achievements for the group."""
+    leaves = [TOKENS[name] for name in ("0@1", "0@2", "0@4")]
+    goals = Goals(GOALS.group, np.zeros(wanted, np.int32), np.zeros(wanted, np.int32))
+    trees, _ = compose(leaf_parts(np.array([leaves]), 8))
+    trace = np.where(trees.tokens >= 3, 1 << Status.SUCCESS, 0).astype(np.uint8)
+    achieved = np.ones((1, wanted), np.float32)
+    measured = Measured(np.zeros(1, np.float32), np.ones(1, bool), achieved, 1 - achieved, trace)
+    linkage = Linkage.empty(goals).updated(trees, measured, goals)
+    assert linkage.achieves[leaves, 0].tolist() == credited

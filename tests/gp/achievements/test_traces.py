@@ -4,8 +4,9 @@ import jax
 import numpy as np
 import pytest
 
+from bt_jax.behaviors import FIRST_LEAF
 from bt_jax.encoding.arrays import Trees, decode, violations
-from bt_jax.gp.achievements.traces import without_idle
+from bt_jax.gp.achievements.traces import without_idle, without_leaf
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.random_trees import random_trees
 from bt_jax.gp.validity import is_valid
@@ -37,6 +38,21 @@ def smaller(trees, trace, vocabulary, *, gene_under_fallback=False):
         for i in range(len(trace))
     ]
     return Trees(np.stack([tree.tokens for tree in found]), np.stack([tree.sizes for tree in found]))
+
+
+def test_a_tree_without_one_of_its_leaves_is_tidy():
+    tower = Tower()
+    trees = random_valid(tower.vocabulary, 30, gene_under_fallback=False)
+    for i in range(len(trees.tokens)):
+        leaves = np.flatnonzero(trees.tokens[i] >= FIRST_LEAF)
+        before = trees.tokens[i][leaves].tolist()
+        for k, place in enumerate(leaves.tolist()):
+            found = without_leaf(trees[i], place, tower.vocabulary.kinds)
+            rest = [] if found is None else found.tokens[found.tokens >= FIRST_LEAF].tolist()
+            assert rest == before[:k] + before[k + 1 :] or len(leaves) == 1
+            if found is not None:
+                broken = violations(decode(found, tower.vocabulary))
+                assert not [rule for rule in broken if "children" in rule or "own kind" in rule]
 
 
 @pytest.mark.parametrize("gene_under_fallback", [False, pytest.param(True, marks=pytest.mark.slow)])
