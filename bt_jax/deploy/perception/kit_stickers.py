@@ -50,9 +50,10 @@ def kit_stickers(task: Task, kit: Kit) -> list[Sticker]:
         stickers.append(Sticker(f"sticker_{len(stickers) + 1}", middle, 2 * FILLED * half))
         taken.append(_Taken(middle, (half, half)))
     if not stickers:
+        others = ", its objects smaller, or leave out its dividers" if kit.dividers else " or its objects smaller"
         raise UserError(
             f"{kit.name} leaves no room for markers beside its slots, which take a square of {1000 * LEAST / FILLED:.0f} mm "
-            "at least; make the kit larger or its objects smaller"
+            f"at least; make the kit larger{others}"
         )
     return stickers
 

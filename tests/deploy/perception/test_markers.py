@@ -56,8 +56,15 @@ def test_stickers_of_a_kit_with_slots_lie_apart_and_beside_its_walls_and_what_it
 
 
 def test_a_kit_without_room_for_a_marker_is_refused():
-    with pytest.raises(UserError, match="TrayB leaves no room for markers beside its slots"):
-        task_markers(load_task("yumi_kit12"))
+    task = load_task("yumi_kit12")
+    with pytest.raises(
+        UserError, match=r"TrayB leaves no room for markers beside its slots.* or leave out its dividers"
+    ):
+        task_markers(task)
+    tray, dense = task.kits
+    for remedy in ({"size": (0.24, 0.06)}, {"dividers": False}):
+        kits = (tray, dataclasses.replace(dense, **remedy))
+        assert any(marker.body == "TrayB" for marker in task_markers(dataclasses.replace(task, kits=kits)))
 
 
 def overlap(one, other):
