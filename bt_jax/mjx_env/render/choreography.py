@@ -25,6 +25,7 @@ __all__ = ["Shot", "Stage", "shots"]
 WIDE = 1.25  # opening of the empty gripper, in widths of the object that it is to take
 FINGER = 0.07  # half the thickness of a finger, in units of the gripper
 ENOUGH = 0.5  # room beside a finger that is as good as more, in units of the gripper
+TURNS = (0.15, 0.85)  # parts of a way through the air between which the gripper turns, opens and closes
 GRASP_SECONDS = 0.22
 RISE_SECONDS = 0.4
 PAUSE_SECONDS = 0.4
@@ -134,16 +135,19 @@ class Stage:
         yaw: float | None = None,
         opening: float | None = None,
         motion: Sequence[Poses] = (),
+        turns: tuple[float, float] = (0.0, 1.0),
     ) -> None:
-        """Move the tip along `path` from 0 to 1; a held object comes along and turns with it, the others follow `motion`."""
+        """Move the tip along `path` from 0 to 1, and turn, open and close between the parts `turns` of it; a held object
+        comes along and turns with it, the others follow `motion`."""
         count = max(1, round(seconds * self.fps))
         yaw_before, opening_before, tip_before = self.yaw, self.opening, self.tip
         held = None if self.held is None else self.poses[self.held].copy()
         for k in range(1, max(count, len(motion)) + 1):
             part = _ease(min(k / count, 1.0))
             self.tip = path(part)
-            self.yaw = yaw_before if yaw is None else yaw_before + part * (yaw - yaw_before)
-            self.opening = opening_before if opening is None else opening_before + part * (opening - opening_before)
+            turned = _ease(min(max((part - turns[0]) / (turns[1] - turns[0]), 0.0), 1.0))
+            self.yaw = yaw_before if yaw is None else yaw_before + turned * (yaw - yaw_before)
+            self.opening = opening_before if opening is None else opening_before + turned * (opening - opening_before)
             if len(motion):
                 self.poses = motion[min(k, len(motion)) - 1].copy()
             if held is not None:
@@ -162,16 +166,17 @@ class Stage:
         distance = float(np.linalg.norm(goal[:2] - start[:2]))
         apex = max(high + 0.9 * self.tall + 0.07 * distance, goal[2], start[2])
         rise = (8 * apex - start[2] - goal[2]) / 6
-        control = np.array([start, [*start[:2], rise], [*goal[:2], rise], goal])
+        control = np.array([start[2], rise, rise, goal[2]])
         turn = yaw - self.yaw
         if self.held is None:
             turn = (turn + math.pi / 2) % math.pi - math.pi / 2
 
         def arch(s: float) -> np.ndarray:
-            return np.array([(1 - s) ** 3, 3 * s * (1 - s) ** 2, 3 * s**2 * (1 - s), s**3]) @ control
+            height = float(np.array([(1 - s) ** 3, 3 * s * (1 - s) ** 2, 3 * s**2 * (1 - s), s**3]) @ control)
+            return np.array([*(start[:2] + _ease(s) * (goal[:2] - start[:2])), height])
 
         seconds = (0.5 + 0.6 * math.sqrt(distance / self.scale**2)) * self.scale
-        self.move(arch, seconds, yaw=self.yaw + turn, opening=opening)
+        self.move(arch, seconds, yaw=self.yaw + turn, opening=opening, turns=TURNS)
 
     def grip(self, opening: float) -> None:
         """Move the fingers."""

@@ -2,6 +2,7 @@ import dataclasses
 import itertools
 import math
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -18,6 +19,7 @@ from bt_jax.mjx_env.render.choreography import shots
 from bt_jax.mjx_env.render.film import check_film, film, final_picture
 from bt_jax.mjx_env.render.offscreen import available
 from bt_jax.mjx_env.scene.layouts import sample_layouts
+from bt_jax.mjx_env.scene.mjcf import compile_scene
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.world import headings
 from bt_jax.tasks import load_task
@@ -81,6 +83,36 @@ def test_a_grasped_box_stays_between_the_fingers():
             assert away.min() < 1e-3
             moved += 1
     assert moved > 2 * FPS
+
+
+def deepest(task, kits, taken):
+    """How deep the gripper is ever inside something [m], and in what; objects may touch the fingers."""
+    model, ids = compile_scene(task, gripper=True)
+    data = mujoco.MjData(model)
+    data.mocap_pos[list(ids.kit_mocaps)] = kits
+    parts = [model.body(name).id for name in ("gripper", "finger_right", "finger_left")]
+    solid = np.flatnonzero(model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)
+    own, others = ([g for g in solid if (model.geom_bodyid[g] in parts) == is_own] for is_own in (True, False))
+    found = (0.0, "")
+    for shot in taken:
+        data.qpos[:] = np.asarray(shot.poses, float).ravel()
+        along = shot.gripper.opening / 2 * np.array([math.cos(shot.gripper.yaw), math.sin(shot.gripper.yaw), 0])
+        mocaps = model.body_mocapid[parts]
+        data.mocap_pos[mocaps] = np.asarray(shot.gripper.position) + np.array([0 * along, along, -along])
+        data.mocap_quat[mocaps] = (math.cos(shot.gripper.yaw / 2), 0, 0, math.sin(shot.gripper.yaw / 2))
+        mujoco.mj_kinematics(model, data)
+        for a, b in itertools.product(own, others):
+            body = model.body(int(model.geom_bodyid[b])).name
+            found = min(found, (mujoco.mj_geomDistance(model, data, int(a), int(b), 0.01, None), body))
+    return found
+
+
+def test_the_gripper_comes_down_upright_and_open_and_goes_through_nothing():
+    moves = "move(Bar, (0, 0, 0.0225), Tray, 90), move(Can, (0.13, 0.09, 0.0525), Tray)"
+    semantics, played = played_tree("kit4", f"Sequence({moves})", seed=[5, 1])
+    assert played.ending == Ending.SUCCESS
+    depth, body = deepest(semantics.task, played.start.kits[0], shots(semantics, played, fps=12.0))
+    assert depth > -1e-3, body
 
 
 @pytest.mark.parametrize("seed", range(2))
