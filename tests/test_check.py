@@ -44,7 +44,7 @@ def text(content):
 
 
 FINE = {
-    "task.yaml": (text("extends: stack\nname: mine\n"), "task mine, 3 boxes, 2 targets"),
+    "task.yaml": (text("extends: stack\nname: mine\n"), "task mine, 3 objects, 2 targets"),
     "tree.txt": (text(TREE), "tree, 3 nodes"),
     "script.txt": (
         text("# first\npick BlueBox; to (0, 0, 0.1) GreenBox; release"),

@@ -150,7 +150,7 @@ def _yaml(path: Path) -> str:
         return _points(path)
     task = load_task(path)
     subgoal_conditions(task, source=str(path))
-    return f"task {task.name}, {counted(len(task.objects), 'box')}, {counted(len(task.targets), 'target')}"
+    return f"task {task.name}, {counted(len(task.objects), 'object')}, {counted(len(task.targets), 'target')}"
 
 
 def _camera(path: Path, *, located: bool) -> str:

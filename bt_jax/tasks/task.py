@@ -168,7 +168,7 @@ class Task:
         """Return an object, or for a part its first instance. Raise UserError if there is no such object or part."""
         found = self.instances.get(name)
         if found is None:
-            raise UserError(f"there is no box '{name}'; choose one of {', '.join(self.kinds)}")
+            raise UserError(f"there is no object '{name}'; choose one of {', '.join(self.kinds)}")
         return self.objects[self.object_names.index(found[0])]
 
     def edge(self, name: str) -> float:
