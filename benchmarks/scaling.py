@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from pathlib import Path
 from time import perf_counter
 from typing import Literal
@@ -24,6 +25,8 @@ from bt_jax.training.training import Training
 KINDS = {"kits": kit, "towers": tower}
 NAMES: dict[Method, str] = {"achievements": "this method", "population": "published procedure"}
 COLORS = {"kits": "#0072b2", "towers": "#d55e00"}
+STYLES = ("o-", "s--")
+COLUMNS = ("episodes", "seconds")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,18 +74,11 @@ def main(arguments: Arguments) -> None:
                     print(rows[-1], flush=True)
                     if not rows[-1]["solved"]:
                         break  # nor would more objects be
-    exponents = {
-        f"{kind}, {name}, {column}": exponent
-        for kind in KINDS
-        for name in NAMES.values()
-        for column in ("episodes", "seconds")
-        if (exponent := _exponent(_chosen(rows, kind, name), f"{column}, median")) is not None
-    }
+    exponents, ratios = exponents_of(rows), ratios_of(rows)
     title = f"{arguments.level}, {arguments.episodes:,} episodes at most"
-    draw(rows, exponents, title, arguments.figure)
-    for name, exponent in exponents.items():
-        print(f"exponent of {name}: {exponent}")
-    report("scaling", title, rows, out=arguments.out, exponents=exponents)
+    draw(rows, exponents, arguments.episodes, arguments.figure)
+    print(f"exponents: {exponents}\npublished procedure / this method, median episodes: {ratios}")
+    report("scaling", title, rows, out=arguments.out, exponents=exponents, ratios=ratios, budget=arguments.episodes)
 
 
 def _runs(task: Task, method: Method, arguments: Arguments, clock: CompileClock) -> list[Run]:
@@ -127,43 +123,63 @@ def _summary(runs: list[Run]) -> dict:
     }
 
 
-def _chosen(rows: list[dict], kind: str, name: str) -> list[dict]:
-    return [row for row in rows if row["tasks"] == kind and row["method"] == name]
+def exponents_of(rows: list[dict]) -> dict[str, float]:
+    """Return the slope of a line through the logarithms of medians and objects, for each line with three of them."""
+    found = {}
+    for kind, name, column in itertools.product(KINDS, NAMES.values(), COLUMNS):
+        known = _medians(rows, kind, name, column)
+        if len(known) >= 3:
+            slope = np.polyfit(*np.log(np.array([*known.items()]).T), 1)[0]
+            found[f"{kind}, {name}, {column}"] = round(float(slope), 2)
+    return found
 
 
-def _exponent(rows: list[dict], column: str) -> float | None:
-    """Return the slope of a line through the logarithms, None with fewer than three medians."""
-    known = [(row["objects"], row[column]) for row in rows if row[column] is not None]
-    return round(float(np.polyfit(*np.log(np.array(known).T), 1)[0]), 2) if len(known) >= 3 else None
+def ratios_of(rows: list[dict]) -> dict[str, float]:
+    """Return how many times the episodes of this method the published procedure takes, wherever half of its runs solve."""
+    ratios = {}
+    for kind in KINDS:
+        ours, published = (_medians(rows, kind, name, "episodes") for name in NAMES.values())
+        ratios |= {f"{kind}, {count}": round(published[count] / ours[count], 1) for count in published if count in ours}
+    return ratios
 
 
-def draw(rows: list[dict], exponents: dict[str, float], title: str, path: Path) -> None:
-    """Draw medians of episodes and of seconds against the number of objects, both axes logarithmic."""
+def _medians(rows: list[dict], kind: str, name: str, column: str) -> dict[int, float]:
+    """Return the medians that are known, by number of objects."""
+    chosen = [row for row in rows if row["tasks"] == kind and row["method"] == name]
+    return {row["objects"]: row[f"{column}, median"] for row in chosen if row[f"{column}, median"] is not None}
+
+
+def draw(rows: list[dict], exponents: dict[str, float], budget: int, path: Path) -> None:
+    """Draw medians of episodes and of seconds against the number of objects, both axes logarithmic; an open triangle is a
+    median beyond the budget."""
     from matplotlib.figure import Figure  # heavy
 
-    figure = Figure(figsize=(10, 4), dpi=110, layout="constrained")
+    figure = Figure(figsize=(10, 4.6), dpi=110, layout="constrained")
     counts = sorted({row["objects"] for row in rows})
-    for axes, column in zip(figure.subplots(1, 2), ("episodes", "seconds"), strict=True):
-        for kind in KINDS:
-            for name, style in zip(NAMES.values(), ("o-", "s--"), strict=True):
-                known = [row for row in _chosen(rows, kind, name) if row[f"{column}, median"] is not None]
-                if not known:
-                    continue
-                slope = exponents.get(f"{kind}, {name}, {column}")
-                axes.loglog(
-                    [row["objects"] for row in known],
-                    [row[f"{column}, median"] for row in known],
-                    style,
-                    color=COLORS[kind],
-                    label=f"{kind}, {name}" + (f": exponent {slope:.1f}" if slope is not None else ""),
-                )
-        axes.set(xlabel="objects", ylabel=f"{column} until solved, median")
+    for axes, column in zip(figure.subplots(1, 2), COLUMNS, strict=True):
+        for (kind, color), (name, style) in itertools.product(COLORS.items(), zip(NAMES.values(), STYLES, strict=True)):
+            known = _medians(rows, kind, name, column)
+            slope = exponents.get(f"{kind}, {name}, {column}")
+            label = f"{kind}, {name}" + (f": exponent {slope:.1f}" if slope is not None else "")
+            axes.plot(known.keys(), known.values(), style, color=color, lw=2, ms=6, label=label)
+            beyond = [
+                row["objects"]
+                for row in rows
+                if (row["tasks"], row["method"]) == (kind, name) and row["objects"] not in known
+            ]
+            if column == "episodes" and beyond:
+                axes.plot(beyond, [budget] * len(beyond), "^", color=color, mfc="white", mew=1.5, ms=8)
+        if column == "episodes":
+            axes.axhline(budget, color="#999999", lw=1, ls=":", zorder=0)
+            axes.annotate(f"{budget:,} episodes at most", (counts[0], budget), (0, -13), textcoords="offset points",
+                          color="#666666", fontsize=9)  # fmt: skip
+        axes.set(xscale="log", yscale="log", xlabel="objects", title=f"{column} until solved, median")
         axes.set_xticks(counts, [str(count) for count in counts])
         axes.minorticks_off()
+        axes.yaxis.set_major_formatter("{x:,g}")
         axes.grid(alpha=0.3)
         axes.spines[["top", "right"]].set_visible(False)
-        axes.legend(frameon=False, fontsize=8)
-    figure.suptitle(title, fontsize=10)
+        axes.legend(frameon=False, fontsize=9, loc="upper left", bbox_to_anchor=(0, -0.14), handlelength=3)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path)
 
