@@ -17,6 +17,7 @@ from bt_jax.encoding.drawing.terminal import draw_text
 from bt_jax.encoding.walk import prefix
 from bt_jax.gp.config import GPConfig
 from bt_jax.gp.evolution import Generation
+from bt_jax.gp.search import AchievementSearch
 from bt_jax.training.bar import GenerationBar
 from bt_jax.training.progress import Stage
 from bt_jax.training.result import EXPLAINED, Result, Session, Test
@@ -77,7 +78,13 @@ class TrainingDisplay:
         if result.test.failures:
             number = result.test.failures[0].layouts[0]
             self.console.print(f"watch one    python -m bt_jax.run {quoted} --layout {number}", soft_wrap=True)
-        if not success:
+        if limit := self._limit(result):
+            self.console.print(
+                f"limit        {escape(limit)}; go on with --resume {quoted} --plan, or with a demonstration, which adds "
+                "the place",
+                soft_wrap=True,
+            )
+        elif not success:
             self.console.print(
                 f"advice       go on with --resume {quoted} --generations {2 * result.generations}, or try another --seed, "
                 "or --plan",
@@ -96,6 +103,17 @@ class TrainingDisplay:
     def warn(self, problem: str) -> None:
         """Show what went wrong and did not end the run."""
         self.console.print(f"warning: {escape(problem)}", soft_wrap=True)
+
+    def _limit(self, result: Result) -> str:
+        """Return which targets the gene pool does not allow, if that is known; else an empty text."""
+        search, learnt = self.training.evolution, result.checkpoint.state.knowledge
+        if not isinstance(search, AchievementSearch) or not learnt:
+            return ""
+        missed = set.intersection(*(set(known.out_of_reach(search.goals).tolist()) for known in learnt))
+        names = dict.fromkeys(self.training.task.targets[i].object for i in sorted(missed))
+        if not names:
+            return ""
+        return f"no gene meets the target of {', '.join(names)}, and all were tried"
 
     def _simulated(self) -> str:
         if self.training.settings.evaluator != "table":

@@ -143,6 +143,14 @@ def test_another_phase_begins_with_what_achieved_the_most():
     np.testing.assert_allclose(carried.population.fitness.max(), state.population.fitness.max(), atol=0.01)
 
 
+def test_a_place_that_is_not_in_the_gene_pool_is_named(tmp_path, capsys):
+    config = RunConfig(load_task("pyramid"), dataclasses.replace(CONFIG, generations=25), QUICK)
+    ran(tmp_path / "run", config)
+    out = capsys.readouterr().out
+    assert "limit        no gene meets the target of GreenBox, and all were tried; go on with --resume" in out
+    assert "advice" not in out
+
+
 @pytest.mark.parametrize("wrong", [{"niches": True}, {"baseline_index": 0}, {"elites": 3}, {"patience": 0}])
 def test_what_the_method_does_not_take_is_refused(wrong):
     with pytest.raises(UserError, match=next(iter(wrong))):
@@ -157,7 +165,9 @@ def test_patience_is_for_this_method():
 def test_a_run_that_has_ended_says_so_and_goes_on_for_as_many_generations_as_it_is_told(tmp_path, capsys):
     config = RunConfig(load_task("stack"), CONFIG, QUICK)
     ended = ran(tmp_path / "run", config)
-    assert "the run had ended" not in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "the run had ended" not in out
+    assert "limit  " not in out
     assert ran(tmp_path / "run", config, resumed=True).generations == ended.generations
     assert "the run had ended; go on with --resume" in capsys.readouterr().out
     longer = dataclasses.replace(config, gp=dataclasses.replace(CONFIG, generations=ended.generations + 5))

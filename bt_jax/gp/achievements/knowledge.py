@@ -41,6 +41,11 @@ class Knowledge:
         """Return the steps on the way that no tree has done and that a guard tells of."""
         return np.flatnonzero((goals.guard > 0) & ~self.done()).astype(np.int32)
 
+    def out_of_reach(self, goals: Goals) -> Int32[np.ndarray, " _"]:
+        """Return the achievements of groups that no tree has had, though every leaf of the group was tested."""
+        tested = [bool((self.linkage.tested[goals.group == group] > 0).all()) for group in goals.concerns]
+        return np.flatnonzero(np.array(tested, bool) & (goals.concerns >= 0) & ~self.done()).astype(np.int32)
+
     def summary(self) -> dict[str, int]:
         """Return the figures of the knowledge that `Generation` has."""
         most = int(np.bitwise_count(self.archive.keys).max(initial=0))
