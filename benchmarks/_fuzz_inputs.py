@@ -138,7 +138,7 @@ def _log(folder: Path) -> None:
         written = RunLog(log, _Still())
         written.start(program, 0.0, Limits(), {"robot": "twin"}, dry=False)
         for tick in range(8):
-            names = (*program.task.object_names, program.task.kit.name)[: tick + 1]
+            names = (*program.task.object_names, program.task.kits[0].name)[: tick + 1]
             poses = {name: RigidTransform.from_translation([0.1 * i, 0.3, 0.75]) for i, name in enumerate(names)}
             seen = Observation(0.1 * tick, poses, {"left": 0.05, "right": 0.05}, None, image=0.1 * tick)
             decision = decide(program, tree, seen, context, look, TreeMemory(), now=0.1 * tick, patience=Limits().look)

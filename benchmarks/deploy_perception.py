@@ -87,8 +87,8 @@ def main() -> None:
         camera.close()
         for blur, found in records.items():
             size = {"image": f"{width} x {width * 3 // 4}", "blur px": blur}
-            boxes = [record for record in found if record["body"] != task.kit.name]
-            groups = {"boxes": boxes, "kit": [record for record in found if record["body"] == task.kit.name]}
+            boxes = [record for record in found if record["body"] != task.kits[0].name]
+            groups = {"boxes": boxes, "kit": [record for record in found if record["body"] == task.kits[0].name]}
             groups["boxes, 1 marker"] = [record for record in boxes if record["markers"] == 1]
             ms = 1000 * float(np.median(seconds[blur]))
             rows += [size | summary(name, group) | {"CPU ms an image": ms} for name, group in groups.items()]
@@ -113,8 +113,8 @@ def arrange(task: Task, model, data, qpos: np.ndarray, rng: np.random.Generator)
         face = Rotation.from_euler("xyz", rng.integers(0, 4, 3) * np.pi / 2)
         data.qpos[at + 3 : at + 7] = (turn * face).as_quat(scalar_first=True)
         if stacked and rng.random() < 0.6:
-            kit = model.body(task.kit.name).pos
-            base = np.array([*kit[:2], kit[2] + task.kit.thickness / 2 - box.edge / 2]) if top is None else top
+            kit = model.body(task.kits[0].name).pos
+            base = np.array([*kit[:2], kit[2] + task.kits[0].thickness / 2 - box.edge / 2]) if top is None else top
             data.qpos[at : at + 3] = top = base + np.array([0, 0, box.edge])
     mujoco.mj_forward(model, data)
 
@@ -122,7 +122,7 @@ def arrange(task: Task, model, data, qpos: np.ndarray, rng: np.random.Generator)
 def truth(task: Task, model, data) -> dict[str, tuple[RigidTransform, bool]]:
     """Where every body is, and whether it is to be seen."""
     bodies = {}
-    for body in (*task.object_names, task.kit.name):
+    for body in (*task.object_names, task.kits[0].name):
         pose = body_pose(data, body)
         markers = [marker for marker in task_markers(task) if marker.body == body]
         bodies[body] = pose, any(unhidden(model, data, pose, marker) for marker in markers)

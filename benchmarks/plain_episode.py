@@ -157,7 +157,7 @@ class PlainEpisode:
         return self.data.qvel[6 * i : 6 * i + 6]
 
     def in_world(self, frame: str, position: tuple[float, float, float]) -> np.ndarray:
-        if frame == self.task.kit.name:
+        if frame == self.task.kits[0].name:
             return self.kit + position
         if frame == self.task.robot_frame:
             return np.array(self.task.robot_position) + position
@@ -172,7 +172,7 @@ class PlainEpisode:
         for table in self.task.tables:
             if (abs(goal[:2] - table.position[:2]) < half + np.array(table.size[:2]) / 2).all():
                 tops.append(table.top)
-        kit = self.task.kit
+        kit = self.task.kits[0]
         offset = abs(goal[:2] - self.kit[:2])
         if (offset < half + kit.size[0] / 2).all():
             on_wall = (offset + half > kit.size[0] / 2 - kit.wall_thickness).any()

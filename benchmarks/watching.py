@@ -292,7 +292,7 @@ def demonstrate(task: Task, seed: list[int], shooting: Shooting, folder: Demonst
     folder.append(one)
     bodies = {
         **person.poses(),
-        task.kit.name: scene.kit,
+        task.kits[0].name: scene.kit,
         task.robot_frame: RigidTransform.from_translation(task.robot_position),
     }
     places = [action for action in one.actions if action.kind == "place"]

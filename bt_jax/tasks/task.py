@@ -171,15 +171,6 @@ class Task:
             raise UserError(f"there is no object '{name}'; choose one of {', '.join(self.kinds)}")
         return self.objects[self.object_names.index(found[0])]
 
-    def edge(self, name: str) -> float:
-        """Return the longest edge of an object, metres. Raise UserError if there is no such object."""
-        return self.thing(name).edge
-
-    @property
-    def kit(self) -> Kit:
-        """The first kit."""
-        return self.kits[0]
-
     @property
     def kit_names(self) -> tuple[str, ...]:
         return tuple(kit.name for kit in self.kits)

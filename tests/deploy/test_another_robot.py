@@ -20,7 +20,7 @@ from tests.helpers.following import FollowingLink, carried_out
 from tests.helpers.six_axis import SIX_AXIS
 
 TASK = load_task("yumi_stack")
-BOX, KIT = TASK.objects[0].name, TASK.kit.name
+BOX, KIT = TASK.objects[0].name, TASK.kits[0].name
 
 
 def at(x: float, y: float, turn: float = 0.0) -> RigidTransform:

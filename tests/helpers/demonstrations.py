@@ -66,7 +66,7 @@ def at(thing: str, position: Sequence[float], frame: str) -> Behavior:
 
 def one_demonstration(task: Task, *, actions: Sequence[str] = ("pick", "place"), x: float = 0.0) -> Demonstration:
     """Actions with the same pose in all frames, `x` metres away."""
-    frames = (task.kit.name, *task.object_names, task.robot_frame)
+    frames = (task.kits[0].name, *task.object_names, task.robot_frame)
     return Demonstration(
         "demo1", tuple(Action(kind, {name: Pose((x, 0.0, 0.12)) for name in frames}) for kind in actions)
     )

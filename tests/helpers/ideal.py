@@ -39,7 +39,7 @@ def observe(task: Task, world: World, time: float = 0.0, unknown: tuple[str, ...
         name: RigidTransform.from_components(pose[:3], Rotation.from_quat(pose[3:], scalar_first=True))
         for name, pose in zip(task.object_names, world.poses[0].astype(float), strict=True)
     }
-    poses[task.kit.name] = RigidTransform.from_translation(world.kits[0, 0].astype(float))
+    poses[task.kits[0].name] = RigidTransform.from_translation(world.kits[0, 0].astype(float))
     base = RigidTransform.from_translation(task.robot_position).inv()
     held = int(world.held[0])
     opening = task.gripper_opening * float(world.gripper_open[0])

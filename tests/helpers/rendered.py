@@ -18,7 +18,7 @@ from bt_jax.tasks import load_task
 
 TASK = load_task("yumi_stack")
 PLACEMENT = cell_camera(TASK)
-KIT = TASK.kit.name
+KIT = TASK.kits[0].name
 TOP = TASK.tables[0].top
 
 

@@ -12,7 +12,7 @@ from bt_jax.teaching.watch.sighting import Seen, Sighting
 from bt_jax.teaching.watch.watcher import Event, Watcher
 
 TASK = load_task("yumi_stack")
-KIT = TASK.kit.name
+KIT = TASK.kits[0].name
 STEP = 0.1  # seconds between images
 PLACES: Mapping[str, tuple[float, float, float]] = {
     KIT: (0.3, 0.0, 0.001),

@@ -142,7 +142,7 @@ def test_contradicting_orders_are_named():
 
 def with_pick_of(task, name):
     """A demonstration that picks what it must not."""
-    frames = (task.kit.name, *task.object_names, task.robot_frame)
+    frames = (task.kits[0].name, *task.object_names, task.robot_frame)
     poses = {frame: Pose((0.0, 0.0, 0.12) if frame == name else (1.0, 1.0, 1.0)) for frame in frames}
     return dataclasses.replace(one_demonstration(task), actions=(Action("pick", poses), Action("place", poses)))
 

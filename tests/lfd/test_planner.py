@@ -30,7 +30,7 @@ def random_goal(seed, *, boxes):
 def holds(condition, world, task):
     """Oracle in the world's coordinates; all frames have the world's axes here."""
     centre = {name: world.poses[0, i, :3] for i, name in enumerate(task.object_names)}
-    centre |= {task.kit.name: world.kits[0, 0], task.robot_frame: np.array(task.robot_position)}
+    centre |= {task.kits[0].name: world.kits[0, 0], task.robot_frame: np.array(task.robot_position)}
     distance = np.linalg.norm(centre[condition.object] - centre[condition.frame] - condition.position)
     return distance < task.episode.tolerance
 

@@ -21,7 +21,7 @@ def places(task, placements, *, count=3, **noise):
 
 def with_slots(*slots):
     """kit4 with other slots in its tray."""
-    return dataclasses.replace(KIT4, kits=(dataclasses.replace(KIT4.kit, slots=slots),))
+    return dataclasses.replace(KIT4, kits=(dataclasses.replace(KIT4.kits[0], slots=slots),))
 
 
 @pytest.mark.parametrize("target", BOLTS.targets[::3], ids=lambda target: target.slot)

@@ -36,7 +36,7 @@ class Oracle:
 
     def frame(self, name):
         upright = np.array([1.0, 0, 0, 0])
-        if name == self.task.kit.name:
+        if name == self.task.kits[0].name:
             return self.kit, upright
         if name == self.task.robot_frame:
             return np.array(self.task.robot_position), upright

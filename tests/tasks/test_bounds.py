@@ -18,7 +18,7 @@ def test_every_number_of_a_task_has_a_bound():
         task,
         layout=dataclasses.replace(task.layout, fixed=fixed),
         objects=(*task.objects, Object("Can", (0.06, 0.06, 0.1), (1.0, 0.0, 0.0), shape="cylinder")),
-        kits=(dataclasses.replace(task.kit, slots=(Slot("a1", (0.0, 0.0)),), grid=(1, 1)),),
+        kits=(dataclasses.replace(task.kits[0], slots=(Slot("a1", (0.0, 0.0)),), grid=(1, 1)),),
         targets=(dataclasses.replace(task.targets[0], turn=90.0),),
     )
     assert {name for _, name, _ in numbers(task, "", "")} == set(BOUNDS)

@@ -84,7 +84,7 @@ def test_a_task_with_another_scene_or_an_impossible_goal_is_refused():
             {"tables": tables, "layout": layout},
             "stack has other values for tables than stack; evolve a new tree for it",
         ),
-        ({"kits": (dataclasses.replace(STACK.kit, size=(0.3, 0.3)),)}, "other values for kits than"),
+        ({"kits": (dataclasses.replace(STACK.kits[0], size=(0.3, 0.3)),)}, "other values for kits than"),
         ({"robot_position": (0.0, 1.1, 0.05)}, "other values for robot_position than"),
         ({"layout": layout}, "stack, key layout.kit: there is no table"),
     ):

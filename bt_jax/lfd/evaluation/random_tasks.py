@@ -58,7 +58,7 @@ def _targets(task: Task, names: list[str], rng: np.random.Generator) -> list[Tar
     size = task.objects[0].edge
     chosen = [str(name) for name in rng.permutation(names)[: rng.integers(1, len(names) + 1)]]
     loose = [name for name in names if name not in chosen]
-    low = (task.kit.thickness + size) / 2
+    low = (task.kits[0].thickness + size) / 2
     steps = task.genes.pitch * (np.arange(task.genes.grid) - (task.genes.grid - 1) / 2)
     in_kit = [(float(x), float(y), low) for x in steps for y in steps]
     kit = [table.name for table in task.tables if table.name != task.layout.kit]
@@ -73,7 +73,7 @@ def _targets(task: Task, names: list[str], rng: np.random.Generator) -> list[Tar
         if others and rng.random() < ON_TOP:
             targets.append(Target(name, (0.0, 0.0, size), others[rng.integers(len(others))]))
         elif rng.random() < IN_KIT or not (loose or on_tables):
-            targets.append(Target(name, _point(in_kit.pop()), task.kit.name))
+            targets.append(Target(name, _point(in_kit.pop()), task.kits[0].name))
         elif loose and (not on_tables or rng.random() < ON_LOOSE):
             beside = size + task.genes.gap
             places = [(0.0, 0.0, size), (beside, 0.0, 0.0), (0.0, beside, 0.0)]

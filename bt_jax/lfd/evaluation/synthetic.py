@@ -107,7 +107,7 @@ def random_truth(task: Task, *, rng: np.random.Generator) -> tuple[Target, ...]:
             under = tops.pop(rng.integers(len(tops)))
             placed.append(_target(name, (0.0, 0.0, size), under))
         elif frame == "kit" and cells:
-            placed.append(_target(name, cells.pop(), task.kit.name))
+            placed.append(_target(name, cells.pop(), task.kits[0].name))
         else:
             placed.append(_target(name, spots.pop(), task.robot_frame))
         tops.append(name)
@@ -119,7 +119,7 @@ def random_situations(task: Task, *, rng: np.random.Generator) -> tuple[tuple[Ta
     perhaps after it was put aside, or else to a place in another frame; some of the remaining boxes go to the kit. The task
     must have at least three boxes, all of one size."""
     thing, *others = (str(name) for name in rng.permutation(task.object_names))
-    frames = [str(name) for name in rng.permutation([*others, task.kit.name, task.robot_frame])[:2]]
+    frames = [str(name) for name in rng.permutation([*others, task.kits[0].name, task.robot_frame])[:2]]
     cells = [tuple(cell) for cell in rng.permutation(_kit_cells(task))]
     spots = np.concatenate([_edge_spots(task, table) for table in range(len(task.tables))])
     edges = [tuple(spot) for spot in rng.permutation(spots)]
@@ -128,14 +128,16 @@ def random_situations(task: Task, *, rng: np.random.Generator) -> tuple[tuple[Ta
     def place(frame: str) -> Target:
         if frame == task.robot_frame:
             return _target(thing, edges[0], frame)
-        if frame == task.kit.name:
+        if frame == task.kits[0].name:
             return _target(thing, cells.pop(), frame)
         x, y = rng.permutation([size + task.genes.gap, 0.0]) * rng.choice([-1, 1])
         return _target(thing, (0.0, 0.0, size) if rng.random() < ON_TOP else (x, y, 0.0), frame)
 
     first, second = map(place, frames)
     aside = (_target(thing, edges[1], task.robot_frame),) if rng.random() < ASIDE else ()
-    rest = [_target(name, cells.pop(), task.kit.name) for name in others if name not in frames and rng.random() < 0.5]
+    rest = [
+        _target(name, cells.pop(), task.kits[0].name) for name in others if name not in frames and rng.random() < 0.5
+    ]
     return (*aside, first, *rest), (second, *rest)
 
 
@@ -166,7 +168,7 @@ def _random_layout(task: Task, rng: np.random.Generator) -> Positions:
     others = [one for one in task.tables if one is not table]
     positions = {
         task.robot_frame: np.array(task.robot_position),
-        task.kit.name: np.array([*table.position[:2], table.top + task.kit.thickness / 2]),
+        task.kits[0].name: np.array([*table.position[:2], table.top + task.kits[0].thickness / 2]),
     }
     sizes = {box.name: box.edge for box in task.objects}
     stack = task.layout.stack
@@ -191,7 +193,7 @@ def _kit_cells(task: Task) -> Float[np.ndarray, "n 3"]:
     """Return centres of boxes that stand in the kit side by side, in its frame."""
     size = task.objects[0].edge
     steps = task.genes.pitch * (np.arange(task.genes.grid) - (task.genes.grid - 1) / 2)
-    return np.array([(x, y, (task.kit.thickness + size) / 2) for x in steps for y in steps])
+    return np.array([(x, y, (task.kits[0].thickness + size) / 2) for x in steps for y in steps])
 
 
 def _edge_spots(task: Task, table: int) -> Float[np.ndarray, "n 3"]:

@@ -66,7 +66,7 @@ def _action(kind: ActionKind, box: str, scene: Mapping[str, Rest], task: Task) -
             poses[frame], sigmas[frame] = _pose(effector), scene[box].sigma
             continue
         own = scene[frame]
-        place = own.pose if frame == task.kit.name else level(own.pose)
+        place = own.pose if frame in task.kit_names else level(own.pose)
         poses[frame] = _pose(place.inv() * effector)
         sigmas[frame] = scene[box].sigma if frame == box else math.hypot(scene[box].sigma, own.sigma)
     return Action(kind, poses, sigmas)

@@ -43,7 +43,9 @@ class Watcher:
 
     def __init__(self, task: Task, settings: WatchSettings | None = None) -> None:
         self.task, self.settings = task, settings or WatchSettings()
-        sizes = {box.name: box.edge for box in task.objects} | {task.kit.name: min(box.edge for box in task.objects)}
+        sizes = {box.name: box.edge for box in task.objects} | dict.fromkeys(
+            task.kit_names, min(box.edge for box in task.objects)
+        )
         self._tracks = {name: BodyTrack(size, self.settings) for name, size in sizes.items()}
         self._started = False
         self._moves: list[Move] = []
@@ -135,7 +137,7 @@ class Watcher:
     def _rested(self, name: str, rest: Rest, since: float, under: str) -> Iterator[Event]:
         track = self._tracks[name]
         sizes, turned = track.shift(rest)
-        kind: Kind = "carried" if sizes >= self.settings.carried and name != self.task.kit.name else "bumped"
+        kind: Kind = "carried" if sizes >= self.settings.carried and name not in self.task.kit_names else "bumped"
         if sizes < self.settings.bumped and turned < self.settings.turned:
             kind = "returned"
         self._moves.append(Move(name, kind, track.rests[-1], rest, under, track.left, since))
@@ -144,27 +146,28 @@ class Watcher:
         if kind == "returned":
             yield Event(self._time, "back", f"{name} is back where it was", name)
         elif kind == "carried":
-            where = "in" if under == self.task.kit.name else "on"
+            where = "in" if under in self.task.kit_names else "on"
             yield Event(self._time, "stands", f"{name} stands {where} {under}", name)
         for doubt in doubts_about(self._moves, self.settings.settle / 2):
             self._doubts.append(doubt)
             yield Event(self._time, "doubt", doubt.text, name)
 
     def _under(self, name: str, pose: RigidTransform) -> str | None:
-        """Return on what a body would stand there: a box at rest, the kit or a table; None if there is nothing under it."""
-        if name == self.task.kit.name:
+        """Return on what a body would stand there: a box at rest, a kit or a table; None if there is nothing under it."""
+        if name in self.task.kit_names:
             return self._table(pose.translation, 0.0)
-        size, here = self.task.edge(name), pose.translation
+        size, here = self.task.thing(name).height, pose.translation
         poses = {n: t.rest.pose for n, t in self._tracks.items() if not t.away and t.rest is not None} | {name: pose}
         for other in self.task.object_names:
             if other in poses and stands_on(self.task, name, other, poses):
                 return other
-        kit, at = self.task.kit, self._tracks[self.task.kit.name].rest
         slack = HEIGHT * size
-        if at is not None and is_over_kit(kit, at.pose, here):
-            height = at.pose.inv().apply(here)[2] - kit.thickness / 2 - size / 2
-            if abs(height) < slack:
-                return kit.name
+        for kit in self.task.kits:
+            at = self._tracks[kit.name].rest
+            if at is not None and is_over_kit(kit, at.pose, here):
+                height = at.pose.inv().apply(here)[2] - kit.plate - size / 2
+                if abs(height) < slack:
+                    return kit.name
         return self._table(here - np.array([0.0, 0.0, size / 2]), slack)
 
     def _table(self, foot: Point, slack: float) -> str | None:
@@ -195,7 +198,7 @@ class Watcher:
         return any(
             not track.away and track.rest is not None and self._under(other, track.rest.pose) == name
             for other, track in self._tracks.items()
-            if other not in (name, self.task.kit.name)
+            if other not in (name, *self.task.kit_names)
         )
 
     def _fresh(self, track: BodyTrack) -> bool:

@@ -28,7 +28,7 @@ def on_table(index, x=0.0, y=0.0, z=0.0):
 
 
 def kit(x=0.0, y=0.0, z=0.0):
-    return np.add(START.kits[0, 0], (x, y, TASK.kit.thickness / 2 + HALF + z))
+    return np.add(START.kits[0, 0], (x, y, TASK.kits[0].thickness / 2 + HALF + z))
 
 
 def free_table():
@@ -69,7 +69,7 @@ def test_a_person_may_unstack_and_the_subgoal_is_seen_unless_a_tree_has_to_tick_
         ((0.5, 0.0, TOP + HALF), "no table there"),
         (tuple(on_table(free_table(), z=-0.05)), "inside Table"),
         (tuple(on_table(free_table(), z=3.0)), "too high"),
-        (tuple(kit(TASK.kit.inner[0])), "kit's wall"),
+        (tuple(kit(TASK.kits[0].inner[0])), "kit's wall"),
         (tuple(kit(z=-0.007)), "kit's wall or floor"),
         ((float("nan"), 0.0, 1.0), "not a number"),
         (tuple(np.add(pose(START, "GreenBox")[:3], (0.05, 0, 0.03))), "inside GreenBox"),

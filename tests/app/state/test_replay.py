@@ -12,7 +12,7 @@ SIZE = TASK.objects[0].edge
 
 def placed(over, height):
     """GreenBox is released at a height over YellowBox, in box sizes, and `over` metres beside; far from all else."""
-    far = {name: Pose((5.0, 0.0, 0.0)) for name in (TASK.kit.name, "BlueBox", TASK.robot_frame)}
+    far = {name: Pose((5.0, 0.0, 0.0)) for name in (TASK.kits[0].name, "BlueBox", TASK.robot_frame)}
     at = {name: Pose((over, 0.0, height * SIZE + END_EFFECTOR_HEIGHT)) for name in ("GreenBox", "YellowBox")}
     return Action("place", far | at)
 

@@ -32,7 +32,7 @@ def on_table(index, x=0.0, y=0.0, z=0.0):
 
 
 def kit(x=0.0, y=0.0, z=0.0):
-    return np.add(START.kits[0, 0], (x, y, TASK.kit.thickness / 2 + HALF + z))
+    return np.add(START.kits[0, 0], (x, y, TASK.kits[0].thickness / 2 + HALF + z))
 
 
 def free_table():
@@ -73,12 +73,12 @@ def test_a_target_is_relative_to_what_carries_it():
     [
         ("BlueBox", (0.0, 3.0, 1.0), None, "no table there, out of reach"),
         ("BlueBox", tuple(kit(0.05)), None, "inside YellowBox"),
-        ("BlueBox", tuple(kit(TASK.kit.inner[0])), None, "kit's wall"),
+        ("BlueBox", tuple(kit(TASK.kits[0].inner[0])), None, "kit's wall"),
         ("BlueBox", tuple(on_table(free_table(), z=0.2)), None, "hang in the air, 20 cm"),
         ("BlueBox", tuple(kit(-0.204, -0.176, 0.041)), None, "would not stay there"),
         ("YellowBox", tuple(kit(0.13)), "GreenBox", "circular"),
         ("YellowBox", tuple(kit(0.13)), "YellowBox", "choose another frame"),
-        ("RedBox", tuple(kit()), None, "no box 'RedBox'"),
+        ("RedBox", tuple(kit()), None, "no object 'RedBox'"),
     ],
 )
 def test_where_no_target_can_be(name, position, frame, says):

@@ -23,14 +23,14 @@ def with_box(world, name, position):
 
 def test_boxes_on_a_table_in_the_kit_on_each_other_and_in_the_gripper():
     size = TASK.objects[0].edge
-    kit = np.add(START.kits[0, 0], (0, 0, TASK.kit.thickness / 2 + size / 2))
+    kit = np.add(START.kits[0, 0], (0, 0, TASK.kits[0].thickness / 2 + size / 2))
     world = with_box(START, "YellowBox", kit)
     world = with_box(world, "GreenBox", np.add(kit, (0, 0, size)))
     said = object_words(TASK, world)
     assert said["YellowBox"].sentence == "YellowBox is in the middle of the kit"
     assert said["GreenBox"].sentence == "GreenBox is on top of YellowBox"
     assert said["BlueBox"].sentence.startswith("BlueBox is on Table")
-    assert [said[name].support for name in ("YellowBox", "GreenBox")] == [TASK.kit.name, "YellowBox"]
+    assert [said[name].support for name in ("YellowBox", "GreenBox")] == [TASK.kits[0].name, "YellowBox"]
     assert said["BlueBox"].support in {table.name for table in TASK.tables}
     held = dataclasses.replace(world, held=np.array([TASK.object_names.index("BlueBox")], np.int8))
     assert object_words(TASK, held)["BlueBox"].sentence == "BlueBox is in the gripper"
@@ -43,7 +43,7 @@ def test_boxes_on_a_table_in_the_kit_on_each_other_and_in_the_gripper():
 @pytest.mark.parametrize("there", [False, True])
 def test_where_boxes_should_be_and_how_far_they_are_from_there(there):
     size = TASK.objects[0].edge
-    kit = np.add(START.kits[0, 0], (0, 0, TASK.kit.thickness / 2 + size / 2))
+    kit = np.add(START.kits[0, 0], (0, 0, TASK.kits[0].thickness / 2 + size / 2))
     world = with_box(START, "YellowBox", kit) if there else START
     said = target_words(TASK, world)
     assert len(said) == len(TASK.targets)

@@ -349,7 +349,7 @@ def test_two_tasks_that_differ_are_asked_about_until_one_changes(evolved):
         {"subgoals": (Subgoal("free", ("clear(YellowBox)",)),)},
         {"robot_position": (0.0, 1.1, 0.05)},
         {"gripper_opening": 0.3},
-        {"kits": (dataclasses.replace(STACK3.kit, size=(0.5, 0.5)),)},
+        {"kits": (dataclasses.replace(STACK3.kits[0], size=(0.5, 0.5)),)},
         {"tables": (dataclasses.replace(STACK3.tables[0], size=(1.1, 1.1, 0.05)), *STACK3.tables[1:])},
     ],
     ids=lambda changes: next(iter(changes)),

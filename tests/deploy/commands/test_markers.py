@@ -44,6 +44,6 @@ def test_markers_wider_than_the_paper_are_refused():
     huge = dataclasses.replace(
         task, objects=tuple(dataclasses.replace(box, size=(0.3, 0.3, 0.3)) for box in task.objects)
     )
-    huge = dataclasses.replace(huge, kits=(dataclasses.replace(task.kit, size=(0.7, 0.7)),))
+    huge = dataclasses.replace(huge, kits=(dataclasses.replace(task.kits[0], size=(0.7, 0.7)),))
     with pytest.raises(UserError, match="wide"):
         list(sheet_pages(huge))

@@ -37,7 +37,7 @@ class Eyes:
 
 @pytest.fixture
 def link():
-    link = FollowingLink(TASK, {TASK.kit.name: RigidTransform.from_translation([0.3, 0.0, 0.001])})
+    link = FollowingLink(TASK, {TASK.kits[0].name: RigidTransform.from_translation([0.3, 0.0, 0.001])})
     for arm in YUMI.arms:
         link.joints[arm.name] = YUMI.home[arm.name] + 0.6 * (np.arange(len(arm.lower)) == 0)
     return link

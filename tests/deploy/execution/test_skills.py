@@ -25,7 +25,7 @@ def at(x: float, y: float, turn: float = 0.0) -> RigidTransform:
 def link():
     kit = RigidTransform.from_translation([0.3, 0.0, 0.001])
     boxes = {"YellowBox": at(0.3, 0.24, 0.3), "GreenBox": at(0.3, -0.24), "BlueBox": at(0.33, -0.15)}
-    return FollowingLink(TASK, boxes | {TASK.kit.name: kit})
+    return FollowingLink(TASK, boxes | {TASK.kits[0].name: kit})
 
 
 @pytest.fixture
@@ -49,7 +49,7 @@ def test_a_box_is_picked_and_put_where_it_should_be(link, skills):
     assert link.seen().holding == "YellowBox"
     assert link.boxes["YellowBox"].translation[2] > 0.08
     assert carried_out(skills, link, PLACE) == Status.SUCCESS
-    goal = link.boxes[TASK.kit.name].apply([0, 0, 0.022])
+    goal = link.boxes[TASK.kits[0].name].apply([0, 0, 0.022])
     assert np.linalg.norm(link.boxes["YellowBox"].translation - goal) < 0.0015
     assert link.seen().holding is None
 
@@ -89,7 +89,7 @@ def test_a_box_goes_where_the_kit_is_now(link, skills):
 
 def test_nothing_is_put_down_where_something_was_once(link, skills):
     assert carried_out(skills, link, PICK) == Status.SUCCESS
-    link.hidden.add(TASK.kit.name)
+    link.hidden.add(TASK.kits[0].name)
     assert carried_out(skills, link, PLACE) == Status.FAILURE
     assert "KittingBox is not seen" in skills.reason
     assert link.seen().holding == "YellowBox"
@@ -97,9 +97,9 @@ def test_nothing_is_put_down_where_something_was_once(link, skills):
 
 def test_what_was_out_of_sight_is_waited_for_and_looked_at_again(link, skills):
     assert carried_out(skills, link, PICK) == Status.SUCCESS
-    link.hidden.add(TASK.kit.name)
+    link.hidden.add(TASK.kits[0].name)
     moved = RigidTransform.from_translation([0.31, 0.06, 0.001])
-    link.boxes[TASK.kit.name] = moved
+    link.boxes[TASK.kits[0].name] = moved
     at_home = lambda: np.abs(link.joints["left"] - YUMI.home["left"]).max() < 0.05  # noqa: E731
     assert carried_out(skills, link, PLACE, each=once(at_home, link.hidden.clear)) == Status.SUCCESS, skills.reason
     assert np.linalg.norm(link.boxes["YellowBox"].translation - moved.apply([0, 0, 0.022])) < 0.0015
@@ -108,7 +108,7 @@ def test_what_was_out_of_sight_is_waited_for_and_looked_at_again(link, skills):
 @pytest.mark.parametrize("back", [False, True])
 def test_nothing_is_put_where_a_frame_is_missing_on_the_way(link, skills, back):
     assert carried_out(skills, link, PICK) == Status.SUCCESS
-    began, kit = link.time, TASK.kit.name
+    began, kit = link.time, TASK.kits[0].name
 
     def take():
         link.hidden.add(kit)
@@ -218,7 +218,7 @@ def test_a_box_is_set_down_where_both_arms_reach_it_though_that_is_far(place):
     ]
     task = dataclasses.replace(TASK, tables=tuple(apart))
     kit = RigidTransform.from_translation([0.3, 0.42, 0.001])
-    link = FollowingLink(task, {"YellowBox": at(*place), TASK.kit.name: kit})
+    link = FollowingLink(task, {"YellowBox": at(*place), TASK.kits[0].name: kit})
     skills = RobotSkills(YUMI, task, link)
     assert carried_out(skills, link, PICK) == Status.SUCCESS, skills.reason
     assert link.held["right"][0] == "YellowBox"

@@ -13,7 +13,7 @@ from bt_jax.deploy.perception.markers import marker_image, task_markers
 from bt_jax.deploy.perception.pipeline import Perception
 from tests.helpers.rendered import KIT, PLACEMENT, TASK, TOP, fresh_scene, upright
 
-PLATE = TASK.kit.thickness
+PLATE = TASK.kits[0].thickness
 
 
 class Looking:

@@ -86,7 +86,7 @@ def test_a_box_moved_by_a_person_is_never_believed_elsewhere(scene, seeing):
 @pytest.mark.parametrize(("x", "y"), [(0.3, 0.0), (0.3, 0.2), (0.25, -0.29)])
 def test_a_square_stack_is_seen_at_first_sight(scene, seeing, x, y, turn):
     """Set down square to the camera, the lower boxes show one face each, which has two answers or, in OpenCV, none."""
-    foot = TOP if y else scene.truth(KIT).translation[2] + TASK.kit.thickness / 2
+    foot = TOP if y else scene.truth(KIT).translation[2] + TASK.kits[0].thickness / 2
     for level, name in enumerate(TASK.object_names):
         scene.put(name, upright(x, y, turn=turn, z=foot + 0.02 + 0.04 * level))
     assert_right(scene, look(scene, seeing, 3), TASK.object_names)
@@ -123,7 +123,7 @@ def test_a_box_in_motion_is_followed(scene, seeing):
 @pytest.mark.parametrize("twist", [0.0, 0.3, 0.8])
 def test_a_stack_is_seen_after_it_was_built_and_hidden(scene, seeing, twist):
     """At a twist of 0.8 the upper box's corner covers part of both visible markers of the one below."""
-    plate = scene.truth(KIT).translation[2] + TASK.kit.thickness / 2
+    plate = scene.truth(KIT).translation[2] + TASK.kits[0].thickness / 2
     for level, name in enumerate(TASK.object_names):
         look(scene, seeing, 4)
         scene.time += 2

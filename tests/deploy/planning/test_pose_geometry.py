@@ -64,7 +64,7 @@ def test_a_box_stands_on_another_on_the_kit_or_on_a_table():
     assert stacked == [(names[1], names[0]), (names[2], names[1])]
     assert stands_on(TASK, names[2], names[0], poses, above_most=np.inf)
     turned = RigidTransform.from_components([0.3, 0.1, 0.0], Rotation.from_euler("z", np.pi / 4))
-    edge = TASK.kit.size[0] / 2
+    edge = TASK.kits[0].size[0] / 2
     assert is_over_kit(TASK.kits[0], turned, turned.apply([0.9 * edge, 0.9 * edge, 0.2]))
     assert not is_over_kit(TASK.kits[0], turned, turned.translation + np.array([0.9 * edge, 0.9 * edge, 0.0]))
     assert table_under(TASK, middle) == table

@@ -18,7 +18,7 @@ def test_a_stack_on_a_box_that_lies_on_its_side_is_solved(lying):
     qpos, place, turn = scene.cell.qpos.copy(), scene.kit, Rotation.from_euler("z", 0.4)
     for level, target in enumerate(task.targets):
         at = scene.model.jnt_qposadr[scene.model.body(target.object).jntadr[0]]
-        height = place.translation[2] + task.kit.thickness / 2 + 0.02 + 0.04 * level
+        height = place.translation[2] + task.kits[0].thickness / 2 + 0.02 + 0.04 * level
         pose = [*place.translation[:2], height, *(turn * lying).as_quat(scalar_first=True)]
         qpos[at : at + 7] = pose
     assert max(target_distances(scene, qpos)) < 0.002

@@ -31,7 +31,7 @@ def poses(scene, controller):
     mujoco.mj_kinematics(scene.model, data)
     base = RigidTransform.from_translation(TASK.robot_position).inv()
     found = {}
-    for name in (*TASK.object_names, TASK.kit.name):
+    for name in (*TASK.object_names, TASK.kits[0].name):
         body = data.body(name)
         turn = Rotation.from_quat(body.xquat, scalar_first=True)
         found[name] = base * RigidTransform.from_components(body.xpos, turn)

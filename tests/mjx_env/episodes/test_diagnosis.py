@@ -71,7 +71,7 @@ def test_what_kept_the_first_missed_target_from_being_met(name, text, reason):
 def test_the_kit_may_stand_where_something_was_demonstrated():
     """A place in the robot's frame, on the wall of a kit that stands on that table, fails; on a free table it does not."""
     task = load_task("stack")
-    wall = (-1 - task.kit.size[0] / 2, 0, task.tables[0].top + 0.05)
+    wall = (-1 - task.kits[0].size[0] / 2, 0, task.tables[0].top + 0.05)
     target = Target("BlueBox", tuple(np.subtract(wall, task.robot_position).tolist()), task.robot_frame)
     task = dataclasses.replace(task, targets=(target,))
     text = f"move(BlueBox, ({', '.join(f'{x:.3f}' for x in target.position)}), {task.robot_frame})"

@@ -36,7 +36,7 @@ class Scene:
 
     def solve(self, *boxes, backend="mujoco", in_kit=False):
         """`boxes` are (x, y, height of the lower face) or that and a yaw, in sizes."""
-        origin = self.kit + up(self.task.kit.thickness / 2) if in_kit else self.origin
+        origin = self.kit + up(self.task.kits[0].thickness / 2) if in_kit else self.origin
         poses = np.zeros((1, len(self.task.objects), 7), np.float32)
         poses[..., 3] = 1
         for i, (x, y, height, *yaw) in enumerate(boxes):
@@ -107,7 +107,7 @@ def test_a_box_held_by_more_than_half_stays(name):
 @scales
 def test_kit_walls_hold(name):
     scene = Scene(name)
-    inner = scene.task.kit.inner[0] / scene.size - 0.5
+    inner = scene.task.kits[0].inner[0] / scene.size - 0.5
     places, _ = scene.solve((inner + 0.04, 0, 0.02), (0, -inner - 0.03, 0.02), in_kit=True)
     assert places[0, 0] < inner + 0.02
     assert places[1, 1] > -inner - 0.02
@@ -204,7 +204,7 @@ def test_mjx_agrees_with_c(name):
     poses = np.zeros((count, boxes, 7), np.float32)
     poses[..., 3] = 1
     in_kit = rng.random(count) < 0.5
-    base = np.where(in_kit[:, None], scene.kit + up(scene.task.kit.thickness / 2), scene.origin)
+    base = np.where(in_kit[:, None], scene.kit + up(scene.task.kits[0].thickness / 2), scene.origin)
     stacked = rng.random(count) < 0.5
     for i in range(boxes):
         beside = np.stack([1.2 * (i - 1) + 0 * in_kit, 0 * in_kit, np.full(count, 0.53)], 1)

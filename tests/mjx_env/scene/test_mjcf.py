@@ -44,9 +44,9 @@ def test_kit_is_an_open_box_on_the_table(name):
         for side, axis in (("left", 0), ("right", 0), ("front", 1), ("back", 1)):
             wall, place = model.geom(f"wall_{side}"), data.geom(f"wall_{side}").xpos
             inner = abs(place[axis] - data.mocap_pos[ids.kit_mocaps[0]][axis]) - wall.size[axis]
-            np.testing.assert_allclose(inner, task.kit.inner[0], atol=1e-9)
+            np.testing.assert_allclose(inner, task.kits[0].inner[0], atol=1e-9)
             np.testing.assert_allclose(
-                place[2] + wall.size[2] - bottom, task.kit.thickness + task.kit.wall_height, atol=1e-9
+                place[2] + wall.size[2] - bottom, task.kits[0].thickness + task.kits[0].wall_height, atol=1e-9
             )
 
 
