@@ -3,6 +3,7 @@ stopped."""
 
 import dataclasses
 
+import jax
 import numpy as np
 import pytest
 
@@ -11,11 +12,12 @@ from bt_jax.behaviors import gene_pool
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.walk import leaves
 from bt_jax.gp.config import GPConfig
+from bt_jax.gp.search import AchievementSearch
 from bt_jax.lfd import plan_task
 from bt_jax.tasks import Target, load_task
 from bt_jax.training.checkpoint import Checkpoint
 from bt_jax.training.console import TrainingDisplay
-from bt_jax.training.goals import goals_of
+from bt_jax.training.goals import goals_of, measured
 from bt_jax.training.run import TrainingRun
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.run_folder import RunFolder
@@ -98,17 +100,21 @@ def in_the_kit(places):
     return dataclasses.replace(STACK3, targets=tuple(targets))
 
 
-@pytest.mark.parametrize("runs", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_a_run_goes_on_from_its_checkpoint_as_if_it_had_never_stopped(tmp_path, runs):
-    config = dataclasses.replace(CONFIG, runs=runs, generations=8)
-    training = Training(STACK3, config, QUICK)
+@pytest.mark.parametrize(("runs", "layouts"), [(1, 1), (1, 4), pytest.param(2, 1, marks=pytest.mark.slow)])
+def test_a_run_goes_on_from_its_checkpoint_as_if_it_had_never_stopped(tmp_path, runs, layouts):
+    config, settings = (
+        dataclasses.replace(CONFIG, runs=runs, generations=8),
+        dataclasses.replace(QUICK, layouts=layouts),
+    )
+    training = Training(STACK3, config, settings)
     states = list(training.evolution.run())
     history = training.evolution.describe(states[3])
     Checkpoint(states[3], training.vocabulary.leaves, 0, history, training.run_config).save(tmp_path / "state.npz")
     saved = Checkpoint.load(tmp_path / "state.npz")
     assert saved.history == [dataclasses.replace(row, **rounded(row)) for row in history]
     assert_same(saved.state.knowledge, states[3].knowledge)
-    again = list(Training(STACK3, config, QUICK).evolution.run(saved.state))
+    assert history[-1].episodes == layouts * states[3].trees_measured[-1]
+    again = list(Training(STACK3, config, settings).evolution.run(saved.state))
     assert_same([state.knowledge for state in again], [state.knowledge for state in states[3:]])
     assert_same([state.population for state in again], [state.population for state in states[3:]])
     for one, other in zip(again, states[3:], strict=True):
@@ -126,6 +132,28 @@ def test_a_checkpoint_of_before_misses_were_kept_goes_on(tmp_path):
     archive, kept = state.knowledge[0].archive, saved.state.knowledge[0].archive
     assert_same(kept, dataclasses.replace(archive, missed=np.zeros_like(archive.missed)))
     assert training.evolution.step(saved.state).generation == 1
+
+
+def test_several_layouts_tell_rates_and_any_fitness_of_them_will_do():
+    """The mean of the worst quarter here, which is the conditional value at risk."""
+    training = Training(STACK3, CONFIG, dataclasses.replace(QUICK, layouts=4))
+    rates = set()
+
+    def measure(trees):
+        runs, count, _ = trees.tokens.shape
+        flat = jax.tree.map(lambda leaf: leaf.reshape(-1, leaf.shape[-1]), jax.device_get(trees))
+        episodes = training.evaluator(flat, training.layouts)
+        found = measured(episodes, STACK3, (runs, count))
+        rates.update(np.unique(found.achieved).tolist())
+        np.testing.assert_array_equal(found.achieved[0], episodes.misses.met.mean(axis=1))
+        worst = episodes.values.min(axis=1)
+        return dataclasses.replace(found, fitness=worst.reshape(runs, count))
+
+    goals = goals_of(STACK3, training.vocabulary)
+    search = AchievementSearch(CONFIG, training.vocabulary.kinds, goals, measure, episodes_per_tree=4)
+    *_, state = search.run()
+    assert training.test(training.best_tree(state)).solved.all()
+    assert {0.0, 1.0} < rates <= {0.0, 0.25, 0.5, 0.75, 1.0}
 
 
 def rounded(row):
