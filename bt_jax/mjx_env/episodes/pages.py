@@ -22,7 +22,7 @@ UNKNOWN = -1
 EMPTY = 0  # the page of every block of which nothing is known
 PAGE_BITS = 6
 PAGE = 1 << PAGE_BITS  # commands in a block
-NOWHERE = np.iinfo(np.int32).max  # an index that is dropped
+MOST_CELLS = NOWHERE = np.iinfo(np.int32).max  # that an index can number; an index that is dropped
 
 
 @jax.tree_util.register_dataclass
@@ -50,6 +50,11 @@ class SparseRows:
         self._index = np.full((capacity, self.blocks), EMPTY, np.int32)
         pages = np.full((1 + capacity, PAGE), UNKNOWN, np.int32)
         self.pages = Pages(jax.device_put(self._index.copy()), jax.device_put(pages))
+
+    @staticmethod
+    def most_states(num_commands: int) -> int:
+        """Return for how many states an index of 32 bits can number all blocks and all entries of pages."""
+        return min(MOST_CELLS // -(-num_commands // PAGE), MOST_CELLS // PAGE - 1)
 
     @staticmethod
     def bytes_per_state(num_commands: int) -> int:

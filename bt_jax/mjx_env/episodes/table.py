@@ -23,7 +23,7 @@ from jaxtyping import Array, Bool, Int, Int32, UInt
 from bt_jax._util.compile_cache import kept_jit
 from bt_jax.mjx_env.episodes.codes import OutcomeCodes, TooManyOutcomesError
 from bt_jax.mjx_env.episodes.fitness import Misses, target_misses
-from bt_jax.mjx_env.episodes.pages import UNKNOWN, Pages, SparseRows
+from bt_jax.mjx_env.episodes.pages import MOST_CELLS, UNKNOWN, Pages, SparseRows
 from bt_jax.mjx_env.interchange import in_order, interchangeable
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.physics.settler import Settler
@@ -41,7 +41,7 @@ GROWTH = 4
 BUCKETS = (64, 512, 4096, 32768)
 FEW_TOKENS = 256  # of a vocabulary whose leaves are all computed at once
 MOST_OUTCOMES = 1 << 22  # that are computed at a time
-MOST_CELLS = NO_BOUND = np.iinfo(np.int32).max  # that an index can number
+NO_BOUND = np.iinfo(np.int32).max
 NAME_BYTES = 150  # of a state's entry in a dict of bytes, besides the bytes
 
 
@@ -100,9 +100,10 @@ class TransitionTable:
         memory."""
         tokens = len(self.semantics.vocabulary)
         whole = memory // self._bytes_per_state
+        most = min(MOST_CELLS // tokens, SparseRows.most_states(self.num_commands))
         capacity = max(min(FIRST_CAPACITY, whole), _states_of_an_episode(self.semantics) + BUCKETS[0])
         yield capacity
-        while (larger := min(GROWTH * capacity, whole - capacity, MOST_CELLS // tokens)) > capacity:
+        while (larger := min(GROWTH * capacity, whole - capacity, most)) > capacity:
             yield larger
             capacity = larger
 

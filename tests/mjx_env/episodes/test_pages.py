@@ -56,6 +56,14 @@ def test_it_says_when_no_page_is_left():
     assert rows.has_room(states, one + PAGE)
 
 
+@given(st.integers(1, 20_000))
+def test_an_index_of_32_bits_numbers_all_that_it_has_room_for(commands):
+    states = SparseRows.most_states(commands)
+    blocks = -(-commands // PAGE)
+    assert max(states * blocks, (1 + states) * PAGE) <= np.iinfo(np.int32).max
+    assert max((1 + states) * blocks, (2 + states) * PAGE) > np.iinfo(np.int32).max
+
+
 def test_sixteen_objects_in_four_trays_fit():
     """Places of each object: on each other one, at four sides of it, and in 16 slots of each tray. A dense matrix would have
     more than 2^31 entries, 9 GB."""

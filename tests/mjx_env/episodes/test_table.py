@@ -13,7 +13,7 @@ from bt_jax.encoding.walk import prefix
 from bt_jax.mjx_env.episodes.codes import NOT_COMPUTED
 from bt_jax.mjx_env.episodes.evaluator import MANY, TableEvaluator
 from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS
-from bt_jax.mjx_env.episodes.pages import UNKNOWN
+from bt_jax.mjx_env.episodes.pages import PAGE, UNKNOWN
 from bt_jax.mjx_env.episodes.rollout import RolloutEvaluator
 from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.mjx_env.episodes.table import MEMORY, Known, TableFullError, TransitionTable
@@ -210,6 +210,21 @@ def test_leaves_that_no_tree_uses_are_not_computed(task_name, memory, monkeypatc
     np.testing.assert_array_equal(computed, np.broadcast_to(used, computed.shape))
     for _ in range(2):
         assert_same(by_use(trees, layouts), expected)
+
+
+def test_the_table_is_full_before_an_index_overflows(monkeypatch):
+    semantics, most = semantics_of("stack3", atoms=False), 200_000
+    monkeypatch.setattr("bt_jax.mjx_env.episodes.pages.MOST_CELLS", most)
+    table = TransitionTable(semantics, Kinematic(semantics.task))
+    starts = sample_layouts(semantics.task, 13, 1)
+    many = jax.tree.map(lambda leaf: np.repeat(leaf, most // PAGE, axis=0), starts)
+    moved = np.float32(0.001) * np.arange(most // PAGE, dtype=np.float32)
+    many = dataclasses.replace(many, kits=many.kits + moved[:, None, None])
+    with pytest.raises(TableFullError):
+        table.ids(many)
+    assert table.num_states == 0
+    table.ids(take(many, slice(most // PAGE - 100)))
+    assert max(table.known.following.index.size, table.known.following.pages.size) <= most
 
 
 def test_the_table_stays_within_its_memory():
