@@ -38,10 +38,11 @@ def origin(source: Path) -> dict[str, str]:
 def carry_out(source: Path, job: Job, logs: Path | None = None) -> dict[str, Any]:
     """Return what a run came to, as JSON has it; its log goes into the folder `logs`. `after`: seconds from the last touch,
     or from the start, to the end."""
+    program = load_program(source)
     realism = dataclasses.replace(Realism().scaled(job.factor), width=job.width, height=job.width * 3 // 4)
     run = run_twin(
         YUMI,
-        load_program(source),
+        program,
         job.seed,
         realism=realism,
         disturbances=job.touches,
@@ -51,6 +52,7 @@ def carry_out(source: Path, job: Job, logs: Path | None = None) -> dict[str, Any
     )
     last = max((touch.time for touch in run.touches), default=run.start)
     return {
+        "task": program.task.name,
         "status": run.outcome.status.name,
         "reason": run.outcome.reason,
         "solved": bool(run.solved),

@@ -48,14 +48,16 @@ def solved(record: dict[str, Any]) -> bool:
 
 def rows(records: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return the table; distances are true ones, of the runs that were solved."""
-    surveys: dict[tuple[bool, float, int], list[dict[str, Any]]] = {}
+    surveys: dict[tuple[str, bool, float, int], list[dict[str, Any]]] = {}
     for record in records:
-        surveys.setdefault((record["touches"] > 0, record["factor"], record["width"]), []).append(record)
+        task = record.get("task", "yumi_stack")  # older records are of this one and do not say it
+        surveys.setdefault((task, record["touches"] > 0, record["factor"], record["width"]), []).append(record)
     table = []
-    for (touched, factor, width), runs in sorted(surveys.items()):
+    for (task, touched, factor, width), runs in sorted(surveys.items()):
         distances = [distance for run in filter(solved, runs) for distance in run["mm"]]
         table.append(
             {
+                "task": task,
                 "runs": "with a person" if touched else "alone",
                 "factor": factor,
                 "width px": width,
@@ -85,7 +87,7 @@ def main(arguments: Arguments) -> None:
             f"worst {max(record['mm']):5.1f} mm  {record['reason']}  {record['touched']}",
             markup=False,
         )
-    report("deploy_twin", "a tree on the twin", rows(stored(path, **own)), out=path, runs=stored(path))
+    report("deploy_twin", "a tree on the twin", rows(stored(path, code=own["code"])), out=path, runs=stored(path))
 
 
 if __name__ == "__main__":
