@@ -17,6 +17,7 @@ from bt_jax.mjx_env.surfaces import (
     fixed_surfaces,
     joined,
     object_surfaces,
+    outline_of,
     standing_extents,
     support_height,
 )
@@ -107,6 +108,6 @@ def _release_pose(semantics: LeafSemantics, world: World, place: Int32[Array, " 
         ],
         axis=1,
     )
-    support = support_height(surfaces, goal[:, :2], half[:, :2], usable)
+    support = support_height(surfaces, goal[:, :2], half[:, :2], usable, outline_of(task, turn, held))
     height = xp.maximum(goal[:, 2], support + half[:, 2])
     return xp.concatenate([goal[:, :2], height[:, None], turn], axis=-1)

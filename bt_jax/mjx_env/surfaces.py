@@ -1,23 +1,27 @@
-"""What an object can come to stand on: level rectangles, seen from above."""
+"""What an object can come to stand on, seen from above."""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+import operator
 from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int, Shaped
 
-from bt_jax.mjx_env.world import Array, namespace
+from bt_jax.behaviors.geometry import GEOMETRY
+from bt_jax.mjx_env.world import Array, headings, namespace, uprightness
 from bt_jax.tasks import Object, Task
 
 __all__ = [
+    "Outlines",
     "Surfaces",
     "fixed_surfaces",
     "half_extents",
     "joined",
     "object_surfaces",
+    "outline_of",
     "overlaps",
     "standing_extents",
     "support_height",
@@ -25,15 +29,28 @@ __all__ = [
 ]
 
 TOUCH = 0.02  # objects that overlap by less than this part of their size count as side by side
+FAR = 1e3  # metres; half the extents of an endless surface
+
+
+@dataclasses.dataclass(frozen=True)
+class Outlines:
+    """What M objects cover in each of S states: rectangles with half the edges `half`, the first along the direction
+    `along`, or circles of radius `half[0]`."""
+
+    half: Float32[Array, "*S M 2"]
+    along: Float32[Array, "*S M 2"]
+    is_round: Bool[Array, "*S M"]
 
 
 @dataclasses.dataclass(frozen=True)
 class Surfaces:
-    """M axis-aligned rectangles for each of S states; z is the height of the top in the world, metres."""
+    """M level surfaces for each of S states, with half the extents along the world's axes; `top` is the height in the world,
+    metres. They are rectangles parallel to the axes where they have no outlines."""
 
     centre: Float32[Array, "S M 2"]
     half: Float32[Array, "S M 2"]
     top: Float32[Array, "S M"]
+    outlines: Outlines | None = None
 
 
 def fixed_surfaces(task: Task, kits: Float32[Array, "S T 3"]) -> Surfaces:
@@ -66,18 +83,57 @@ def surface_names(task: Task) -> list[str]:
 
 
 def object_surfaces(task: Task, poses: Float32[Array, "S B 7"]) -> Surfaces:
-    """Return the tops of the blocks around the objects that are parallel to the axes."""
+    """Return the tops of the objects."""
     half = half_extents(task.objects, poses[..., 3:])
-    return Surfaces(centre=poses[..., :2], half=half[..., :2], top=poses[..., 2] + half[..., 2])
+    return Surfaces(
+        poses[..., :2],
+        half[..., :2],
+        poses[..., 2] + half[..., 2],
+        _outlines(_proportions(task.objects), poses[..., 3:]),
+    )
+
+
+def outline_of(task: Task, quaternion: Float32[Array, "S 4"], which: Int[Array, " S"]) -> Outlines | None:
+    """Return what one object of each state covers, given as its index; None where all objects are cubes, which count as
+    parallel to the axes however they lie."""
+    found = _outlines(_proportions(task.objects).of(which), quaternion)
+    return found and Outlines(found.half[:, None], found.along[:, None], found.is_round[:, None])
+
+
+def _outlines(proportions: _Proportions, quaternion: Float32[Array, "*S B 4"]) -> Outlines | None:
+    if proportions.all_cubes:
+        return None
+    xp = namespace(quaternion)
+    heading = headings(quaternion)
+    c, s = xp.cos(heading), xp.sin(heading)
+    half = _extents(proportions, quaternion, (c, s))[..., :2]
+    upright = xp.abs(uprightness(quaternion)) > np.float32(GEOMETRY.upright)
+    return Outlines(half, xp.stack([c, s], axis=-1), upright & _for_each(proportions.is_round, quaternion))
+
+
+def _aligned(half: Float32[Array, "S M 2"]) -> Outlines:
+    """Return rectangles that are parallel to the axes."""
+    xp = namespace(half)
+    along = xp.broadcast_to(xp.asarray([1, 0], np.float32), half.shape)
+    return Outlines(xp.minimum(half, np.float32(FAR)), along, xp.zeros(half.shape[:-1], bool))
 
 
 def joined(first: Surfaces, second: Surfaces) -> Surfaces:
     """Return the surfaces of both."""
     xp = namespace(first.top)
+    both = None
+    if first.outlines or second.outlines:
+        one, other = (part.outlines or _aligned(part.half) for part in (first, second))
+        both = Outlines(
+            xp.concatenate([one.half, other.half], axis=1),
+            xp.concatenate([one.along, other.along], axis=1),
+            xp.concatenate([one.is_round, other.is_round], axis=1),
+        )
     return Surfaces(
         centre=xp.concatenate([first.centre, second.centre], axis=1),
         half=xp.concatenate([first.half, second.half], axis=1),
         top=xp.concatenate([first.top, second.top], axis=1),
+        outlines=both,
     )
 
 
@@ -86,7 +142,10 @@ def half_extents(objects: Sequence[Object], quaternion: Float32[Array, "*S B 4"]
     return _extents(_proportions(tuple(objects)), quaternion)
 
 
-def _extents(proportions: _Proportions, quaternion: Float32[Array, "*S B 4"]) -> Float32[Array, "*S B 3"]:
+def _extents(
+    proportions: _Proportions, quaternion: Float32[Array, "*S B 4"], along: tuple[Array, Array] | None = None
+) -> Float32[Array, "*S B 3"]:
+    """Return half the extents along the world's axes, or along axes of which the first is the level unit vector `along`."""
     xp = namespace(quaternion)
     w, x, y, z = (quaternion[..., i] for i in range(4))
     rows = (
@@ -94,6 +153,13 @@ def _extents(proportions: _Proportions, quaternion: Float32[Array, "*S B 4"]) ->
         (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
         (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
     )
+    if along is not None:
+        (c, s), (first, second, up) = along, rows
+        rows = (
+            tuple(c * a + s * b for a, b in zip(first, second, strict=True)),
+            tuple(c * b - s * a for a, b in zip(first, second, strict=True)),
+            up,
+        )
     if proportions.all_cubes:
         extents = [xp.abs(a) + xp.abs(b) + xp.abs(c) for a, b, c in rows]
     else:
@@ -157,18 +223,47 @@ def standing_extents(
     return xp.where(is_cube, half, _extents(proportions, quaternion))
 
 
-def overlaps(surfaces: Surfaces, xy: Float32[Array, "S 2"], half: Float32[Array, "S 2"]) -> Bool[Array, "S M"]:
-    """Return which surfaces lie under a block with half extents `half` at `xy`, by more than a touch."""
+def overlaps(
+    surfaces: Surfaces, xy: Float32[Array, "S 2"], half: Float32[Array, "S 2"], block: Outlines | None = None
+) -> Bool[Array, "S M"]:
+    """Return which surfaces lie under a block at `xy`, by more than a touch. It has half the extents `half`, and what it
+    covers is its outline, one for each state; without one it is parallel to the axes."""
     xp = namespace(xy)
-    reach = surfaces.half + (half * np.float32(1 - 2 * TOUCH))[:, None]
-    return xp.all(xp.abs(surfaces.centre - xy[:, None]) < reach, axis=-1)
+    if surfaces.outlines is None and block is None:
+        reach = surfaces.half + (half * np.float32(1 - 2 * TOUCH))[:, None]
+        return xp.all(xp.abs(surfaces.centre - xy[:, None]) < reach, axis=-1)
+    above, below = block or _aligned(half[:, None]), surfaces.outlines or _aligned(surfaces.half)
+    above = dataclasses.replace(above, half=above.half * np.float32(1 - 2 * TOUCH))
+    apart = surfaces.centre - xy[:, None]
+    distance = xp.sqrt(xp.sum(apart**2, axis=-1, keepdims=True))
+    between = xp.where(distance > 0, apart / xp.maximum(distance, np.float32(1e-9)), np.array([1, 0], np.float32))
+    axes = [between, above.along, _across(above.along), below.along, _across(below.along)]
+    meet = [xp.abs(xp.sum(apart * axis, axis=-1)) < _reach(above, axis) + _reach(below, axis) for axis in axes]
+    return functools.reduce(operator.and_, meet)
+
+
+def _across(along: Float32[Array, "*S 2"]) -> Float32[Array, "*S 2"]:
+    return namespace(along).stack([-along[..., 1], along[..., 0]], axis=-1)
+
+
+def _reach(outline: Outlines, axis: Float32[Array, "*#S 2"]) -> Float32[Array, "*#S"]:
+    """Return half the extents along an axis; two convex outlines meet if those along every axis do (the separating axis
+    theorem), of which the edges' and the one between the middles are tried."""
+    xp = namespace(axis)
+    along, across = (xp.abs(xp.sum(edge * axis, axis=-1)) for edge in (outline.along, _across(outline.along)))
+    of_rectangle = along * outline.half[..., 0] + across * outline.half[..., 1]
+    return xp.where(outline.is_round, outline.half[..., 0], of_rectangle)
 
 
 def support_height(
-    surfaces: Surfaces, xy: Float32[Array, "S 2"], half: Float32[Array, "S 2"], usable: Bool[Array, "S M"]
+    surfaces: Surfaces,
+    xy: Float32[Array, "S 2"],
+    half: Float32[Array, "S 2"],
+    usable: Bool[Array, "S M"],
+    block: Outlines | None = None,
 ) -> Float32[Array, " S"]:
-    """Return the height of the highest usable surface under a block with half extents `half` at `xy`; the floor, the first
-    surface, is always there."""
+    """Return the height of the highest usable surface under a block (see `overlaps`); the floor, the first surface, is
+    always there."""
     xp = namespace(xy)
-    under = overlaps(surfaces, xy, half) & usable
+    under = overlaps(surfaces, xy, half, block) & usable
     return xp.max(xp.where(under, surfaces.top, surfaces.top[:, :1]), axis=1)

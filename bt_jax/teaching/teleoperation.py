@@ -20,7 +20,14 @@ from bt_jax.mjx_env.physics.settler import Settler
 from bt_jax.mjx_env.predicates import graspable, is_clear, reachable
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.skills import act, settled_world
-from bt_jax.mjx_env.surfaces import fixed_surfaces, object_surfaces, overlaps, standing_extents, surface_names
+from bt_jax.mjx_env.surfaces import (
+    fixed_surfaces,
+    object_surfaces,
+    outline_of,
+    overlaps,
+    standing_extents,
+    surface_names,
+)
 from bt_jax.mjx_env.world import World, frames, to_world
 from bt_jax.tasks import Task
 from bt_jax.tasks.slots import fits, slot_position, slot_turn
@@ -194,7 +201,8 @@ class Teleoperation:
         names = [None, *surface_names(task)[1:], *task.object_names]
         tops = np.concatenate([fixed.top[0], boxes.top[0]])
         xy, reach, rise = centre[None, :2].astype(np.float32), half[None, :2], half[2]
-        under = np.concatenate([overlaps(fixed, xy, reach)[0], overlaps(boxes, xy, reach)[0]])
+        outline = outline_of(task, world.poses[:, held, 3:], np.array([held]))
+        under = np.concatenate([overlaps(below, xy, reach, outline)[0] for below in (fixed, boxes)])
         under[len(names) - len(task.objects) + held] = False
         foot = np.concatenate([np.full(fixed.top.shape[1], -np.inf), 2 * world.poses[0, :, 2] - boxes.top[0]])
         sunk = under & (tops > centre[2] - rise + 2 * rise * SUNK) & (foot < centre[2] + rise - 2 * rise * SUNK)

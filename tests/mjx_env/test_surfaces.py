@@ -4,18 +4,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.mjx_env.surfaces import (
+    TOUCH,
     Surfaces,
     fixed_surfaces,
     object_surfaces,
+    outline_of,
     overlaps,
     standing_extents,
     support_height,
 )
 from bt_jax.tasks import load_task
+from bt_jax.tasks.footprints import Footprint, overlap
 from tests.helpers.samples import MIXED
 
-TASK = load_task("stack")
+TASK, MIXED_TASK = load_task("stack"), load_task(MIXED)
 KIT = np.array([[[1, 0, 0.7525]]], np.float32)
 RIM, PLATE = 0.795, 0.755
 
@@ -83,3 +87,45 @@ def test_some_objects_stand_as_all_of_them_do(task):
     expected = standing_extents(task, alike)[np.arange(count), which]
     np.testing.assert_array_equal(standing_extents(task, turn, which), expected)
     np.testing.assert_allclose(standing_extents(task, jnp.asarray(turn), jnp.asarray(which)), expected, atol=1e-6)
+
+
+def drawn(rng, turned):
+    """Some objects of the mixed task on the ground, anywhere near the middle."""
+    count = len(MIXED_TASK.objects)
+    angle = rng.uniform(-np.pi, np.pi, count) * turned
+    poses = np.zeros((1, count, 7), np.float32)
+    poses[0, :, :2] = rng.uniform(-0.15, 0.15, (count, 2))
+    poses[0, :, 3], poses[0, :, 6] = np.cos(angle / 2), np.sin(angle / 2)
+    return poses, np.degrees(angle)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_turned_objects_lie_under_one_another_where_their_footprints_overlap(seed):
+    poses, turns = drawn(np.random.default_rng(seed), turned=1.0)
+    surfaces, things = object_surfaces(MIXED_TASK, poses), MIXED_TASK.objects
+    for i, thing in enumerate(things):
+        which = np.array([i])
+        half = standing_extents(MIXED_TASK, poses[:, i, 3:], which)[:, :2]
+        found = overlaps(surfaces, poses[:, i, :2], half, outline_of(MIXED_TASK, poses[:, i, 3:], which))[0]
+        own = Footprint.of(thing, tuple(poses[0, i, :2].tolist()), float(turns[i]))
+        for j, other in enumerate(things):
+            there = Footprint.of(other, tuple(poses[0, j, :2].tolist()), float(turns[j]))
+            depth, most = overlap(own, there), 2 * TOUCH * max(thing.size)
+            if depth > most or (depth < 0 and not own.is_round ^ there.is_round):
+                assert found[j] == (depth > 0), (thing.name, other.name, depth)
+
+
+def test_beside_a_turned_plate_is_not_on_it():
+    """Though it is within the block around it that is parallel to the axes."""
+    kinematic, names = Kinematic(MIXED_TASK), MIXED_TASK.object_names
+    plate, can = names.index("Plate"), names.index("Can")
+    poses = np.zeros((1, len(names), 7), np.float32)
+    poses[..., 3] = 1
+    poses[0, plate, 3:] = np.cos(np.pi / 8), 0, 0, np.sin(np.pi / 8)
+    top = MIXED_TASK.tables[0].top
+    x, y = MIXED_TASK.tables[0].position[:2]
+    poses[0, plate, :3] = x, y, top + MIXED_TASK.objects[plate].height / 2
+    poses[0, can, :3] = x + 0.075, y - 0.075, top + MIXED_TASK.objects[can].height / 2
+    present = np.isin(np.arange(len(names)), [plate, can])[None]
+    kits = np.array([[[9, 9, 0]] * len(MIXED_TASK.kits)], np.float32)
+    np.testing.assert_allclose(kinematic.settle(kits, poses, present).poses[0, can], poses[0, can], atol=1e-5)

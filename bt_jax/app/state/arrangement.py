@@ -15,7 +15,7 @@ from bt_jax.app.state.extents import TOUCHING, Point, Pose, half_of, heading, in
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.semantics import reachable, subgoals_by_sight
 from bt_jax.mjx_env.skills import Released, settled_world
-from bt_jax.mjx_env.surfaces import Surfaces, fixed_surfaces, overlaps, surface_names
+from bt_jax.mjx_env.surfaces import Surfaces, fixed_surfaces, outline_of, overlaps, surface_names
 from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Table, Target, Task
 from bt_jax.tasks.support import kit_origin
@@ -156,7 +156,8 @@ def check_kits(task: Task, world: World, name: str, pose: Pose) -> None:
     half, fixed = half_of(task.thing(name), pose), fixed_surfaces(task, world.kits)
     first = 1 + len(task.tables)
     parts = Surfaces(fixed.centre[:, first:], fixed.half[:, first:], fixed.top[:, first:])
-    under = overlaps(parts, np.asarray(pose[None, :2], np.float32), np.asarray(half[None, :2], np.float32))[0]
+    outline = outline_of(task, np.asarray(pose[None, 3:], np.float32), np.array([task.object_names.index(name)]))
+    under = overlaps(parts, np.asarray(pose[None, :2], np.float32), np.asarray(half[None, :2], np.float32), outline)[0]
     hit = under & (parts.top[0] > pose[2] - half[2] + 2 * TOUCHING * half[2])
     if hit.any():
         kit = surface_names(task)[first + int(np.flatnonzero(hit)[0])]

@@ -29,7 +29,7 @@ from bt_jax.app.state.goals import goals, kind_of, target_keys
 from bt_jax.app.state.snapping import SNAP, slot_near
 from bt_jax.behaviors import gene_pool
 from bt_jax.mjx_env.physics.protocol import Physics
-from bt_jax.mjx_env.surfaces import fixed_surfaces, joined, object_surfaces, support_height
+from bt_jax.mjx_env.surfaces import fixed_surfaces, joined, object_surfaces, outline_of, support_height
 from bt_jax.mjx_env.world import World, frames
 from bt_jax.tasks import Object, Target, Task, with_target
 from bt_jax.tasks.slots import slot_position, slot_turn
@@ -155,6 +155,7 @@ def _check_carried(task: Task, world: World, kind: str, name: str, pose: Pose, o
     foot = pose[2] - half[2]
     below = surfaces.top <= foot + task.episode.tolerance
     at, reach = np.asarray(pose[None, :2], np.float32), np.asarray(half[None, :2], np.float32)
-    gap = foot - float(support_height(surfaces, at, reach, below)[0])
+    outline = outline_of(task, np.asarray(pose[None, 3:], np.float32), np.array([task.object_names.index(name)]))
+    gap = foot - float(support_height(surfaces, at, reach, below, outline)[0])
     if gap > task.episode.tolerance:
         raise UserError(f"{kind} would hang in the air, {100 * gap:.0f} cm above what is below it; put it lower")

@@ -9,10 +9,12 @@ from jaxtyping import Bool, Float32
 
 from bt_jax.mjx_env.physics.protocol import Settled
 from bt_jax.mjx_env.surfaces import (
+    Outlines,
     Surfaces,
     fixed_surfaces,
     joined,
     object_surfaces,
+    outline_of,
     overlaps,
     standing_extents,
     support_height,
@@ -60,11 +62,12 @@ def settle(
         surfaces = joined(fixed, object_surfaces(task, poses))
         usable = xp.concatenate([xp.ones(fixed.top.shape, bool), done], axis=1)
         half = standing_extents(task, pose[:, 3:], which)
-        pose = _drop(surfaces, usable, pose, half)
+        outline = outline_of(task, pose[:, 3:], which)
+        pose = _drop(surfaces, usable, pose, half, outline)
         for _ in range(TOPPLES):
-            before, toppled = pose, _topple(surfaces, usable, pose, half)
-            half = standing_extents(task, toppled[:, 3:], which)
-            pose = _drop(surfaces, usable, toppled, half)
+            before, toppled = pose, _topple(surfaces, usable, pose, half, outline)
+            half, outline = (of(task, toppled[:, 3:], which) for of in (standing_extents, outline_of))
+            pose = _drop(surfaces, usable, toppled, half, outline)
             if xp is np and np.array_equal(before, pose):
                 break
         poses = xp.where(falls[..., None], pose[:, None], poses)
@@ -73,21 +76,33 @@ def settle(
     return Settled(poses, xp.ones(kits.shape[0], bool), xp.zeros(kits.shape[0], np.int32), reach)
 
 
-def _drop(surfaces: Surfaces, usable: Array, pose: Float32[Array, "S 7"], half: Float32[Array, "S 3"]) -> Array:
+def _drop(
+    surfaces: Surfaces,
+    usable: Array,
+    pose: Float32[Array, "S 7"],
+    half: Float32[Array, "S 3"],
+    outline: Outlines | None,
+) -> Array:
     xp = namespace(pose)
     high = half[:, 2]
     below = usable & (surfaces.top <= (pose[:, 2] - high + high * np.float32(2 * LEVEL))[:, None])
-    height = support_height(surfaces, pose[:, :2], half[:, :2], below) + high
+    height = support_height(surfaces, pose[:, :2], half[:, :2], below, outline) + high
     return xp.concatenate([pose[:, :2], height[:, None], pose[:, 3:]], axis=-1)
 
 
-def _topple(surfaces: Surfaces, usable: Array, pose: Float32[Array, "S 7"], half: Float32[Array, "S 3"]) -> Array:
+def _topple(
+    surfaces: Surfaces,
+    usable: Array,
+    pose: Float32[Array, "S 7"],
+    half: Float32[Array, "S 3"],
+    outline: Outlines | None,
+) -> Array:
     """Move an object whose centre is beside its support off that support, turned by a quarter; others stay."""
     xp = namespace(pose)
     xy, high = pose[:, :2], half[:, 2]
     bottom = pose[:, 2] - high
     level = xp.abs(surfaces.top - bottom[:, None]) < (high * np.float32(2 * LEVEL))[:, None]
-    carries = (usable & level & overlaps(surfaces, xy, half[:, :2]))[..., None]
+    carries = (usable & level & overlaps(surfaces, xy, half[:, :2], outline))[..., None]
     low = xp.maximum(surfaces.centre - surfaces.half, (xy - half[:, :2])[:, None])
     top = xp.minimum(surfaces.centre + surfaces.half, (xy + half[:, :2])[:, None])
     low = xp.min(xp.where(carries, low, np.float32(np.inf)), axis=1)
