@@ -174,11 +174,12 @@ def fingers_meet(task: Task, poses: Poses, name: str) -> list[str | None]:
 
 
 def in_own_target(task: Task, poses: Poses, *, held: str | None = None) -> frozenset[str]:
-    """Return the instances that stand in a target of their part: in each target the nearest of those that are at it."""
+    """Return the instances that stand in a target of theirs, which names them or their part: in each target the nearest of
+    those that are at it."""
     found = set()
     for target in task.targets:
         there = [name for name in task.instances[target.object] if _stands_in(task, poses, target, name, held)]
-        if there and target.object not in task.object_names:
+        if there and task.thing(there[0]).part:
             frame = poses[target.frame]
             found.add(min(there, key=lambda name: _distance(poses[name], frame, target.position)))
     return frozenset(found)
@@ -191,7 +192,7 @@ def can_be_taken(task: Task, poses: Poses, name: str, *, held: str | None = None
 
 def taken_by(task: Task, poses: Poses, name: str, *, held: str | None = None) -> str | None:
     """Return which object a `pick` of an object or a part takes, or None if none can be taken: of a part, the nearest to the
-    robot that does not stand in a target of its part; of several, the one with the lowest x, then y."""
+    robot that does not stand in a target of its own; of several, the one with the lowest x, then y."""
     if name in task.object_names:
         return name if name in poses and can_be_taken(task, poses, name, held=held) else None
     done = in_own_target(task, poses, held=held)

@@ -91,10 +91,10 @@ def turn_error(
 
 
 def in_own_target(world: World, task: Task) -> Bool[Array, "S B"]:
-    """Return which objects are instances that stand in a target of their part, whichever of its instances is meant there: in
-    each target the nearest of those that are at it."""
+    """Return which objects are instances that stand in a target of theirs, which names them or their part: in each target
+    the nearest of those that are at it."""
     xp = namespace(world.poses)
-    targets = [target for target in task.targets if target.object not in task.object_names]
+    targets = [target for target in task.targets if task.thing(task.instances[target.object][0]).part]
     if not targets:
         return xp.zeros(world.poses.shape[:-1], bool)
     there, away = stands_in(world, task, targets)

@@ -376,7 +376,7 @@ class LeafSemantics:
 
     def _any_left(self, world: World, free: Bool[Array, "S B"]) -> Bool[Array, "S names"]:
         """Return for each name whether it can be picked: an object if it is `free`, that is clear, within reach and
-        graspable, a part if an instance is that does not stand in a target of it already."""
+        graspable, a part if an instance is that does not stand in a target of its own already."""
         if not self.has_parts:
             return free
         left = self.any_of(free & ~in_own_target(world, self.task))
@@ -391,8 +391,8 @@ class LeafSemantics:
 
 def taken_by(semantics: LeafSemantics, world: World, pick: Int32[Array, " S"]) -> Int32[Array, " S"]:
     """Return which object a `pick` takes in each state, given as an index of `LeafSemantics.names`: of a part, the nearest
-    to the robot of the instances that can be taken and do not stand in a target of it already; of several, the one with the
-    lowest x, then y."""
+    to the robot of the instances that can be taken and do not stand in a target of theirs already; of several, the one with
+    the lowest x, then y."""
     xp, task, count = namespace(world.poses), semantics.task, len(semantics.task.objects)
     if not semantics.has_parts or (xp is np and (pick < count).all()):
         return pick

@@ -30,11 +30,14 @@ from bt_jax.mjx_env.predicates import is_upright as batch_is_upright
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.semantics import taken_by as batch_taken_by
 from bt_jax.mjx_env.world import poses_by_name
-from bt_jax.tasks import Episode, Object, load_task
+from bt_jax.tasks import Episode, Object, Target, load_task
 from tests.helpers.random_states import jittered, random_world
 from tests.helpers.samples import PARTS
 
 MIXED, CUBES = load_task(PARTS), load_task("yumi_stack")
+ONE_OF_ITS_OWN = dataclasses.replace(
+    MIXED, name="named instance", targets=(*MIXED.targets, Target("Bolt3", (0.13, 0.0, 0.0275), "TrayA"))
+)  # beside targets of its part
 SEEDS = st.integers(0, 2**32 - 1)
 
 
@@ -48,7 +51,7 @@ def asked(task):
     return tuple(dict.fromkeys([*names, *(Behavior("at", args) for args in [*targets, *genes, *on_itself])]))
 
 
-SEMANTICS = {task.name: LeafSemantics(task, Vocabulary.of(asked(task))) for task in (MIXED, CUBES)}
+SEMANTICS = {task.name: LeafSemantics(task, Vocabulary.of(asked(task))) for task in (MIXED, ONE_OF_ITS_OWN, CUBES)}
 
 
 def scalar_answers(task, world):
@@ -117,7 +120,7 @@ def batch_answers(task, world):
     return answers
 
 
-@pytest.mark.parametrize("task", [MIXED, CUBES], ids=lambda task: task.name)
+@pytest.mark.parametrize("task", [MIXED, ONE_OF_ITS_OWN, CUBES], ids=lambda task: task.name)
 @settings(max_examples=15)
 @given(SEEDS)
 def test_the_simulation_means_the_same_in_random_states(task, seed):
@@ -207,6 +210,24 @@ def test_of_a_part_the_nearest_that_is_left_is_taken():
     toppled = Pose((0.0, -0.3, 0.762), (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0))
     assert taken_by(task, {**covered, "Bolt3": toppled}, "Bolt") is None
     assert taken_by(task, {name: pose for name, pose in covered.items() if name != "Bolt3"}, "Bolt") is None
+
+
+def test_an_instance_in_a_target_of_its_own_is_left_there_for_its_part():
+    task = ONE_OF_ITS_OWN
+    poses = {name: upright(5.0 + i, 0.0, 0.8) for i, name in enumerate(task.object_names)}
+    poses |= {
+        "TrayA": upright(-1.0, 0.0, 0.7525),
+        "TrayB": upright(2.0, 0.0, 0.7525),
+        "base_link": upright(0.0, 1.0, 0.05),
+    }
+    poses |= {f"Bolt{i}": upright(0.0, -0.1 * i, 0.775) for i in (1, 2)}
+    for bolt3, done, taken in (((-0.87, 0.0), {"Bolt3"}, "Bolt1"), ((0.0, 0.1), set(), "Bolt3")):
+        there = {**poses, "Bolt3": upright(*bolt3, 0.78)}
+        assert in_own_target(task, there) == done
+        assert taken_by(task, there, "Bolt") == taken
+        assert taken_by(task, there, "Bolt3") == "Bolt3"
+    elsewhere = {**poses, "Bolt1": upright(-0.87, 0.0, 0.78)}
+    assert in_own_target(task, elsewhere) == frozenset(), "it is another's"
 
 
 def test_fingers_need_room_beside_a_pair_of_faces_that_fits_the_opening():

@@ -81,7 +81,7 @@ class Statuses:
 
     def candidates(self, name: str) -> list[str]:
         """Return the objects that a `pick` may take that are seen, the nearest to the robot first: clear, within reach and
-        graspable; of a part, none that stands in one of its targets."""
+        graspable; of a part, none that stands in a target of its own."""
         poses = {one: plain(pose) for one, pose in self.seen.poses.items()}
         poses[self.task.robot_frame] = plain(RigidTransform.identity())
         done = () if name in self.task.object_names else in_own_target(self.task, poses, held=self.seen.holding)
