@@ -42,9 +42,11 @@ class Knowledge:
         return np.flatnonzero((goals.guard > 0) & ~self.done()).astype(np.int32)
 
     def out_of_reach(self, goals: Goals) -> Int32[np.ndarray, " _"]:
-        """Return the achievements of groups that no tree has had, though every leaf of the group was tested."""
+        """Return the achievements of groups that no tree has had in any layout, though every leaf of the group was tested.
+        One that a leaf of the baseline is expected to bring about is not among them."""
         tested = [bool((self.linkage.tested[goals.group == group] > 0).all()) for group in goals.concerns]
-        return np.flatnonzero(np.array(tested, bool) & (goals.concerns >= 0) & ~self.done()).astype(np.int32)
+        had = self.done() | (self.linkage.achieves.max(axis=0, initial=0) > 0)
+        return np.flatnonzero(np.array(tested, bool) & (goals.concerns >= 0) & ~had).astype(np.int32)
 
     def summary(self) -> dict[str, int]:
         """Return the figures of the knowledge that `Generation` has."""
