@@ -182,10 +182,12 @@ class AchievementSearch(Procedure):
         return known.tried(rows, self.confirm(run, known.archive.trees[rows]), self.goals)
 
     def adopt(self, trees: Trees, *, generation: int, earlier: Sequence[int]) -> State:
-        """Go on with trees [R, P, N] that were bred for another fitness: what was learnt begins with their episodes."""
+        """Go on with trees [R, P, N] that were bred for another fitness, in the order of `kept`: what was learnt begins with
+        their episodes. The baseline, if any, comes first, as in `ask`, and the last tree goes."""
         trees = jax.tree.map(np.array, jax.device_get(trees))
         if self.baseline is not None:
-            trees.tokens[:, -1], trees.sizes[:, -1] = self.baseline.tokens, self.baseline.sizes
+            trees = jax.tree.map(lambda all_: np.roll(all_, 1, axis=1), trees)
+            trees.tokens[:, 0], trees.sizes[:, 0] = self.baseline.tokens, self.baseline.sizes
         state = self.tell(None, trees, self.evaluate(trees))
         return dataclasses.replace(state, generation=generation, earlier=tuple(earlier))
 

@@ -116,6 +116,19 @@ def test_what_a_state_hands_on_achieves_the_most(found):
     assert state.trees_measured[0] > 40
 
 
+def test_a_baseline_that_joins_later_is_measured_in_place_of_the_last_tree(found):
+    tower = Tower()
+    tree = encode(decode_text(tower, "Sequence(0@0, 1@1)"), tower.vocabulary, CONFIG.max_nodes)
+    search = search_in(tower, baseline=tree)
+    kept = search.kept(found[-1])
+    state = search.adopt(kept, generation=7, earlier=[40])
+    expected = tower.measured(jax.tree.map(lambda leaf: np.asarray(leaf)[None, None], tree)).fitness[0, 0]
+    assert float(state.baseline_fitness[0]) == expected < tower.measured(kept).fitness.max()
+    assert state.knowledge[0].solved
+    best, _ = best_of(state)
+    np.testing.assert_array_equal(best.tokens, best_of(found[-1])[0].tokens)
+
+
 def test_a_fitness_that_is_not_finite_is_refused():
     search = search_in(Tower())
     offspring = search.ask(None)
