@@ -85,24 +85,20 @@ def surface_names(task: Task) -> list[str]:
 def object_surfaces(task: Task, poses: Float32[Array, "S B 7"]) -> Surfaces:
     """Return the tops of the objects."""
     half = half_extents(task.objects, poses[..., 3:])
-    return Surfaces(
-        poses[..., :2],
-        half[..., :2],
-        poses[..., 2] + half[..., 2],
-        _outlines(_proportions(task.objects), poses[..., 3:]),
-    )
+    outlines = None if task.unturned_cubes else _outlines(_proportions(task.objects), poses[..., 3:])
+    return Surfaces(poses[..., :2], half[..., :2], poses[..., 2] + half[..., 2], outlines)
 
 
 def outline_of(task: Task, quaternion: Float32[Array, "S 4"], which: Int[Array, " S"]) -> Outlines | None:
-    """Return what one object of each state covers, given as its index; None where all objects are cubes, which count as
-    parallel to the axes however they lie."""
-    found = _outlines(_proportions(task.objects).of(which), quaternion)
-    return found and Outlines(found.half[:, None], found.along[:, None], found.is_round[:, None])
-
-
-def _outlines(proportions: _Proportions, quaternion: Float32[Array, "*S B 4"]) -> Outlines | None:
-    if proportions.all_cubes:
+    """Return what one object of each state covers, given as its index; None where all objects are cubes and none is meant
+    to lie turned: they count as parallel to the axes however they lie."""
+    if task.unturned_cubes:
         return None
+    found = _outlines(_proportions(task.objects).of(which), quaternion)
+    return Outlines(found.half[:, None], found.along[:, None], found.is_round[:, None])
+
+
+def _outlines(proportions: _Proportions, quaternion: Float32[Array, "*S B 4"]) -> Outlines:
     xp = namespace(quaternion)
     heading = headings(quaternion)
     c, s = xp.cos(heading), xp.sin(heading)

@@ -153,6 +153,14 @@ class Task:
     def all_cubes(self) -> bool:
         return all(thing.is_cube for thing in self.objects)
 
+    @functools.cached_property
+    def unturned_cubes(self) -> bool:
+        """Whether all objects are cubes that start, and are to be put, parallel to the tables' edges, as in the published
+        tasks."""
+        turns = [place.turn or 0.0 for place in (*self.layout.fixed, *self.targets)]
+        turns += [slot.turn for kit in self.kits for slot in kit.places]
+        return self.all_cubes and not self.layout.turn and all(turn % 90 == 0 for turn in turns)
+
     @property
     def draws_by_size(self) -> bool:
         """Whether objects start as far from each other and from the tables' edges as their sizes take. Cubes around one kit,

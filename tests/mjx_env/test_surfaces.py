@@ -1,3 +1,5 @@
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -15,11 +17,12 @@ from bt_jax.mjx_env.surfaces import (
     standing_extents,
     support_height,
 )
-from bt_jax.tasks import load_task
+from bt_jax.tasks import Kit, Slot, Target, load_task
 from bt_jax.tasks.footprints import Footprint, overlap
 from tests.helpers.samples import MIXED
 
 TASK, MIXED_TASK = load_task("stack"), load_task(MIXED)
+KITTING = TASK.kits[0]
 KIT = np.array([[[1, 0, 0.7525]]], np.float32)
 RIM, PLATE = 0.795, 0.755
 
@@ -89,9 +92,9 @@ def test_some_objects_stand_as_all_of_them_do(task):
     np.testing.assert_allclose(standing_extents(task, jnp.asarray(turn), jnp.asarray(which)), expected, atol=1e-6)
 
 
-def drawn(rng, turned):
-    """Some objects of the mixed task on the ground, anywhere near the middle."""
-    count = len(MIXED_TASK.objects)
+def drawn(rng, task, turned):
+    """The objects of a task on the ground, anywhere near the middle."""
+    count = len(task.objects)
     angle = rng.uniform(-np.pi, np.pi, count) * turned
     poses = np.zeros((1, count, 7), np.float32)
     poses[0, :, :2] = rng.uniform(-0.15, 0.15, (count, 2))
@@ -99,14 +102,16 @@ def drawn(rng, turned):
     return poses, np.degrees(angle)
 
 
+@pytest.mark.parametrize("name", [MIXED, "towers"])
 @given(st.integers(0, 2**32 - 1))
-def test_turned_objects_lie_under_one_another_where_their_footprints_overlap(seed):
-    poses, turns = drawn(np.random.default_rng(seed), turned=1.0)
-    surfaces, things = object_surfaces(MIXED_TASK, poses), MIXED_TASK.objects
+def test_turned_objects_lie_under_one_another_where_their_footprints_overlap(name, seed):
+    task = load_task(name)
+    poses, turns = drawn(np.random.default_rng(seed), task, turned=1.0)
+    surfaces, things = object_surfaces(task, poses), task.objects
     for i, thing in enumerate(things):
         which = np.array([i])
-        half = standing_extents(MIXED_TASK, poses[:, i, 3:], which)[:, :2]
-        found = overlaps(surfaces, poses[:, i, :2], half, outline_of(MIXED_TASK, poses[:, i, 3:], which))[0]
+        half = standing_extents(task, poses[:, i, 3:], which)[:, :2]
+        found = overlaps(surfaces, poses[:, i, :2], half, outline_of(task, poses[:, i, 3:], which))[0]
         own = Footprint.of(thing, tuple(poses[0, i, :2].tolist()), float(turns[i]))
         for j, other in enumerate(things):
             there = Footprint.of(other, tuple(poses[0, j, :2].tolist()), float(turns[j]))
@@ -129,3 +134,44 @@ def test_beside_a_turned_plate_is_not_on_it():
     present = np.isin(np.arange(len(names)), [plate, can])[None]
     kits = np.array([[[9, 9, 0]] * len(MIXED_TASK.kits)], np.float32)
     np.testing.assert_allclose(kinematic.settle(kits, poses, present).poses[0, can], poses[0, can], atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda task: dataclasses.replace(task, layout=dataclasses.replace(task.layout, turn=180.0)),
+        lambda task: dataclasses.replace(
+            task,
+            layout=dataclasses.replace(task.layout, fixed=(Target("BlueBox", (0.0, 0.0, 0.0), "base_link", 30.0),)),
+        ),
+        lambda task: dataclasses.replace(task, targets=(dataclasses.replace(task.targets[0], turn=45.0),)),
+        lambda task: dataclasses.replace(
+            task, kits=(dataclasses.replace(KITTING, slots=(Slot("s", (0.0, 0.0), 45.0),)),)
+        ),
+    ],
+    ids=["start", "fixed", "target", "slot"],
+)
+def test_cubes_are_met_where_they_are_once_one_may_lie_turned(change):
+    """Two cubes turned by 45 degrees, corner to corner, do not fit where they do side by side."""
+    task = change(TASK)
+    turned = np.array([[np.cos(np.pi / 8), 0, 0, np.sin(np.pi / 8)]], np.float32)
+    poses = np.tile(np.array([0, 0, 0.05, *turned[0]], np.float32), (1, len(task.objects), 1))
+    for x, meet in ((0.12, True), (0.15, False)):
+        at, half = np.array([[x, 0]], np.float32), np.full((1, 2), 0.05, np.float32)
+        under = overlaps(object_surfaces(task, poses), at, half, outline_of(task, turned, np.array([0])))
+        assert (under == meet).all()
+
+
+def test_a_turned_cube_wider_than_its_slot_stands_on_the_dividers():
+    task = load_task("towers")
+    tray = Kit("Tray", size=(0.3, 0.2), wall_height=0.03, grid=(2, 3), dividers=True)
+    task = dataclasses.replace(task, kits=(tray,), targets=())
+    x, y = tray.places[0].position
+    kits = np.array([[[0, 0, 0.7525]]], np.float32)
+    present = np.arange(len(task.objects))[None] == 0
+    for degrees, bottom in ((0, tray.plate), (45, tray.rim)):
+        poses = np.zeros((1, len(task.objects), 7), np.float32)
+        angle = np.radians(degrees) / 2
+        poses[0, 0] = x, y, 1.0, np.cos(angle), 0, 0, np.sin(angle)
+        rest = Kinematic(task).settle(kits, poses, present).poses[0, 0]
+        np.testing.assert_allclose(rest[2], 0.7525 + bottom + 0.04, atol=1e-5)
