@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 
 from bt_jax._util.errors import UserError
@@ -17,9 +18,13 @@ WORTH = ("episode", "weights", "subgoals", "subgoal_reward")
 
 
 def with_targets(task: Task, targets: Sequence[Target], *, source: str) -> Task:
-    """Return the task with more targets, each in place of one that the same object has; `source` is named in errors."""
-    kept = {target.object: target for target in (*task.targets, *targets)}
-    changed = dataclasses.replace(task, targets=tuple(kept.values()))
+    """Return the task with more targets, each in place of the one that the same object has, or that the same part has in
+    that place; `source` is named in errors."""
+    kept = list(task.targets)
+    for target in targets:
+        index = next((i for i, other in enumerate(kept) if _replaces(task, target, other)), len(kept))
+        kept[index : index + 1] = [target]
+    changed = dataclasses.replace(task, targets=tuple(kept))
     check(changed, source)
     return changed
 
@@ -47,6 +52,15 @@ def with_goal_of(task: Task, other: Task) -> Task:
 def not_taken_over(task: Task, other: Task) -> list[str]:
     """Return the keys that decide what a tree is worth, and that `with_goal_of` leaves as they are though they differ."""
     return _different(task, other, WORTH)
+
+
+def _replaces(task: Task, new: Target, old: Target) -> bool:
+    """Return whether a target leaves no room for another: an object has one, and a part one in each place."""
+    if new.object != old.object:
+        return False
+    if len(task.instances.get(new.object, ())) <= 1:
+        return True
+    return new.frame == old.frame and math.dist(new.position, old.position) < task.episode.tolerance
 
 
 def _different(task: Task, other: Task, keys: Sequence[str]) -> list[str]:
