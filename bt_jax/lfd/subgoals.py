@@ -43,7 +43,12 @@ def _all_hold(conditions: Sequence[Behavior], action: Action, task: Task) -> boo
 
 
 def _holds(condition: Behavior, action: Action, task: Task) -> bool:
+    """Return whether a condition holds; of a part, for any of its instances."""
     name = condition.object or ""
+    return any(_holds_for(one, condition, action, task) for one in task.instances.get(name, (name,)))
+
+
+def _holds_for(name: str, condition: Behavior, action: Action, task: Task) -> bool:
     match condition.name:
         case "at":
             thing, pose = task.thing(name), action.pose(name, task.robot_frame)

@@ -4,14 +4,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bt_jax.lfd import Action, Demonstration, Demonstrations, Pose, learn
+from bt_jax.behaviors import Behavior
+from bt_jax.lfd import Action, Demonstration, Demonstrations, Frames, Pose, learn
+from bt_jax.lfd.evaluation.synthetic_kits import demonstrate_kit
+from bt_jax.lfd.placements import condition_of
 from bt_jax.lfd.subgoals import derive_subgoal
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import holding_subgoals
-from bt_jax.tasks import Subgoal
+from bt_jax.tasks import Subgoal, load_task
 from tests.helpers.demonstrations import RESTACK, STACK3, STACKING, UNSTACKING, at, demonstrations
 
 STACKED = dataclasses.replace(RESTACK, subgoals=())
+BOLTS = load_task("bolts")
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
@@ -85,3 +89,18 @@ def test_the_orientation_of_the_gripper_does_not_matter():
     goal = (at("GreenBox", UNSTACKING[0].position, "base_link"),)
     for task in (RESTACK, STACKED):
         assert derive_subgoal("freed", tilted, goal, task) == derive_subgoal("freed", straight, goal, task)
+
+
+@pytest.mark.parametrize(
+    ("condition", "shown"),
+    [
+        (condition_of(BOLTS.targets[0]), True),
+        (condition_of(BOLTS.targets[1]), False),  # nobody put one there
+        (Behavior("clear", ("Bolt",)), False),  # at the start already
+    ],
+)
+def test_a_condition_on_a_part_holds_if_it_does_for_any_instance(condition, shown):
+    task = dataclasses.replace(BOLTS, subgoals=(Subgoal("own", (str(condition),)),))
+    made = tuple(demonstrate_kit(task, task.targets[:1], rng=np.random.default_rng(d)) for d in range(3))
+    lesson = learn(Demonstrations(Frames.of(task), made), task)
+    assert lesson.subgoal("mine").name == ("own" if shown else "mine")
