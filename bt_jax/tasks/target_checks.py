@@ -152,4 +152,4 @@ def _check_ticks(task: Task, fail: Fail) -> None:
     least = TICKS_PER_MOVE * moves + task.episode.success_ticks
     if task.episode.max_ticks < least:
         problem = f"{task.episode.max_ticks} ticks are too few to move {moves} object{'s' if moves > 1 else ''}"
-        fail("episode.max_ticks", problem, f"write {least} or more, or leave it out")
+        fail("episode.max_ticks", problem, f"write {least} or more")

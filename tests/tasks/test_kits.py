@@ -116,7 +116,7 @@ CASES = [
     (targets(IN_SLOT, AT | {"position": [-0.1, 0.07, 0.0525]}), "targets[1]", "Can would be inside Plate of targets[0]"),
     (targets(BOLT_AT, BOLT_AT), "targets[1]", "Bolt would be inside Bolt of targets[0]"),
     (targets(IN_SLOT, AT) | {"episode": {"max_ticks": 5}}, "episode.max_ticks",
-     "5 ticks are too few to move 2 objects; write 6 or more, or leave it out"),
+     "5 ticks are too few to move 2 objects; write 6 or more"),
     (objects(first=PLATE | {"size": [0.2, 0.13, 0.02]}), "objects[0].size",
      "0.13 m does not fit the gripper, which opens 0.12 m"),
     ({"objects": [PLATE, CAN | {"radius": 0.07}, BOLTS]}, "objects[1].radius",
@@ -155,6 +155,26 @@ def test_targets_that_touch_or_lie_over_each_other_are_accepted(tmp_path):
     above = BOLT_AT | {"position": [0, 0, 0.041], "frame": "Plate"}
     path.write_text(yaml.safe_dump(copy.deepcopy(KIT | targets(IN_SLOT, beside, above))))
     assert len(load_task(path).targets) == 3
+
+
+@pytest.mark.parametrize("base", ["stack", "yumi_stack"])
+def test_the_ticks_of_a_task_follow_from_its_own_targets(tmp_path, base):
+    """Whatever it extends has fewer, and its other settings of an episode."""
+    task = load_task(base)
+    half = task.kits[0].inner[0] / 2
+    places = [(x, y) for x in (-half, 0, half) for y in (-half, 0, half)]
+    size = 0.4 * half
+    boxes = [{"name": f"B{i}", "size": size, "color": RED} for i in range(8)]
+    goals = [
+        {"object": f"B{i}", "position": [x, y, task.kits[0].plate + size / 2], "frame": "KittingBox"}
+        for i, (x, y) in enumerate(places[:8])
+    ]
+    path = tmp_path / "mine.yaml"
+    own = {"boxes": boxes, "targets": goals, "layout": {"spacing": 2 * size}}
+    path.write_text(yaml.safe_dump({"extends": base, "name": "mine"} | own))
+    mine = load_task(path)
+    assert mine.episode == dataclasses.replace(task.episode, max_ticks=40)
+    assert task.episode.max_ticks == 15
 
 
 @pytest.mark.parametrize(("ticks", "enough"), [(5, False), (6, True)])
