@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from bt_jax.behaviors import Vocabulary
 from bt_jax.behaviors.geometry import (
     Poses,
     can_be_taken,
@@ -18,9 +19,19 @@ from bt_jax.behaviors.geometry import (
     standing_extents,
     turn_error,
 )
+from bt_jax.behaviors.pose import Pose
 from bt_jax.mjx_env.episodes.playback import Playback, Tick
 from bt_jax.mjx_env.episodes.rules import Ending
-from bt_jax.mjx_env.surfaces import fixed_surfaces, object_surfaces, overlaps, surface_names
+from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.mjx_env.skills import act
+from bt_jax.mjx_env.surfaces import (
+    fixed_surfaces,
+    joined,
+    object_surfaces,
+    outline_of,
+    overlaps,
+    surface_names,
+)
 from bt_jax.mjx_env.world import World, frames, poses_by_name, to_world
 from bt_jax.tasks import Target, Task
 from bt_jax.tasks.things import Vec3
@@ -168,26 +179,51 @@ def _arrived(task: Task, tick: Tick) -> bool:
 
 def _why_not_there(task: Task, tick: Tick) -> str:
     """Return what is in the way of a `place` whose object ended elsewhere, or that nothing is there to carry it."""
-    name, goal = _carried(task, tick), _goal(task, tick)
-    thing, after = task.thing(name), poses_by_name(tick.after, task)[name]
-    assert tick.command is not None
-    half = np.array([thing.half_at(tick.command.turn)], np.float32)
-    names = ["the kit" if thing in task.kit_names and len(task.kits) == 1 else thing for thing in surface_names(task)]
-    things = [*names, *task.object_names]
-    tops = [(task.floor, "the floor")]
-    for surfaces in (fixed_surfaces(task, tick.before.kits), object_surfaces(task, tick.before.poses)):
-        under = overlaps(surfaces, np.array([goal[:2]], np.float32), half[:, :2])[0]
-        labels, things = things[: len(under)], things[len(under) :]
-        tops += [(float(top), label) for top, label, here in zip(surfaces.top[0], labels, under, strict=True) if here]
-    top, support = max(entry for entry in tops if entry[1] != name)
-    off = goal[2] - (top + float(half[0, 2]))
-    if off < -task.episode.tolerance:
-        return f"{support} is where {name} should be put"
-    if off > task.episode.tolerance:
+    name, goal, released = _carried(task, tick), _goal(task, tick), _released(task, tick)
+    after = poses_by_name(tick.after, task)[name]
+    top, support = max(_tops_under(task, tick.before, name, released))
+    half = standing_extents(task.thing(name), released)[2]
+    if goal[2] - (top + half) > task.episode.tolerance:
         return f"nothing is under the place where {name} should be put"
-    if not is_upright(thing, after):
+    raised = top + half - goal[2] > task.episode.tolerance
+    if raised or math.dist(after.position, released.position) < task.episode.tolerance:
+        return f"{support} {'are' if support.startswith('the walls') else 'is'} where {name} should be put"
+    if not is_upright(task.thing(name), after):
         return f"{name} topples from {support}, where it is put"
     return f"{name} does not stay on {support} where it is put"
+
+
+def _released(task: Task, tick: Tick) -> Pose:
+    """Return the pose at which a `place` lets go of its object."""
+    assert tick.command is not None
+    semantics = LeafSemantics(task, Vocabulary.of([tick.command]))
+    command = np.array([semantics.commands.index(tick.command)], np.int32)
+    return poses_by_name(act(semantics, tick.before, command).world, task)[_carried(task, tick)]
+
+
+def _tops_under(task: Task, world: World, name: str, released: Pose) -> list[tuple[float, str]]:
+    """Return what is under an object where it is let go: how high the top of each is in the world, metres, and its name."""
+    surfaces = joined(fixed_surfaces(task, world.kits), object_surfaces(task, world.poses))
+    xy, quaternion = (np.array([part], np.float32) for part in (released.position[:2], released.quaternion))
+    which = np.array([task.object_names.index(name)])
+    half = np.array([standing_extents(task.thing(name), released)[:2]], np.float32)
+    under = overlaps(surfaces, xy, half, outline_of(task, quaternion, which))[0]
+    under[0] = True  # the floor is everywhere
+    labels = [*_surface_labels(task), *task.object_names]
+    return [
+        (float(top), label)
+        for top, label, here in zip(surfaces.top[0], labels, under, strict=True)
+        if here and label != name
+    ]
+
+
+def _surface_labels(task: Task) -> list[str]:
+    """Return what people call each of the fixed surfaces; the first of a kit is its plate."""
+    names, labels = surface_names(task), []
+    for i, name in enumerate(names):
+        kit = "the kit" if name in task.kit_names and len(task.kits) == 1 else name
+        labels.append(f"the walls of {kit}" if name in names[:i] else kit)
+    return labels
 
 
 def _is_met(task: Task, world: World, target: Target) -> bool:

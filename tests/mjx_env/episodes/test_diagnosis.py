@@ -80,7 +80,7 @@ def test_the_kit_may_stand_where_something_was_demonstrated():
         found = playback(fixed, text, sample_layouts(fixed, 3, 1))
         assert found.solved == solved
         if not solved:
-            assert explain_failure(fixed, found) == "the kit is where BlueBox should be put"
+            assert explain_failure(fixed, found) == "the walls of the kit are where BlueBox should be put"
 
 
 def test_a_box_may_slip_from_its_place_or_lie_on_the_floor():
@@ -157,6 +157,12 @@ def arranged(places):
             {},
             "move(Can, (0.07, 0, 0.0425), TrayB)",
             "Can stands in TrayB instead of TrayA",
+        ),
+        (  # along the tray's edge it would fit
+            [Target("Plate", (0.07, 0.06, 0.0125), "TrayB")],
+            {"Plate": ("TableRight", 0.0, -0.2, turned(45))},
+            "move(Plate, (0.07, 0.06, 0.0125), TrayB)",
+            "the walls of TrayB are where Plate should be put",
         ),
         ([BOLT1, BOLT2], {}, PUT_BOLT, "no Bolt is put in TrayA.a3"),
     ],
