@@ -76,8 +76,9 @@ def _problems(data: Any, kind: Any, key: str, examples: Mapping[str, str]) -> It
         fields = {field.name: field for field in dataclasses.fields(kind) if field.init}
         for name in data:
             if name not in fields:
-                near = difflib.get_close_matches(str(name), fields, n=1)
-                remedy = f"did you mean {near[0]}?" if near else f"use one of {', '.join(fields)}"
+                known = [_written(field) for field in fields.values()]
+                near = difflib.get_close_matches(str(name), known, n=1)
+                remedy = f"did you mean {near[0]}?" if near else f"use one of {', '.join(known)}"
                 yield _below(key, name), f"not known here; {remedy}"
         for name, field in fields.items():
             required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
@@ -116,7 +117,8 @@ def _items(data: Any, kind: Any, key: str) -> Iterator[tuple[str, Any, Any]]:
     origin, arguments = typing.get_origin(kind), typing.get_args(kind)
     if dataclasses.is_dataclass(kind):
         types_of = _hints(kind)  # type: ignore[arg-type]  # mypy takes every dataclass for an instance
-        yield from ((_below(key, name), value, types_of[name]) for name, value in data.items())
+        names = {field.name: _written(field) for field in dataclasses.fields(kind)}
+        yield from ((_below(key, names[name]), value, types_of[name]) for name, value in data.items())
     elif origin in (dict, Mapping):
         for name, value in data.items():
             yield f"{_below(key, name)} itself", name, arguments[0]
@@ -129,6 +131,11 @@ def _items(data: Any, kind: Any, key: str) -> Iterator[tuple[str, Any, Any]]:
 @functools.cache
 def _hints(kind: Any) -> Mapping[str, Any]:
     return typing.get_type_hints(kind)
+
+
+def _written(field: dataclasses.Field[Any]) -> str:
+    """Return what files call a field: `written` in its metadata where that is a keyword of Python, else its name."""
+    return field.metadata.get("written", field.name)
 
 
 def _below(key: str, name: Any) -> str:

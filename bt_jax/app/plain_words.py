@@ -130,7 +130,7 @@ class Words:
             kit = self.task.kits[self.task.kit_names.index(frame)]
             slot = slot_at(kit, one, position)
             if slot is not None:
-                own = slot_turn(slot, one)
+                own = slot_turn(kit, slot, one)
                 as_the_slot = turn is None or (own is not None and (turn - own) % (one.symmetry or 1) == 0)
                 return f"in slot {slot.name} of {frame}{'' if as_the_slot else turned}"
             return f"{self._in_kit(one, position, kit)}{turned}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Iterator
 
 from bt_jax.behaviors.symbols import CLOSED, NOTHING, OPEN, Behavior
@@ -20,25 +21,35 @@ def gene_pool(task: Task) -> Vocabulary[Behavior]:
     These are gripper conditions and actions, a `reached` condition for each subgoal, and one `move` gene for each object or
     part and each place (57 in the published scene). Places are beside and on top of every other object that can carry it,
     and in the kits the slots that may take it and the grid of the task's gene settings: in kits without slots, and for what
-    no slot takes in all; each with every turn in which the object looks different there.
+    no slot takes in all; each with every turn in which the object looks different there: of what stands on a square one,
+    if a target says how it is turned. An instance of a part has genes of its own, and is a frame, if a target or a subgoal
+    names it.
     """
     conditions = [Behavior("gripper", (OPEN,)), Behavior("gripper", (CLOSED,)), Behavior("holding", (NOTHING,))]
     conditions += [Behavior("reached", (subgoal.name,)) for subgoal in task.subgoals]
     actions = [Behavior("open_gripper"), Behavior("close_gripper")]
-    genes = [Behavior("move", (name, *place)) for name in task.kinds for place in _places(task, name)]
+    named = _named(task)
+    genes = [Behavior("move", (name, *place)) for name in (*task.kinds, *named) for place in _places(task, name, named)]
     return Vocabulary.of([*conditions, *actions, *genes])
 
 
 Place = tuple[Vec3, str] | tuple[Vec3, str, float]  # position, frame, and a turn in degrees unless all are alike
 
 
-def _places(task: Task, name: str) -> Iterator[Place]:
-    """Yield where a gene may put an object or an instance of a part."""
-    thing, settings = task.thing(name), task.genes
+def _named(task: Task) -> tuple[str, ...]:
+    """Return the instances of parts that a target or a subgoal names."""
+    names = {name for target in task.targets for name in (target.object, target.frame)}
+    names |= {word for subgoal in task.subgoals for text in subgoal.conditions for word in re.findall(r"\w+", text)}
+    return tuple(thing.name for thing in task.objects if thing.part and thing.name in names)
+
+
+def _places(task: Task, name: str, named: tuple[str, ...]) -> Iterator[Place]:
+    """Yield where a gene may put an object or an instance of a part; of the instances, those that are named are frames."""
+    thing, settings, turns = task.thing(name), task.genes, _turns(task, name)
     for other in task.objects:
-        if other.part or other.name == name:
+        if (other.part and other.name not in named) or other.name == name:
             continue
-        for turn in _turns(thing):
+        for turn in turns:
             half, own = thing.half_at(turn), other.half_at(None)
             level = half[2] - own[2]
             for axis, side in ((0, -1), (0, 1), (1, -1), (1, 1)):
@@ -49,22 +60,28 @@ def _places(task: Task, name: str) -> Iterator[Place]:
     slots = [[slot for slot in kit.places if fits(kit, slot, thing)] for kit in task.kits]
     for kit, fitting in zip(task.kits, slots, strict=True):
         for slot in fitting:
-            yield _place(*slot_position(kit, slot, thing), kit.name, slot_turn(slot, thing))
+            yield _place(*slot_position(kit, slot, thing), kit.name, slot_turn(kit, slot, thing) or turns[0])
         if kit.places and any(slots):
             continue
         cubes = task.all_cubes
         height = settings.height if cubes else kit.plate + thing.height / 2
         steps = [settings.pitch * (i - (settings.grid - 1) / 2) for i in range(settings.grid)]
-        for turn in _turns(thing):
+        for turn in turns:
             half = thing.half_at(turn)
             for x, y in itertools.product(steps, steps):
                 if cubes or (abs(x) + half[0] <= kit.inner[0] and abs(y) + half[1] <= kit.inner[1]):
                     yield _place(x, y, height, kit.name, turn)
 
 
-def _turns(thing: Object) -> tuple[float | None, ...]:
-    """Return the right-angled turns in which an object looks different; of cubes and cylinders one, that does not matter."""
-    return (0.0, 90.0) if thing.symmetry == 180 else (None,)
+def _turns(task: Task, name: str) -> tuple[float | None, ...]:
+    """Return the right-angled turns in which an object looks different: None for a cylinder, and for what stands on a square
+    unless a target says how it is turned."""
+    thing = task.thing(name)
+    if thing.symmetry == 180:
+        return 0.0, 90.0
+    meant = set(task.instances[name])
+    turned = [target for target in task.targets if target.turn is not None]
+    return (None,) if all(meant.isdisjoint(task.instances[target.object]) for target in turned) else (0.0,)
 
 
 def _carries(below: Object, above: Object, turn: float | None) -> bool:

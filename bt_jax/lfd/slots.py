@@ -52,7 +52,7 @@ def slot_of(rows: Sequence[Observed], kits: Sequence[str], thing: Object, task: 
         shown = shown_turn(rows, kit.name, thing)
         doubt = 2 * float(np.linalg.norm(points.std(axis=0, ddof=1)[:2])) / len(rows) ** 0.5 if len(rows) > 1 else 0.0
         for slot in kit.places:
-            position, turn = slot_position(kit, slot, thing), slot_turn(slot, thing)
+            position, turn = slot_position(kit, slot, thing), slot_turn(kit, slot, thing)
             off = points.mean(axis=0) - position
             near = np.linalg.norm(off[:2]) <= SLOT_REACH + doubt and abs(off[2]) <= task.episode.tolerance + doubt
             if near and fits(kit, slot, thing) and _alike(shown, turn, thing):

@@ -91,25 +91,12 @@ def task_from_dict(data: Any, *, source: str, kept: bool = False) -> Task:
     episode = data.get("episode")
     written = decode(_without_keywords(data), WrittenTask, source, examples=EXAMPLES)
     task, keys = written.task(source, ticks_given=isinstance(episode, Mapping) and "max_ticks" in episode)
-    check(task, source, {**keys, **_keywords(data)})
+    check(task, source, keys)
     return task
-
-
-def _keywords(data: Mapping[str, Any]) -> Mapping[str, str]:
-    """Return the keys of the slots whose `takes` is written as `for`."""
-    kits = data.get("kits")
-    return {
-        f"kits[{i}].slots[{j}].takes": f"kits[{i}].slots[{j}].for"
-        for i, kit in enumerate(kits if isinstance(kits, list | tuple) else ())
-        for j, slot in enumerate((isinstance(kit, dict) and kit.get("slots")) or ())
-        if isinstance(slot, dict) and "for" in slot
-    }
 
 
 def _without_keywords(data: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return a task's mapping with `takes` for the `for` of its slots, which no field can be called."""
-    if not isinstance(kits := data.get("kits"), list | tuple):
-        return data
 
     def renamed(slot: Any) -> Any:
         return (
@@ -120,7 +107,9 @@ def _without_keywords(data: Mapping[str, Any]) -> Mapping[str, Any]:
         slots = kit.get("slots") if isinstance(kit, dict) else None
         return {**kit, "slots": [renamed(slot) for slot in slots]} if isinstance(slots, list | tuple) else kit
 
-    return {**data, "kits": [of_kit(kit) for kit in kits]}
+    kits = data.get("kits")
+    several = {"kits": [of_kit(kit) for kit in kits]} if isinstance(kits, list | tuple) else {}
+    return {**data, **several, **({"kit": of_kit(data["kit"])} if "kit" in data else {})}
 
 
 def _subgoal(entry: Any, source: str) -> Any:

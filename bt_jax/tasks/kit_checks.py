@@ -82,7 +82,7 @@ def _check_slots(task: Task, number: int, fail: Fail) -> None:
             half = " and ".join(f"-{inner:.4g} to {inner:.4g}" for inner in kit.inner)
             fail(f"{key}.position", f"the slot is outside {kit.name}", f"write x and y from {half} m")
         if slot.takes and slot.takes not in task.instances:
-            fail(f"{key}.takes", f"there is no object '{slot.takes}'", f"use one of {', '.join(task.kinds)}")
+            fail(f"{key}.for", f"there is no object '{slot.takes}'", f"use one of {', '.join(task.kinds)}")
         if slot.takes and not any(True for _ in _filled(task, kit, slot)):
             thing, (x, y) = task.thing(slot.takes), kit.room(slot)
             problem = (
@@ -108,4 +108,4 @@ def _filled(task: Task, kit: Kit, slot: Slot) -> Iterator[tuple[str, Footprint]]
     """Yield the objects that may stand in a slot, each with what it covers there."""
     for thing in task.objects:
         if fits(kit, slot, thing):
-            yield thing.name, Footprint.of(thing, slot.position, slot_turn(slot, thing) or 0.0)
+            yield thing.name, Footprint.of(thing, slot.position, slot_turn(kit, slot, thing) or 0.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bt_jax.tasks.things import Kit, Object, Slot, Vec3
+from bt_jax.tasks.things import Kit, Object, Slot, Vec2, Vec3
 
 __all__ = ["fits", "slot_position", "slot_turn"]
 
@@ -13,15 +13,27 @@ def slot_position(kit: Kit, slot: Slot, thing: Object) -> Vec3:
     return x, y, round(kit.plate + thing.height / 2, 6)
 
 
-def slot_turn(slot: Slot, thing: Object) -> float | None:
-    """Return how an object lies in a slot, degrees; None where all turns are alike or a cube's is not asked for."""
-    turn = slot.turn % thing.symmetry if thing.symmetry else 0.0
-    return turn if thing.symmetry == 180 or turn else None
+def slot_turn(kit: Kit, slot: Slot, thing: Object) -> float | None:
+    """Return how an object lies in a slot, degrees; None where any turn will do: that of a cylinder, or of what stands on a
+    square and has room for every turn, unless the slot is turned."""
+    if not thing.symmetry:
+        return None
+    turn = slot.turn % thing.symmetry
+    return None if thing.symmetry == 90 and not turn and thing.reach <= min(_own_room(kit, slot)) else turn
+
+
+def _own_room(kit: Kit, slot: Slot) -> Vec2:
+    """Return half the widths of what is free around the middle of a slot: between the walls and, in a grid, in its cell."""
+    (x, y), inner = kit.room(slot), kit.inner
+    if kit.grid is None or slot in kit.slots:
+        return x, y
+    rows, columns = kit.grid
+    return min(x, inner[0] / columns), min(y, inner[1] / rows)
 
 
 def fits(kit: Kit, slot: Slot, thing: Object) -> bool:
     """Return whether an object may stand in a slot: it is for the object, its part or any, and it is wide enough."""
     if slot.takes not in ("", thing.name, thing.part):
         return False
-    half = thing.half_at(slot_turn(slot, thing))
+    half = thing.half_at(slot_turn(kit, slot, thing))
     return all(edge <= room for edge, room in zip(half[:2], kit.room(slot), strict=True))

@@ -35,7 +35,7 @@ class Slot:
     name: str
     position: Vec2
     turn: float = 0.0
-    takes: str = ""
+    takes: str = dataclasses.field(default="", metadata={"written": "for"})
 
 
 @dataclasses.dataclass(frozen=True)

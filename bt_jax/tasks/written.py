@@ -199,7 +199,7 @@ def _target(target: WrittenTarget, kits: tuple[Kit, ...], things: Mapping[str, O
     thing = things.get(target.object)
     if thing is None:
         raise UserError(f"{where}.object: there is no object '{target.object}'; use one of {', '.join(things)}")
-    result = Target(target.object, slot_position(kit, slot, thing), kit.name, slot_turn(slot, thing), target.slot)
+    result = Target(target.object, slot_position(kit, slot, thing), kit.name, slot_turn(kit, slot, thing), target.slot)
     given = (
         target.position or result.position,
         target.frame or result.frame,

@@ -188,7 +188,7 @@ class Teleoperation:
             raise UserError(f"{thing.name} does not go into the slot {name}; carry it elsewhere")
         known = self._past, self._now
         self.move_to(np.add(slot_position(kit, slot, thing), off), kit.name)
-        if (turn := slot_turn(slot, thing)) is not None:
+        if (turn := slot_turn(kit, slot, thing)) is not None:
             self.turn_to(turn, kit.name)
             self._past = [*known[0], known[1]]  # undone together
 

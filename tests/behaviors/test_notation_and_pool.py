@@ -106,6 +106,75 @@ targets:
     assert bolts == {(-0.15, 0.15), (0.15, 0.15)}
 
 
+def genes_that_meet(task, i):
+    """Genes whose object, place and turn are those of a target."""
+    target, pool = task.targets[i], gene_pool(task).leaves
+    symmetry = task.thing(target.object).symmetry
+
+    def meets(gene):
+        near = gene.frame == target.frame and gene.object == target.object
+        turned = target.turn is None or (gene.turn is not None and (gene.turn - target.turn) % symmetry == 0)
+        return near and turned and np.allclose(gene.position, target.position, atol=0.005)
+
+    return [gene for gene in pool if gene.kind == Kind.GENE and meets(gene)]
+
+
+INSTANCES = """
+extends: kitting
+name: lid
+objects:
+  - {part: Bolt, count: 3, radius: 0.02, height: 0.06, color: [0.6, 0.6, 0.6]}
+  - {name: Lid, size: [0.04, 0.03, 0.02], color: [1, 0, 0]}
+kits:
+  - {name: Tray, size: [0.3, 0.12], wall_height: 0.02, grid: [1, 3]}
+targets:
+  - {object: Bolt2, slot: Tray.r1c1}
+  - {object: Bolt, slot: Tray.r1c2}
+  - {object: Lid, position: [0, 0, 0.04], frame: Bolt2, turn: 0}
+subgoals:
+  - {name: freed, conditions: ["clear(Bolt3)", "reachable({box})"]}
+"""
+
+
+def test_instances_that_a_target_or_a_subgoal_names_have_genes(tmp_path):
+    path = tmp_path / "lid.yaml"
+    path.write_text(INSTANCES)
+    task = load_task(path)
+    assert all(genes_that_meet(task, i) for i in range(3))
+    genes = [leaf for leaf in gene_pool(task).leaves if leaf.kind == Kind.GENE]
+    assert {gene.object for gene in genes} == {"Bolt", "Bolt2", "Bolt3", "Lid"}
+    assert {gene.frame for gene in genes} == {"Bolt2", "Bolt3", "Lid", "Tray"}
+
+
+CUBES = """
+extends: kitting
+name: cubes
+objects:
+  - {name: A, size: 0.08, color: [0.6, 0.6, 0.6]}
+  - {name: B, size: 0.08, color: [0.6, 0.6, 0.6]}
+  - {name: C, size: 0.03, color: [0.6, 0.6, 0.6]}
+kits:
+  - {name: Tight, size: [0.3, 0.2], wall_height: 0.03, grid: [2, 3], dividers: true}
+targets:
+  - {object: A, slot: Tight.r1c1}
+  - {object: B, position: [0, 0.0475, 0.0425], frame: Tight, turn: 90}
+  - {object: C, slot: Tight.r1c3}
+"""
+
+
+def test_cubes_are_turned_where_a_target_says_how(tmp_path):
+    path = tmp_path / "cubes.yaml"
+    path.write_text(CUBES)
+    task = load_task(path)
+    assert [target.turn for target in task.targets] == [0.0, 90.0, None]
+    assert all(genes_that_meet(task, i) for i in range(3))
+    assert {(leaf.object, leaf.turn) for leaf in gene_pool(task).leaves if leaf.kind == Kind.GENE} == {
+        ("A", 0.0),
+        ("B", 0.0),
+        ("C", None),
+    }
+
+
 @pytest.mark.parametrize("name", task_names())
 def test_every_pool_fits_its_task(name):
     task = load_task(name)

@@ -11,7 +11,7 @@ from bt_jax.encoding.arrays import violations
 from bt_jax.lfd.evaluation.random_kits import random_kit_task
 from bt_jax.lfd.planner import plan_task
 from bt_jax.tasks import Target, load_task
-from bt_jax.tasks.slots import slot_position
+from bt_jax.tasks.slots import slot_position, slot_turn
 from bt_jax.tasks.support import kit_origin, resolve
 from bt_jax.tasks.things import Kit, Object
 from tests.helpers.demonstrations import asides, playbacks
@@ -51,6 +51,19 @@ def moved(task):
         found.append([tick.command.object for tick in played.ticks if tick.command and tick.command.name == "place"])
     assert found[0] == found[1]
     return found[0]
+
+
+def test_cubes_are_turned_to_fit_between_dividers():
+    task = load_task("kit4")
+    cubes = tuple(Object(name, (0.08, 0.08, height), (0.5, 0.5, 0.5)) for name, height in (("A", 0.08), ("B", 0.04)))
+    tray = Kit("Tray", (0.3, 0.2), wall_height=0.03, grid=(2, 3), dividers=True)
+    places = {slot.name: slot for slot in tray.places}
+    goals = tuple(
+        Target(thing.name, slot_position(tray, places[slot], thing), "Tray", slot_turn(tray, places[slot], thing))
+        for thing, slot in zip(cubes, ("r1c1", "r2c3"), strict=True)
+    )
+    task = dataclasses.replace(task, objects=(*cubes, CAN), kits=(tray,), targets=goals)
+    assert all(played.solved for played in playbacks(plan_task(task), task, seed=0, count=4))
 
 
 def test_the_right_part_in_a_slot_stays_there():

@@ -18,6 +18,8 @@ from bt_jax.mjx_env import Kinematic, LeafSemantics, Settler, play, sample_layou
 from bt_jax.tasks import load_task, task_from_dict
 from bt_jax.tasks.checks import check
 from bt_jax.tasks.footprints import Footprint, overlap
+from bt_jax.tasks.slots import fits, slot_turn
+from bt_jax.tasks.things import Kit, Object, Slot
 
 RED = [1, 0, 0]
 PLATE = {"name": "Plate", "size": [0.16, 0.08, 0.02], "color": RED}
@@ -67,7 +69,10 @@ CASES = [
     (slots({"position": [0, 0]}, {"position": [0.03, 0]}), "kits[0].slots[1].position", "overlap"),
     (slots({"position": [0.25, 0]}), "kits[0].slots[0].position", "the slot is outside Tray; write x and y from -0.195 to"),
     (slots({"position": [0, 0], "for": "Cup"}), "kits[0].slots[0].for", "there is no object 'Cup'; use one of Plate, Can"),
-    (slots({"position": [0, 0], "takes": "Cup"}), "kits[0].slots[0].takes", "there is no object 'Cup'"),
+    (slots({"position": [0, 0], "takes": "Cup"}), "kits[0].slots[0].for", "there is no object 'Cup'"),
+    (slots({"position": [0, 0], "for": 5}), "kits[0].slots[0].for", "expected text, found 5; put it in quotes: '5'"),
+    (slots({"position": [0, 0], "fro": "Can"}), "kits[0].slots[0].fro", "not known here; did you mean for?"),
+    (slots({"position": [0, 0], "object": "Can"}), "kits[0].slots[0].object", "use one of name, position, turn, for"),
     (slots({"position": [0.15, 0], "for": "Plate"}), "kits[0].slots[0].position",
      "Plate (160 x 80 x 20 mm) does not fit in 90 x 290 mm between the walls"),
     (slots({"name": "a b", "position": [0, 0]}), "kits[0].slots[0].name", "is not a name"),
@@ -143,6 +148,14 @@ def test_an_invalid_kit_is_refused_in_one_sentence(tmp_path, change, key, proble
     assert not message.endswith(".")
 
 
+def test_the_only_kit_has_slots_under_its_older_name_too():
+    older = {key: value for key, value in KIT.items() if key not in ("extends", "kits")} | {"kit": TRAY}
+    base = {key: value for key, value in load_task("kit4").to_dict().items() if key not in ("kits", "targets")}
+    assert task_from_dict(base | older, source="mine").kits[0].slots[0].takes == "Plate"
+    with pytest.raises(UserError, match=r"key kit\.slots\[0\]\.for: there is no object 'Cup'"):
+        task_from_dict(base | older | {"kit": TRAY | {"slots": [TRAY["slots"][0] | {"for": "Cup"}]}}, source="mine")
+
+
 def test_the_kit_of_these_tests_is_valid(tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text(yaml.safe_dump(copy.deepcopy(KIT)))
@@ -198,6 +211,23 @@ footprints = st.builds(
     st.floats(-180, 180),
     st.booleans(),
 )
+
+
+@settings(max_examples=30)
+@given(edges, edges, st.floats(0.1, 0.5), st.floats(0.1, 0.5), st.integers(1, 4), st.integers(1, 4), st.booleans())
+def test_what_fits_in_a_slot_fits_in_every_turn_that_the_slot_leaves_open(edge, height, x, y, rows, columns, dividers):
+    kit = Kit("Tray", (x, y), slots=(Slot("a", (0.0, 0.0)),), grid=(rows, columns), dividers=dividers)
+    for slot in kit.places:
+        for thing in (
+            Object("A", (edge, edge, height), (1.0, 0.0, 0.0)),
+            Object("A", (edge, edge / 2, height), (1.0, 0.0, 0.0)),
+        ):
+            told = slot_turn(kit, slot, thing)
+            if fits(kit, slot, thing) and told is None:
+                half = np.max([thing.half_at(float(turn))[:2] for turn in range(0, 91, 5)], axis=0)
+                cell = np.divide(kit.inner, (columns, rows)) if slot not in kit.slots else kit.inner
+                assert (half <= np.minimum(kit.room(slot), cell) + 1e-9).all()
+            assert told is not None or thing.size[0] == thing.size[1]
 
 
 def covers(one: Footprint, points: np.ndarray) -> np.ndarray:

@@ -119,7 +119,7 @@ def _snapped(task: Task, kind: str, thing: Object, frame: str, local: Point, tur
     for kit in task.kits:
         slot = slot_near(kit, thing, local) if kit.name == frame else None
         if slot is not None:
-            place, turn = slot_position(kit, slot, thing), slot_turn(slot, thing)
+            place, turn = slot_position(kit, slot, thing), slot_turn(kit, slot, thing)
             return Target(kind, place, frame, turn, f"{kit.name}.{slot.name}")
     genes = [gene for gene in gene_pool(task).leaves if gene.object == kind and gene.frame == frame]
     places = np.array([gene.position for gene in genes if gene.position is not None]).reshape(-1, 3)

@@ -47,7 +47,7 @@ def snapped(task: Task, world: World, name: str, position: Point) -> Snapped | N
         slot = slot_near(kit, thing, position - origin)
         if slot is None:
             continue
-        turn, place = slot_turn(slot, thing), origin + slot_position(kit, slot, thing)
+        turn, place = slot_turn(kit, slot, thing), origin + slot_position(kit, slot, thing)
         pose = turned(place, heading(now[name]) if turn is None else turn)
         if not any(inside(task, name, pose, other, at) for other, at in now.items() if other != name):
             return Snapped(place, turn, f"slot {slot.name} of {kit.name}")

@@ -77,7 +77,7 @@ def _objects(task: Task, kit: Kit) -> Iterator[_Taken]:
     ]
     wanted = {target.slot for target in task.targets}
     halves += [
-        (slot.position, thing.half_at(slot_turn(slot, thing)))
+        (slot.position, thing.half_at(slot_turn(kit, slot, thing)))
         for slot in kit.places
         for thing in task.objects
         if f"{kit.name}.{slot.name}" not in wanted and fits(kit, slot, thing)

@@ -97,7 +97,7 @@ def _layout(task: Task, table: Table | None, rng: np.random.Generator) -> Layout
             if left and rng.random() < FILLED and fits(kit, slot, left[-1]):
                 thing = left.pop()
                 here = added(kit_origin(task, table, kit.name), slot_position(kit, slot, thing))
-                fixed.append(Target(thing.name, _seen(task, here), task.robot_frame, slot_turn(slot, thing)))
+                fixed.append(Target(thing.name, _seen(task, here), task.robot_frame, slot_turn(kit, slot, thing)))
         for x, y in SPOTS:
             if left and rng.random() < FILLED:
                 thing = left.pop()
@@ -135,7 +135,7 @@ def _targets(task: Task, table: Table | None, rng: np.random.Generator) -> list[
             kit, slot = free[rng.integers(len(free))]
             slots.remove((kit, slot))
             place = slot_position(kit, slot, thing)
-            targets.append(Target(name, place, kit.name, slot_turn(slot, thing), f"{kit.name}.{slot.name}"))
+            targets.append(Target(name, place, kit.name, slot_turn(kit, slot, thing), f"{kit.name}.{slot.name}"))
             if thing.part or kit is not task.kits[0]:
                 continue
         elif spots and table is not None:
