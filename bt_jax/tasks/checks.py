@@ -21,8 +21,7 @@ __all__ = ["check", "check_support"]
 NO_KEYS: Keys = MappingProxyType({})
 MOST_OBJECTS, MOST_KITS = 16, 4
 
-RESERVED = ("floor", "gripper", "kit", "metal", "nothing", "plate", "rubber", "sky", "table", "wall_back", "wall_front",
-            "wall_left", "wall_right")  # fmt: skip
+RESERVED = MappingProxyType({"nothing": "for `holding(nothing)`", "world": "for the scene"})
 
 
 def check(task: Task, source: str, keys: Keys = NO_KEYS) -> None:
@@ -80,7 +79,7 @@ def _check_names(task: Task, fail: Fail) -> None:
     kinds: dict[str, str] = {}
     for key, name, kind in _names(task):
         if name in RESERVED:
-            fail(key, f"the name '{name}' is reserved for the scene", "choose another")
+            fail(key, f"the name '{name}' is reserved {RESERVED[name]}", "choose another")
         if not name.isidentifier():
             fail(key, f"'{name}' is not a name", "use letters, digits and underscores")
         if name in kinds:

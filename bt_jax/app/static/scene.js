@@ -213,7 +213,7 @@ export default {
       this.gripper = gripper;
       const [x, y, z, opening, yaw] = gripper;
       const along = new THREE.Vector3(Math.cos(yaw), Math.sin(yaw), 0);
-      for (const [name, side] of [["gripper", 0], ["finger_right", 1], ["finger_left", -1]]) {
+      for (const [name, side] of [["scene/gripper", 0], ["scene/finger_right", 1], ["scene/finger_left", -1]]) {
         this.bodies[name].position.set(x, y, z).addScaledVector(along, (side * opening) / 2);
         this.bodies[name].quaternion.setFromAxisAngle(AXIS, yaw);
       }

@@ -92,7 +92,7 @@ def _servo(actuators: ET.Element, name: str, joint: str, stiffness: float, dampi
 
 def _add_shapes(body: ET.Element, shapes: list[LinkShape], mass: float, root: ET.Element) -> None:
     for i, shape in enumerate(shapes):
-        geom = {"contype": "1", "conaffinity": "1", "material": "rubber" if shape.dark else "shell"}
+        geom = {"contype": "1", "conaffinity": "1", "material": "scene/rubber" if shape.dark else "scene/shell"}
         geom |= {"condim": "4", "friction": "1.2 .01 .0001", "solref": ".004 1", "priority": "1"} if shape.pad else {}
         geom["mass"] = repr(mass / len(shapes))
         match shape.solid:

@@ -36,7 +36,7 @@ Qpos = Float[np.ndarray, " nq"]
 """A state of the twin's model: positions of joints, m and rad; free bodies by position and quaternion wxyz."""
 
 CAMERA, FILM = "cell", "film"
-STRANGER = "stranger"  # an object that the task does not know
+STRANGER = "scene/stranger"  # an object that the task does not know
 WRONG = 1.0  # m that an instance counts as farther from a target in which it lies wrongly
 NARROWER = 0.875  # size of one without markers, as a share of a box's
 OPTIONS = {  # of the physics
@@ -50,7 +50,7 @@ OPTIONS = {  # of the physics
     "ls_iterations": 50,
 }
 STIFF = "0.005 1"  # of contacts, s and damping ratio: a box that falls must not sink into the kit's thin plate
-SHELL = '<material name="shell" rgba=".88 .88 .86 1" specular=".3" shininess=".4"/>'
+SHELL = '<material name="scene/shell" rgba=".88 .88 .86 1" specular=".3" shininess=".4"/>'
 
 
 LENS = 0.1  # px that the residual of the lens is said to be

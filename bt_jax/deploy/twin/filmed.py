@@ -18,7 +18,7 @@ from bt_jax.deploy.twin.rendered_camera import CameraPlacement, RenderedCamera
 
 __all__ = ["FilmedDemonstration", "Light"]
 
-HAND = "hand"
+HAND = "scene/hand"
 
 
 @dataclasses.dataclass(frozen=True)

@@ -23,7 +23,7 @@ WHITE = (0.75, 0.75, 0.75)  # paper that the scene's light does not overexpose, 
 @dataclasses.dataclass(frozen=True)
 class MarkerScene:
     """Parts of an MJCF: `assets_xml` belongs inside <asset>, `stickers` inside the bodies named; `files` are the PNGs that
-    they name, for `MjModel.from_xml_string(xml, assets=files)`. An object's geom takes the material `NAME_markers`."""
+    they name, for `MjModel.from_xml_string(xml, assets=files)`. An object's geom takes the material `NAME/markers`."""
 
     assets_xml: str
     stickers: dict[str, str]
@@ -39,7 +39,7 @@ class MarkerScene:
             assert body is not None, f"the scene has no {name}"
             body.extend(ET.fromstring(f"<body>{xml}</body>"))
             for geom in body.iterfind(f"geom[@name='{name}']"):
-                geom.set("material", f"{name}_markers")
+                geom.set("material", f"{name}/markers")
 
 
 def marker_scene(task: Task) -> MarkerScene:
@@ -57,13 +57,13 @@ def marker_scene(task: Task) -> MarkerScene:
         stickers[name] = ""
         if name in task.object_names and task.thing(name).is_cube:
             faces = " ".join(f'file{marker.face}="{_file(marker)}"' for marker in own)
-            assets += [f'<texture name="{name}_markers" type="cube" {faces}/>', _material(f"{name}_markers")]
+            assets += [f'<texture name="{name}/markers" type="cube" {faces}/>', _material(f"{name}/markers")]
             continue
         if name in colors:
             rgba = " ".join(f"{part:.6g}" for part in colors[name])
-            assets.append(f'<material name="{name}_markers" rgba="{rgba} 1" specular="0" shininess="0"/>')
+            assets.append(f'<material name="{name}/markers" rgba="{rgba} 1" specular="0" shininess="0"/>')
         for marker in own:
-            sticker = f"{name}_{marker.face}"
+            sticker = f"{name}/{marker.face}"
             assets += [f'<texture name="{sticker}" type="cube" file="{_file(marker)}"/>', _material(sticker)]
             quiet = DISC if name in discs else marker.quiet
             stickers[name] += _sticker(marker, marker.size * (1 + 2 * quiet / MODULES))
@@ -97,7 +97,7 @@ def _sticker(marker: Marker, edge: float) -> str:
     x, y, z = marker.place(np.zeros((1, 2)))[0] + PAPER / 2 * marker.axes[:, 2]
     quat = " ".join(f"{part:.9g}" for part in marker.pose.rotation.as_quat(scalar_first=True))
     return (
-        f'<geom name="{marker.body}_{marker.face}" type="box" contype="0" conaffinity="0" group="2" mass="0" '
+        f'<geom name="{marker.body}/{marker.face}" type="box" contype="0" conaffinity="0" group="2" mass="0" '
         f'size="{half:.6g} {half:.6g} {PAPER / 2:.6g}" pos="{x:.6g} {y:.6g} {z:.6g}" quat="{quat}" '
-        f'material="{marker.body}_{marker.face}"/>'
+        f'material="{marker.body}/{marker.face}"/>'
     )

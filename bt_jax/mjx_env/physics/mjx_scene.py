@@ -11,7 +11,7 @@ import itertools
 import math
 import xml.etree.ElementTree as ElementTree
 
-from bt_jax.mjx_env.scene.mjcf import build_mjcf, kit_geoms
+from bt_jax.mjx_env.scene.mjcf import FLOOR, build_mjcf, kit_geoms
 from bt_jax.tasks import Object, Task
 
 __all__ = ["StandIn", "stand_in_mjcf"]
@@ -39,7 +39,7 @@ def stand_in_mjcf(task: Task) -> tuple[str, list[StandIn]]:
 
     def stand_in(box: int, names: tuple[str, ...], kit: int | None = None) -> str:
         nonlocal insert
-        name = f"near_{names[0]}_{box}"
+        name = f"near/{names[0]}/{box}"
         body = ElementTree.Element("body", name=name, mocap="true")
         ElementTree.SubElement(body, "geom", {"name": name, "type": "box", "size": geoms[names[0]].attrib["size"]})
         world.insert(insert, body)
@@ -51,10 +51,10 @@ def stand_in_mjcf(task: Task) -> tuple[str, list[StandIn]]:
     pairs = []
     for i, box in enumerate(task.objects):
         alone = _only_nearest_table(task, 2 * box.radius)
-        pairs += [("floor", box.name)]
+        pairs += [(FLOOR, box.name)]
         pairs += [(name, box.name) for name in ([stand_in(i, tables)] if alone else tables)]
         for k, kit in enumerate(task.kits):
-            plate, left, right, front, back, *dividers = kit_geoms(task, kit)
+            plate, left, right, front, back, *dividers = kit_geoms(kit)
             pairs += [(name, box.name) for name in (plate, *dividers)]
             for axis, both in enumerate(((left, right), (front, back))):
                 single = box.radius < kit.inner[axis] / 2

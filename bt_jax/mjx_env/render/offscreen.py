@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from bt_jax._util.errors import UserError
-from bt_jax.mjx_env.scene.mjcf import FIELD_OF_VIEW, compile_scene
+from bt_jax.mjx_env.scene.mjcf import FIELD_OF_VIEW, GRIPPER, compile_scene
 from bt_jax.tasks import Task
 
 __all__ = ["GripperPose", "Renderer", "View", "available", "contact_sheet", "write_film"]
@@ -128,9 +128,7 @@ class Renderer:
         return self._view(data, caption)
 
     def _place_gripper(self, gripper: GripperPose | None) -> None:
-        parts = [
-            self._model.body_mocapid[self._model.body(name).id] for name in ("gripper", "finger_right", "finger_left")
-        ]
+        parts = [self._model.body_mocapid[self._model.body(name).id] for name in GRIPPER]
         if gripper is None:
             self._data.mocap_pos[parts] = (0, 0, -1000)
             return

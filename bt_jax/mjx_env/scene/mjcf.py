@@ -2,6 +2,8 @@
 
 Each kit is one mocap body, since its place differs from episode to episode; every object has a free joint. World frame: x
 along the row of tables, z up, floor at z = 0 or under the lowest table. Quaternions are wxyz.
+
+Objects, kits and tables have their own names; those of all else contain a slash, so that no name of a task is one of them.
 """
 
 from __future__ import annotations
@@ -19,6 +21,8 @@ from bt_jax.tasks import Kit, Object, Slot, Task
 from bt_jax.tasks.support import kit_origin
 
 __all__ = [
+    "FLOOR",
+    "GRIPPER",
     "PAD",
     "PALM",
     "SceneIds",
@@ -41,6 +45,8 @@ ROLLING = 0.05  # friction of a rolling cylinder, in its radii: without it, it w
 REFERENCE_SIZE = 0.1
 FILLED = 0.97  # how much of the picture's width the tables fill
 PALM, PAD = 0.92, 0.3  # height of the palm over the tips, and half that of the pads, in units of the gripper
+FLOOR = "scene/floor"
+GRIPPER = ("scene/gripper", "scene/finger_right", "scene/finger_left")  # the bodies of palm and fingers
 FIELD_OF_VIEW = 42  # degrees across the picture, whatever its shape
 
 
@@ -117,14 +123,14 @@ def build_mjcf(task: Task, boxes: Sequence[str] | None = None, *, gripper: bool 
     </default>
   </default>
   <asset>
-    <texture name="sky" type="skybox" builtin="gradient" rgb1=".62 .67 .73" rgb2=".45 .50 .57" width="64"
+    <texture name="scene/sky" type="skybox" builtin="gradient" rgb1=".62 .67 .73" rgb2=".45 .50 .57" width="64"
              height="384"/>
-    <material name="floor" rgba=".50 .54 .59 1" specular="0"/>
-    <material name="table" rgba=".80 .77 .72 1" specular=".1" shininess=".3"/>
-    <material name="kit" rgba=".27 .31 .37 1" specular=".3" shininess=".4"/>
-    <material name="slot" rgba=".45 .50 .58 1" specular="0"/>
-    <material name="metal" rgba=".62 .64 .68 1" specular=".8" shininess=".7"/>
-    <material name="rubber" rgba=".16 .17 .19 1" specular=".2" shininess=".2"/>
+    <material name="scene/floor" rgba=".50 .54 .59 1" specular="0"/>
+    <material name="scene/table" rgba=".80 .77 .72 1" specular=".1" shininess=".3"/>
+    <material name="scene/kit" rgba=".27 .31 .37 1" specular=".3" shininess=".4"/>
+    <material name="scene/slot" rgba=".45 .50 .58 1" specular="0"/>
+    <material name="scene/metal" rgba=".62 .64 .68 1" specular=".8" shininess=".7"/>
+    <material name="scene/rubber" rgba=".16 .17 .19 1" specular=".2" shininess=".2"/>
 {_lines("    ", (_box_material(box) for box in chosen))}
   </asset>
   <worldbody>
@@ -186,21 +192,22 @@ def _numbers(*values: float | int | np.floating) -> str:
 
 
 def _floor(task: Task) -> str:
-    return f'<geom name="floor" class="fixed" type="plane" size="0 0 .05" pos="0 0 {task.floor:g}" material="floor"/>'
+    position = f"0 0 {task.floor:g}"
+    return f'<geom name="{FLOOR}" class="fixed" type="plane" size="0 0 .05" pos="{position}" material="scene/floor"/>'
 
 
 def _table(name: str, position: Vec3, size: Vec3) -> str:
     half = _numbers(*(edge / 2 for edge in size))
-    return f'<geom name="{name}" class="fixed" pos="{_numbers(*position)}" size="{half}" material="table"/>'
+    return f'<geom name="{name}" class="fixed" pos="{_numbers(*position)}" size="{half}" material="scene/table"/>'
 
 
 def _kit(task: Task, kit: Kit) -> str:
     position = kit_origin(task, task.tables[len(task.tables) // 2], kit.name)
     middle, high = kit.plate + kit.wall_height / 2, kit.wall_height / 2
     walls = [((*xy, middle), (*half, high)) for xy, half in kit.walls()]
-    parts = zip(kit_geoms(task, kit), [((0, 0, 0), (*kit.half, kit.plate)), *walls], strict=True)
+    parts = zip(kit_geoms(kit), [((0, 0, 0), (*kit.half, kit.plate)), *walls], strict=True)
     geoms = [
-        f'<geom name="{name}" class="fixed" pos="{_numbers(*pos)}" size="{_numbers(*size)}" material="kit"/>'
+        f'<geom name="{name}" class="fixed" pos="{_numbers(*pos)}" size="{_numbers(*size)}" material="scene/kit"/>'
         for name, (pos, size) in parts
     ]
     marks = [_slot_mark(kit, slot) for slot in (kit.slots if kit.dividers else kit.places)]
@@ -209,20 +216,19 @@ def _kit(task: Task, kit: Kit) -> str:
     )
 
 
-def kit_geoms(task: Task, kit: Kit) -> list[str]:
+def kit_geoms(kit: Kit) -> list[str]:
     """Return the names of a kit's geoms: its plate, then its walls in the order of `Kit.walls`."""
-    begin = "" if kit is task.kits[0] else f"{kit.name}_"
     outer = ["wall_left", "wall_right", "wall_front", "wall_back"]
     names = [*outer, *(f"divider_{number}" for number in range(len(list(kit.walls())) - len(outer)))]
-    return [f"{begin}{name}" for name in ("plate", *names)]
+    return [f"{kit.name}/{name}" for name in ("plate", *names)]
 
 
 def _slot_mark(kit: Kit, slot: Slot) -> str:
     """Return a thin bright patch on the plate, with no contacts, so that pictures show where the slot is."""
     edge = 0.08 * min(kit.size)
     position = _numbers(*slot.position, kit.plate)
-    yaw = f"0 0 {slot.turn:g}"
-    return f'<geom class="visual" pos="{position}" euler="{yaw}" size="{_numbers(edge, edge / 4, 0.001)}" material="slot"/>'
+    yaw, size = f"0 0 {slot.turn:g}", _numbers(edge, edge / 4, 0.001)
+    return f'<geom class="visual" pos="{position}" euler="{yaw}" size="{size}" material="scene/slot"/>'
 
 
 def _box_material(box: Object) -> str:
@@ -262,13 +268,12 @@ def _gripper(task: Task) -> str:
         ("box", (0.12 * thick, 0, 0), (0.2 * thick, 0.9 * wide, PAD * unit), "rubber"),
     ]
     mirrored: list[Geom] = [(kind, (-pos[0], *pos[1:]), size, material) for kind, pos, size, material in finger]
-    parts: dict[str, list[Geom]] = {"gripper": palm, "finger_right": finger, "finger_left": mirrored}
-    return "\n".join(_visual_body(name, geoms) for name, geoms in parts.items())
+    return "\n".join(map(_visual_body, GRIPPER, (palm, finger, mirrored)))
 
 
 def _visual_body(name: str, geoms: Iterable[Geom]) -> str:
     lines = [
-        f'<geom class="visual" type="{kind}" pos="{_numbers(*pos)}" size="{_numbers(*size)}" material="{material}"/>'
+        f'<geom class="visual" type="{kind}" pos="{_numbers(*pos)}" size="{_numbers(*size)}" material="scene/{material}"/>'
         for kind, pos, size, material in geoms
     ]
     return f'<body name="{name}" mocap="true">\n{_lines("  ", lines)}\n</body>'

@@ -26,7 +26,7 @@ def touching(scene, joints):
         geoms = data.contact[k].geom
         bodies = [model.body(model.geom_bodyid[geom]).name for geom in geoms]
         robot = any(name.startswith(YUMI.arm_names) for name in bodies)
-        if robot and data.contact[k].dist < 0 and model.geom("floor").id not in geoms:
+        if robot and data.contact[k].dist < 0 and model.geom("scene/floor").id not in geoms:
             return True
     return False
 

@@ -17,7 +17,7 @@ from tests.helpers.six_axis import SIX_AXIS, denavit_hartenberg
 
 def mujoco_model(robot: RobotModel) -> mujoco.MjModel:
     root = ET.fromstring(
-        '<mujoco><compiler angle="radian"/><asset><material name="shell"/><material name="rubber"/></asset>'
+        '<mujoco><compiler angle="radian"/><asset><material name="scene/shell"/><material name="scene/rubber"/></asset>'
         "<worldbody/></mujoco>"
     )
     add_to_mjcf(robot, root, (0.0, 0.0, 0.0))
