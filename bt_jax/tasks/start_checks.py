@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from bt_jax.tasks.footprints import Footprint, overlap
 from bt_jax.tasks.refusals import Fail
-from bt_jax.tasks.task import Task
-from bt_jax.tasks.things import Object, Table, Vec3
+from bt_jax.tasks.support import kit_origin
+from bt_jax.tasks.task import Target, Task
+from bt_jax.tasks.things import Kit, Object, Table, Vec3
 
 __all__ = ["block_overlap", "check_layout"]
 
@@ -99,6 +101,9 @@ def _check_fixed(task: Task, fail: Fail) -> None:
         if place.turn is not None and not thing.symmetry:
             fail(f"{key}.turn", f"{place.object} is a cylinder, which looks alike in every turn", "leave turn out")
         half, slack = thing.half_at(place.turn), 0.1 * thing.height
+        for kit in task.kits:
+            if _is_inside(task, kit, place, slack):
+                fail(f"{key}.position", f"{place.object} would be inside {kit.name}", "move it to free space")
         for other in fixed[:i]:
             beyond = task.thing(other.object).half_at(other.turn)
             if block_overlap(half, place.position, beyond, other.position) > slack:
@@ -111,6 +116,21 @@ def _check_fixed(task: Task, fail: Fail) -> None:
         ]
         if not any(z - half[2] > table.top - slack for table in under):
             fail(f"{key}.position", f"{place.object} would not be over a table", "move it over one")
+
+
+def _is_inside(task: Task, kit: Kit, place: Target, slack: float) -> bool:
+    """Return whether a fixed object is more than `slack` inside the plate or a wall of a kit whose table is known."""
+    table = next(table for table in task.tables if table.name in (kit.table, task.layout.kit))
+    apart = [
+        at + base - origin
+        for at, base, origin in zip(place.position, task.robot_position, kit_origin(task, table, kit.name), strict=True)
+    ]
+    thing = task.thing(place.object)
+    covered, bottom = Footprint.of(thing, (apart[0], apart[1]), place.turn or 0.0), apart[2] - thing.height / 2
+    blocks = [((0.0, 0.0), kit.half, kit.plate), *((middle, half, kit.rim) for middle, half in kit.walls())]
+    return any(
+        top - bottom > slack and overlap(covered, Footprint(middle, half)) > slack for middle, half, top in blocks
+    )
 
 
 def block_overlap(half: Vec3, position: Vec3, other_half: Vec3, other_position: Vec3) -> float:

@@ -41,11 +41,14 @@ def _check_names(task: Task, i: int, target: Target, fail: Fail) -> None:
         fail(f"{key}.frame", f"'{target.frame}' is a part, which is no frame as any instance may be meant", remedy)
     if target.frame not in task.frames:
         fail(f"{key}.frame", f"there is no frame '{target.frame}'", f"use one of {', '.join(task.frames)}")
-    most = len(task.instances[name])
-    if sum(other.object == name for other in task.targets[: i + 1]) > most:
-        one = most == 1
-        there = f"{name} has a target already" if one else f"there are only {most} of {name}"
-        fail(f"{key}.object", there, "give each object one target" if one else "raise its count or drop a target")
+    earlier, thing = [other.object for other in task.targets[:i]], task.thing(name)
+    if name in earlier and name in task.object_names:
+        fail(f"{key}.object", f"{name} has a target already", "give each object one target")
+    if thing.part:
+        most = len(task.instances[thing.part])
+        if sum(task.thing(other).part == thing.part for other in earlier) >= most:
+            there = f"there {'is' if most == 1 else 'are'} only {most} of {thing.part}"
+            fail(f"{key}.object", there, "raise its count or drop a target")
     if target.turn is not None and not task.thing(name).symmetry:
         fail(f"{key}.turn", f"{name} is a cylinder, which looks alike in every turn", "leave turn out")
 

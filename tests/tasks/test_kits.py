@@ -58,6 +58,11 @@ def targets(*given):
     return {"targets": list(given)}
 
 
+def fixed(name, position, turn=None):
+    place = {"object": name, "position": position, "frame": "base_link", "turn": turn}
+    return {"layout": {"kit": "TableLeft", "fixed": [place]}}
+
+
 def bolts(count):
     return {"objects": [PLATE, CAN, BOLTS | {"count": count}]}
 
@@ -92,6 +97,9 @@ CASES = [
     (targets(BOLT_AT | {"turn": 90}), "targets[0].turn", "Bolt is a cylinder"),
     ({"layout": {"kit": "TableLeft", "fixed": [AT | {"position": [0, -1, 0.75], "frame": "base_link", "turn": 5}]}},
      "layout.fixed[0].turn", "Can is a cylinder"),
+    (fixed("Plate", [-1.2, -1.0, 0.7125]), "layout.fixed[0].position", "Plate would be inside Tray; move it to free space"),
+    (fixed("Plate", [-1.0, -1.0, 0.7]), "layout.fixed[0].position", "Plate would be inside Tray; move it to free space"),
+    (fixed("Plate", [-1.13, -1.0, 0.715], 45), "layout.fixed[0].position", "Plate would be inside Tray"),
     (objects(CAN), "objects[3].name", "two of them are called 'Can'; rename one of them"),
     (objects(BOLTS), "objects[3].part", "two of them are called 'Bolt1'"),
     (objects(CAN | {"name": "Bolt1"}), "objects[3].name", "'Bolt1' is also an instance of the part Bolt"),
@@ -114,7 +122,12 @@ CASES = [
     (bolts(0), "objects[2].count", "0 is too few"),
     (bolts(14) | {"tables": SMALL_TABLES}, "objects",
      "16 objects, 0.12 m apart and with room for the fingers, do not fit on the tables"),
-    (targets(*[BOLT_AT] * 3), "targets[2].object", "there are only 2 of Bolt; raise its count or drop a target"),
+    (targets(*[BOLT_AT] * 3), "targets[2].object", 
+     "there are only 2 of Bolt; raise its count or drop a target"),
+    (targets(BOLT_AT, BOLT_AT | {"object": "Bolt1", "position": [0, 0, 0.0325]}) | bolts(1), "targets[1].object",
+     "there is only 1 of Bolt"),
+    (targets(BOLT_AT | {"object": "Bolt2"}, BOLT_AT | {"position": [0, 0, 0.0325]}, BOLT_AT), "targets[2].object",
+     "there are only 2 of Bolt"),
     (targets(AT, AT), "targets[1].object", "Can has a target already"),
     (targets({"object": "Can", "position": [0, 0, 0.08], "frame": "Bolt"}), "targets[0].frame",
      "'Bolt' is a part, which is no frame as any instance may be meant; use one of Bolt1, Bolt2"),
@@ -160,6 +173,15 @@ def test_the_kit_of_these_tests_is_valid(tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text(yaml.safe_dump(copy.deepcopy(KIT)))
     assert load_task(path).episode.max_ticks == 15
+
+
+@pytest.mark.parametrize(
+    ("position", "turn"), [([-1.0, -1.0, 0.715], 45), ([-1.28, -1.0, 0.71], 0), ([-1.1, -1.0, 0.715], 90)]
+)
+def test_objects_may_start_in_a_kit_or_beside_it(tmp_path, position, turn):
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml.safe_dump(copy.deepcopy(KIT | fixed("Plate", position, turn))))
+    assert load_task(path).layout.fixed[0].turn == turn
 
 
 def test_targets_that_touch_or_lie_over_each_other_are_accepted(tmp_path):
