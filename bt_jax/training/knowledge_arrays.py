@@ -13,6 +13,7 @@ from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.achievements.archive import Archive
 from bt_jax.gp.achievements.knowledge import Knowledge
 from bt_jax.gp.achievements.linkage import Linkage
+from bt_jax.gp.achievements.pairs import Pairs
 
 __all__ = ["KNOWLEDGE", "arrays_of", "knowledge_of"]
 
@@ -26,8 +27,12 @@ KNOWLEDGE: Mapping[str, Any] = types.MappingProxyType(
         "kept_counts": Int64[np.ndarray, " R"],
         "tested": Int32[np.ndarray, "R V"],
         "achieves": Float32[np.ndarray, "R V A"],
-        "pairs": Float32[np.ndarray, "R V V"],
-        "order": Float32[np.ndarray, "R V V"],
+        "pair_keys": Int32[np.ndarray, " K"],  # the pairs of all runs, one after the other
+        "pair_stood": Float32[np.ndarray, " K"],
+        "pair_worked": Float32[np.ndarray, " K"],
+        "pair_counts": Int64[np.ndarray, " R"],
+        "pairs": Float32[np.ndarray, "R V V"],  # in older files, in place of these: `stood` of each pair
+        "order": Float32[np.ndarray, "R V V"],  # and `worked`
         "solved": Bool[np.ndarray, " R"],
         "stagnant": Int64[np.ndarray, " R"],
     }
@@ -48,8 +53,10 @@ def arrays_of(knowledge: tuple[Knowledge, ...]) -> dict[str, np.ndarray]:
         "kept_counts": np.array([len(archive) for archive in archives]),
         "tested": np.stack([linkage.tested for linkage in linkages]),
         "achieves": np.stack([linkage.achieves for linkage in linkages]),
-        "pairs": np.stack([linkage.pairs for linkage in linkages]),
-        "order": np.stack([linkage.order for linkage in linkages]),
+        "pair_keys": np.concatenate([linkage.pairs.keys for linkage in linkages]),
+        "pair_stood": np.concatenate([linkage.pairs.stood for linkage in linkages]),
+        "pair_worked": np.concatenate([linkage.pairs.worked for linkage in linkages]),
+        "pair_counts": np.array([len(linkage.pairs.keys) for linkage in linkages]),
         "solved": np.array([known.solved for known in knowledge]),
         "stagnant": np.array([known.stagnant for known in knowledge]),
     }
@@ -62,17 +69,35 @@ def knowledge_of(arrays: Mapping[str, np.ndarray]) -> tuple[Knowledge, ...]:
     if "kept_missed" not in arrays:
         missed = np.zeros((len(arrays["kept_keys"]), arrays["achieves"].shape[-1]), np.float32)
         arrays = {**arrays, "kept_missed": missed}
-    ends = np.cumsum(arrays["kept_counts"])[:-1]
-    kept = {name: np.split(arrays[f"kept_{name}"], ends) for name in ("tokens", "sizes", "fitness", "keys", "missed")}
+    kept = _split(arrays, "kept", ("tokens", "sizes", "fitness", "keys", "missed"))
+    pairs = _pairs(arrays)
     return tuple(
         Knowledge(
             Archive(
                 Trees(kept["tokens"][run], kept["sizes"][run]),
                 *(kept[name][run] for name in ("fitness", "keys", "missed")),
             ),
-            Linkage(*(arrays[name][run] for name in ("tested", "achieves", "pairs", "order"))),
+            Linkage(arrays["tested"][run], arrays["achieves"][run], pairs[run]),
             bool(arrays["solved"][run]),
             int(arrays["stagnant"][run]),
         )
         for run in range(len(arrays["kept_counts"]))
     )
+
+
+def _pairs(arrays: Mapping[str, np.ndarray]) -> list[Pairs]:
+    """Return the counts of pairs of each run."""
+    if "pair_counts" in arrays:
+        found = _split(arrays, "pair", ("keys", "stood", "worked"))
+        return [Pairs(*fields) for fields in zip(*found.values(), strict=True)]
+    pairs = []
+    for stood, worked in zip(arrays["pairs"], arrays["order"], strict=True):
+        first, second = np.nonzero(stood)
+        pairs.append(Pairs.empty().with_(first, second, stood[first, second], worked[first, second]))
+    return pairs
+
+
+def _split(arrays: Mapping[str, np.ndarray], kind: str, names: tuple[str, ...]) -> dict[str, list[np.ndarray]]:
+    """Return the arrays of a kind, each split into the parts of the runs."""
+    ends = np.cumsum(arrays[f"{kind}_counts"])[:-1]
+    return {name: np.split(arrays[f"{kind}_{name}"], ends) for name in names}

@@ -134,6 +134,21 @@ def test_a_checkpoint_of_before_misses_were_kept_goes_on(tmp_path):
     assert training.evolution.step(saved.state).generation == 1
 
 
+def test_a_checkpoint_of_before_only_pairs_that_were_met_were_kept_goes_on(tmp_path):
+    training = Training(STACK3, dataclasses.replace(CONFIG, runs=2, generations=4), QUICK)
+    state = training.evolution.step(training.evolution.step(None))
+    Checkpoint(state, training.vocabulary.leaves, 0, [], training.run_config).save(tmp_path / "state.npz")
+    with np.load(tmp_path / "state.npz") as arrays:
+        older = {name: arrays[name] for name in arrays if not name.startswith("pair_")}
+    tokens = np.arange(older["tested"].shape[1])
+    counts = [known.linkage.pairs.counts(tokens[:, None], tokens) for known in state.knowledge]
+    older["pairs"], older["order"] = (np.stack(count) for count in zip(*counts, strict=True))
+    assert older["pairs"].any()
+    np.savez(tmp_path / "older.npz", **older)
+    saved = Checkpoint.load(tmp_path / "older.npz")
+    assert_same(saved.state.knowledge, state.knowledge)
+
+
 def test_several_layouts_tell_rates_and_any_fitness_of_them_will_do():
     """The mean of the worst quarter here, which is the conditional value at risk."""
     training = Training(STACK3, CONFIG, dataclasses.replace(QUICK, layouts=4))

@@ -12,6 +12,7 @@ from bt_jax.behaviors.vocabulary import FIRST_LEAF
 from bt_jax.encoding.arrays import Trees
 from bt_jax.encoding.tick import NOTED
 from bt_jax.gp.achievements.goals import SUCCEEDED, Goals, Measured
+from bt_jax.gp.achievements.pairs import Pairs
 
 __all__ = ["Linkage"]
 
@@ -28,8 +29,7 @@ class Linkage:
 
     tested: Int32[np.ndarray, " V"]  # episodes in which a leaf was ticked
     achieves: Float32[np.ndarray, "V A"]  # in which it worked, by achievement
-    pairs: Float32[np.ndarray, "V V"]  # [g, h]: in which g stood before h, and was ticked
-    order: Float32[np.ndarray, "V V"]  # of these, in which they worked: each of the two counts half
+    pairs: Pairs  # of leaves of groups that an achievement concerns
 
     @staticmethod
     def empty(goals: Goals, baseline: Trees | None = None) -> Linkage:
@@ -37,18 +37,17 @@ class Linkage:
         what concerns its group, in the order in which they stand."""
         tokens, achievements = len(goals.group), len(goals.concerns)
         achieves = np.zeros((tokens, achievements), np.float32)
-        pairs, order = np.zeros((tokens, tokens), np.float32), np.zeros((tokens, tokens), np.float32)
+        pairs = Pairs.empty()
         if baseline is not None:
-            leaves = baseline.tokens[(baseline.tokens >= FIRST_LEAF) & (goals.group[baseline.tokens] >= 0)]
+            leaves = np.asarray(baseline.tokens)
+            leaves = leaves[(leaves >= FIRST_LEAF) & (goals.group[leaves] >= 0)]
             achieves[leaves] = SEED * (goals.group[leaves][:, None] == goals.concerns)
-            first, second = np.triu_indices(len(leaves), 1)
-            order[leaves[first], leaves[second]] = SEED
-            pairs = np.maximum(order, order.T)  # the other way round, they are not expected to work
-        return Linkage(np.zeros(tokens, np.int32), achieves, pairs, order)
+            pairs = _in_order_of(leaves[np.isin(goals.group[leaves], goals.concerns)])
+        return Linkage(np.zeros(tokens, np.int32), achieves, pairs)
 
     def updated(self, trees: Trees, measured: Measured, goals: Goals) -> Linkage:
         """Return the counts after the episodes of M trees."""
-        tokens, trace = trees.tokens.astype(np.int64), measured.trace
+        tokens, trace = np.asarray(trees.tokens, np.int64), measured.trace
         leaf = (tokens >= FIRST_LEAF) & (goals.group[tokens] >= 0)
         ticked, succeeded = leaf & (trace > 0), leaf & (trace & SUCCEEDED > 0)
         tested = self.tested.copy()
@@ -66,13 +65,16 @@ class Linkage:
         works = credit.max(axis=-1, initial=0)  # [M, N]
         longest = max(int(trees.sizes[:, 0].max(initial=0)), 1)
         first, second = np.triu_indices(longest, 1)
-        tree, pair = np.nonzero(ticked[:, first] & leaf[:, second])
+        ordered = leaf & np.isin(goals.group[tokens], goals.concerns)  # what is ever put in order
+        tree, pair = np.nonzero((ticked & ordered)[:, first] & ordered[:, second])
         before, after = first[pair], second[pair]
-        at = tokens[tree, before], tokens[tree, after]
-        pairs, order = self.pairs.copy(), self.order.copy()
-        np.add.at(pairs, at, 1)
-        np.add.at(order, at, (works[tree, before] + works[tree, after]) / 2)
-        return Linkage(tested, achieves, pairs, order)
+        pairs = self.pairs.with_(
+            tokens[tree, before],
+            tokens[tree, after],
+            np.ones(len(tree), np.float32),
+            (works[tree, before] + works[tree, after]) / 2,
+        )
+        return Linkage(tested, achieves, pairs)
 
     def known(self) -> Bool[np.ndarray, " A"]:
         """Return which achievements a leaf was seen to bring about."""
@@ -122,8 +124,8 @@ class Linkage:
         hardly.
         """
         count, length = leaves.shape
-        at = leaves[:, :, None], leaves[:, None, :]
-        share = (self.order[at] + HOPE) / (self.pairs[at] + 1)
+        stood, worked = self.pairs.counts(leaves[:, :, None], leaves[:, None, :])
+        share = (worked + HOPE) / (stood + 1)
         gain = share - share.swapaxes(1, 2)  # [m, i, j]: how much more works with i before j
         waiting, rows = leaves > 0, np.arange(count)
         disturbed = rng.choice(DISTURBED, size=(count, 1))
@@ -135,6 +137,15 @@ class Linkage:
             result[:, place] = np.where(waiting[rows, choice], leaves[rows, choice], 0)
             waiting[rows, choice] = False
         return result
+
+
+def _in_order_of(leaves: Int[np.ndarray, " L"]) -> Pairs:
+    """Return counts by which leaves work in the order in which they stand, and not the other way round."""
+    forward = np.unique(leaves[np.array(np.triu_indices(len(leaves), 1))], axis=1)
+    both = np.unique(np.concatenate([forward, forward[::-1]], axis=1), axis=1)
+    once, others = (np.full(pairs.shape[1], SEED, np.float32) for pairs in (forward, both))
+    pairs = Pairs.empty().with_(both[0], both[1], others, np.zeros_like(others))
+    return pairs.with_(forward[0], forward[1], np.zeros_like(once), once)
 
 
 def _later(groups: Int32[np.ndarray, "M N"]) -> Int[np.ndarray, "M N"]:

@@ -7,6 +7,7 @@ import jax
 import numpy as np
 import pytest
 
+from bt_jax.behaviors import FIRST_LEAF
 from bt_jax.encoding.arrays import Trees
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.tick import NOTED
@@ -113,3 +114,19 @@ def test_of_leaves_that_move_the_same_the_last_has_done_it(wanted, credited):
     measured = Measured(np.zeros(1, np.float32), np.ones(1, bool), achieved, 1 - achieved, trace)
     linkage = Linkage.empty(goals).updated(trees, measured, goals)
     assert linkage.achieves[leaves, 0].tolist() == credited
+
+
+def test_pairs_of_many_leaves_take_the_memory_of_those_that_were_met():
+    """16 groups of 350 leaves and 1000 trees; a table of all pairs would take 250 MB."""
+    groups, each = 16, 350
+    group = np.concatenate([np.full(FIRST_LEAF, -1), np.repeat(np.arange(groups), each)]).astype(np.int32)
+    goals = Goals(group, np.arange(groups, dtype=np.int32), np.zeros(groups, np.int32))
+    rng = np.random.default_rng(0)
+    leaves = FIRST_LEAF + rng.permuted(np.arange(groups) * each + rng.integers(each, size=(1000, groups)), axis=1)
+    trees, _ = compose(leaf_parts(leaves, 32))
+    trace = np.where(trees.tokens >= FIRST_LEAF, 1 << Status.SUCCESS, 0).astype(np.uint8)
+    nothing = np.zeros((1000, groups), np.float32)
+    measured = Measured(np.zeros(1000, np.float32), np.zeros(1000, bool), nothing, nothing, trace)
+    linkage = Linkage.empty(goals).updated(trees, measured, goals)
+    assert linkage.pairs.stood.sum() == 1000 * groups * (groups - 1) / 2
+    assert sum(leaf.nbytes for leaf in jax.tree.leaves(linkage)) < 4 << 20
