@@ -179,7 +179,6 @@ def _filled(
 ) -> tuple[Trees, Bool[np.ndarray, " M"]]:
     """Return the receivers with something for what each lacks: for a target a leaf, in place of one of the same group or
     anywhere among the children of the root; for a step on the way what has done it, in front, or a guard around all."""
-    num_nodes = receivers.num_nodes
     lacks = np.where(achieved, -1.0, rng.random(achieved.shape))
     wanted, made = lacks.argmax(axis=1), np.array(~achieved.all(axis=1))
     trees = Trees(receivers.tokens.copy(), receivers.sizes.copy())
@@ -194,7 +193,7 @@ def _filled(
                 guard = np.full(rows.size, goals.guard[achievement], np.int32)
                 some, fits = _under_guard(receivers[rows], guard)
             else:
-                rest = children_of(receivers[rows], num_nodes // 2)
+                rest = children_of(receivers[rows])
                 some, fits = compose(_beside([Trees(front.tokens[:, None], front.sizes[:, None]), rest]))
         trees.tokens[rows], trees.sizes[rows], made[rows] = some.tokens, some.sizes, fits
     return trees, made
@@ -245,7 +244,7 @@ def _with_leaf(
     swapped = Trees(tokens.copy(), receivers.sizes.copy())
     swapped.tokens[rows[in_place], at[in_place]] = leaves[in_place]
 
-    parts = children_of(receivers, num_nodes // 2)
+    parts = children_of(receivers)
     children = (parts.sizes[..., 0] > 0).sum(axis=1)
     place = (rng.random(count) * (children + 1)).astype(np.int64)
     source = np.arange(parts.sizes.shape[1] + 1)[None]

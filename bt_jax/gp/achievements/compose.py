@@ -20,23 +20,22 @@ def leaf_parts(leaves: Int[np.ndarray, "*M"], num_nodes: int) -> Trees:
     return Trees(tokens, sizes)
 
 
-def children_of(trees: Trees, most: int) -> Trees:
-    """Return what a Sequence of each of M trees [M, N] would hold, as parts [M, most, N]: the children of a Sequence, and
-    anything else whole. Children beyond `most` are left out."""
-    count, num_nodes = trees.tokens.shape
-    rows, here = np.arange(count), np.arange(num_nodes)
-    sequence = trees.tokens[:, 0] == Kind.SEQUENCE
-    at = sequence.astype(np.int64)
+def children_of(trees: Trees) -> Trees:
+    """Return what a Sequence of each of M trees [M, N] would hold, as parts [M, K, N]: the children of a Sequence, and
+    anything else whole. K is as many as one of them has."""
+    rows, here = np.arange(len(trees.tokens)), np.arange(trees.num_nodes)
+    at = (trees.tokens[:, 0] == Kind.SEQUENCE).astype(np.int64)
     end = trees.sizes[:, 0].astype(np.int64)
-    parts = Trees(np.zeros((count, most, num_nodes), np.int16), np.zeros((count, most, num_nodes), np.uint8))
-    for k in range(most):
-        size = np.where(at < end, trees.sizes[rows, np.minimum(at, num_nodes - 1)], 0).astype(np.int64)
-        source = np.minimum(at[:, None] + here, num_nodes - 1)
+    tokens: list[np.ndarray] = []
+    sizes: list[np.ndarray] = []
+    while (at < end).any() or not tokens:
+        size = np.where(at < end, trees.sizes[rows, np.minimum(at, trees.num_nodes - 1)], 0).astype(np.int64)
+        source = np.minimum(at[:, None] + here, trees.num_nodes - 1)
         inside = here < size[:, None]
-        parts.tokens[:, k] = np.where(inside, trees.tokens[rows[:, None], source], 0)
-        parts.sizes[:, k] = np.where(inside, trees.sizes[rows[:, None], source], 0)
+        tokens.append(np.where(inside, trees.tokens[rows[:, None], source], 0))
+        sizes.append(np.where(inside, trees.sizes[rows[:, None], source], 0))
         at = at + size
-    return parts
+    return Trees(np.stack(tokens, axis=1), np.stack(sizes, axis=1))
 
 
 def compose(parts: Trees, kind: Kind = Kind.SEQUENCE) -> tuple[Trees, Bool[np.ndarray, " M"]]:

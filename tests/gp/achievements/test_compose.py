@@ -61,7 +61,7 @@ def test_parts_become_the_children_of_one_control_node(rows, kind):
 @given(st.lists(trees(), min_size=1, max_size=5))
 def test_children_of_a_sequence_compose_to_it_again(found):
     encoded = encode_all(found, VOCABULARY, NODES)
-    again, fits = compose(children_of(encoded, NODES))
+    again, fits = compose(children_of(encoded))
     for i, tree in enumerate(found):
         plain = isinstance(tree, Symbol) or tree.kind == Kind.FALLBACK
         repeats = not plain and any(
