@@ -278,7 +278,7 @@ class DemonstrateArguments:
     fps: Annotated[float | None, unset("FLOAT")] = None
     """for --watch: pictures a second of a film whose pictures do not tell their times, or of the twin's"""
     idle: float = 6.0
-    """for --watch with a camera: the demonstration ends once nothing has moved for so many seconds"""
+    """for --watch with a camera: the demonstration ends once nothing has moved for this many seconds"""
     unclear: Literal["ask", "usual", "keep", "leave-out"] = "ask"
     """for --watch: what to do about a move that is in doubt; usual is what is suggested, also where nobody can be asked"""
     record: Annotated[Path | None, unset("PATH")] = None

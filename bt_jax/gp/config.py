@@ -83,7 +83,7 @@ class GPConfig:
     seed: int = 0
     """seed of everything random"""
     patience: int | None = None
-    """of the method achievements: stop once every run has solved the task and has not improved for so many generations;
+    """of the method achievements: stop once every run has solved the task and has not improved for this many generations;
     auto: 10, and never if the number of generations is given"""
     mutation_parents: int | None = None
     """parents selected for mutation; auto: 3/4 of the population, 12 of 16"""

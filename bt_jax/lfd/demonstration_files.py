@@ -131,7 +131,8 @@ def _files(folder: Path) -> list[Path]:
             raise StrayFile(f"{file} is called .yml; rename it to {file.stem}.yaml")
         if found is None or file.suffix != ".yaml":
             raise StrayFile(
-                f"{file} is none of its actions, which are called data_1.yaml, data_2.yaml, ...; move it out of the folder"
+                f"{file} is not one of its actions, which are called data_1.yaml, data_2.yaml, ...; move it out "
+                "of the folder"
             )
         numbered[int(found[1])] = file
     for i in range(1, max(numbered, default=1) + 1):

@@ -100,8 +100,8 @@ def _recorded(info: Mapping[str, Any], source: Path) -> RecordedTask | None:
     for box, size in found.boxes.items():
         if isinstance(size, tuple) and len(size) not in (2, 3):
             raise UserError(
-                f"{source}, key boxes.{box}: {len(size)} numbers are no size; write one for a cube, the radius and height "
-                "of a cylinder, or three edges"
+                f"{source}, key boxes.{box}: a size does not have {len(size)} numbers; write one for a cube, the radius "
+                "and height of a cylinder, or three edges"
             )
         for edge in _edges(size):
             if (complaint := BOUNDS["objects.size"].complaint(edge)) is not None:

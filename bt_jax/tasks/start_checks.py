@@ -49,7 +49,7 @@ def _check_room(task: Task, free: list[list[Table]], fail: Fail) -> None:
     layout = task.layout
     rooms = [[[edge - 2 * layout.margin for edge in table.size[:2]] for table in tables] for tables in free]
     if min(edge for tables in rooms for room in tables for edge in room) < 0:
-        fail("layout.margin", f"{layout.margin} m from every edge leaves nothing of a table", "lower it")
+        fail("layout.margin", f"{layout.margin} m from every edge leaves no room on a table", "lower it")
     placed = [place.object for place in layout.fixed]
     loose = [thing for thing in task.objects if thing.name not in placed]
     if task.draws_by_size:

@@ -38,7 +38,7 @@ def _check_names(task: Task, i: int, target: Target, fail: Fail) -> None:
         fail(f"{key}.object", f"there is no object '{name}'", f"use one of {', '.join(task.kinds)}")
     if target.frame in task.instances and target.frame not in task.object_names:
         remedy = f"use one of {', '.join(task.instances[target.frame])}"
-        fail(f"{key}.frame", f"'{target.frame}' is a part, which is no frame as any instance may be meant", remedy)
+        fail(f"{key}.frame", f"'{target.frame}' is a part, and a frame is one object", remedy)
     if target.frame not in task.frames:
         fail(f"{key}.frame", f"there is no frame '{target.frame}'", f"use one of {', '.join(task.frames)}")
     earlier, thing = [other.object for other in task.targets[:i]], task.thing(name)

@@ -59,7 +59,7 @@ def parse_script(text: str) -> list[Input]:
         match = _INPUT.fullmatch(step)
         if match is None:
             raise UserError(
-                f"'{step}' is no step; write pick OBJECT, move (X, Y, Z), turn DEGREES, to (X, Y, Z) FRAME, to SLOT, "
+                f"'{step}' is not a step; write pick OBJECT, move (X, Y, Z), turn DEGREES, to (X, Y, Z) FRAME, to SLOT, "
                 "or release"
             )
         if match["pick"]:
@@ -96,7 +96,7 @@ def _degrees(text: str, step: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise UserError(f"'{step}': {text} is no turn; write degrees, as 90")
+        raise UserError(f"'{step}': {text} is not a number of degrees; write one, such as 90")
     return value
 
 

@@ -84,11 +84,11 @@ BAD = {
     ),
     "another version": (
         lambda f: (f.path / "demo2" / "data_2_new.yaml").write_text("type: pick"),
-        r"data_2_new.yaml is none of its actions, which are called data_1.yaml, .*; move it out of the folder\.$",
+        r"data_2_new.yaml is not one of its actions, which are called data_1.yaml, .*; move it out of the folder\.$",
     ),
     "two of a number": (
         lambda f: (f.path / "demo2" / "data_2.yml").write_text("type: pick"),
-        r"data_2.yml is none of its actions, .*; move it out of the folder\.$",
+        r"data_2.yml is not one of its actions, .*; move it out of the folder\.$",
     ),
     "another ending": (
         lambda f: (f.path / "demo2" / "data_2.yaml").rename(f.path / "demo2" / "data_2.yml"),

@@ -98,7 +98,10 @@ def test_a_robot_of_another_name_must_be_named(tmp_path):
         ({"task": 3}, "key task: expected text, found 3; put it in quotes: '3', or remove the keys task and boxes"),
         ({"boxes": [0.1]}, "key boxes: expected a mapping"),
         ({"boxes": {"YellowBox": "large"}}, "key boxes.YellowBox: expected a number or a list, found 'large'"),
-        ({"boxes": {"YellowBox": [0.1] * 4}}, "key boxes.YellowBox: 4 numbers are no size; write one for a cube"),
+        (
+            {"boxes": {"YellowBox": [0.1] * 4}},
+            "key boxes.YellowBox: a size does not have 4 numbers; write one for a cube",
+        ),
         ({"boxes": {"YellowBox": [0.1, 0.1, 100]}}, r"key boxes.YellowBox: 100 is implausible; .*metres\?"),
         ({"task": None}, "key task: expected text, found null"),
         ({"boxes": {"YellowBox": 100}}, r"key boxes.YellowBox: 100 is implausible; .*metres\? 100 mm are 0.1 m"),

@@ -130,7 +130,7 @@ CASES = [
      "there are only 2 of Bolt"),
     (targets(AT, AT), "targets[1].object", "Can has a target already"),
     (targets({"object": "Can", "position": [0, 0, 0.08], "frame": "Bolt"}), "targets[0].frame",
-     "'Bolt' is a part, which is no frame as any instance may be meant; use one of Bolt1, Bolt2"),
+     "'Bolt' is a part, and a frame is one object; use one of Bolt1, Bolt2"),
     (targets(IN_SLOT, AT | {"position": [-0.1, 0.07, 0.0525]}), "targets[1]", "Can would be inside Plate of targets[0]"),
     (targets(BOLT_AT, BOLT_AT), "targets[1]", "Bolt would be inside Bolt of targets[0]"),
     (targets(IN_SLOT, AT) | {"episode": {"max_ticks": 5}}, "episode.max_ticks",

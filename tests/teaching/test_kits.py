@@ -92,7 +92,7 @@ def test_the_nearest_instance_of_a_part_is_picked_that_was_not_moved():
     [
         (KIT4, "pick Plate; to Tray.slot", "there is no slot 'Tray.slot'; use one of Tray.plate, Tray.bar"),
         (KIT4, "pick Plate; to Tray.can", "Plate does not go into the slot Tray.can; carry it elsewhere"),
-        (KIT4, "pick Plate; turn far", "'turn far': far is no turn; write degrees, as 90"),
+        (KIT4, "pick Plate; turn far", "'turn far': far is not a number of degrees; write one, such as 90"),
         (KIT4, "to Tray.can", "the gripper holds nothing; pick an object first"),
         (KIT4, "turn 90", "the gripper holds nothing; pick an object first"),
         (BOLTS, "pick Nut", "there is no object 'Nut' to pick; use one of Bolt1"),

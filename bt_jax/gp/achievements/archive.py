@@ -38,7 +38,8 @@ class Archive:
     def entrants(
         self, fitness: Float32[np.ndarray, " M"], keys: UInt64[np.ndarray, " M"], *, drift: bool
     ) -> Int32[np.ndarray, " _"]:
-        """Return which of M trees would find a place, were each the only one; with `drift`, in place of one as fit, too."""
+        """Return which of M trees the archive would take, each on its own; with `drift`, also those that only equal the tree
+        they replace."""
         if not len(self):
             return np.arange(len(fitness), dtype=np.int32)
         place = np.searchsorted(self.keys, keys) + PER_KEY - 1  # that of the worst which is kept, if there are so many

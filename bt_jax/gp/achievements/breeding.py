@@ -207,8 +207,8 @@ def _refined(
     goals: Goals,
     kinds: Int8[np.ndarray, " V"],
 ) -> tuple[Trees, Bool[np.ndarray, " M"]]:
-    """Return the parents with another leaf of the same group in the place of one: any, but in a tree that lacks nothing one
-    whose group costs fitness, in proportion to how much; some of these lose a leaf instead."""
+    """Return the parents, each with one leaf replaced by another of its group. In a tree that achieves everything, a leaf is
+    chosen in proportion to the fitness that its group costs, and some of these trees lose a leaf instead."""
     tokens, sizes = parents.tokens.copy(), parents.sizes.copy()
     leaf = (tokens >= FIRST_LEAF) & (goals.group[tokens] >= 0)
     group = np.where(leaf, goals.group[tokens], 0)
