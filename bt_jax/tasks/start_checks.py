@@ -67,7 +67,7 @@ def _check_room(task: Task, free: list[list[Table]], fail: Fail) -> None:
 def _check_circles(task: Task, loose: list[Object], free: list[list[Table]], fail: Fail) -> None:
     """Fail if an object is larger than a table, or circles that keep all apart cover more than the tables can hold."""
     layout = task.layout
-    first = [thing for thing in loose if thing.name not in layout.stack[1:]]
+    first = [task.widest_with(thing.name) for thing in loose if thing.name not in layout.stack[1:]]
     for thing in first:
         narrow = [t.name for tables in free for t in tables if 2 * thing.reach > min(t.size[:2])]
         if narrow:

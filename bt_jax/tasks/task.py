@@ -163,9 +163,16 @@ class Task:
 
     @property
     def draws_by_size(self) -> bool:
-        """Whether objects start as far from each other and from the tables' edges as their sizes take. Cubes around one kit,
-        as in the published tasks, only keep `layout.spacing` and `layout.margin`."""
-        return not self.all_cubes or len(self.kits) > 1
+        """Whether objects start as far from each other and from the tables' edges as their sizes take. Cubes around one kit
+        that do not start turned, as in the published tasks, only keep `layout.spacing` and `layout.margin`."""
+        turned = self.layout.turn or any(place.turn for place in self.layout.fixed)
+        return bool(turned) or not self.all_cubes or len(self.kits) > 1
+
+    def widest_with(self, name: str) -> Object:
+        """Return the object that reaches the farthest, seen from above, of those that start in one stack with an object, or
+        that object itself."""
+        together = self.layout.stack if name in self.layout.stack else (name,)
+        return max(map(self.thing, together), key=lambda thing: thing.reach)
 
     @property
     def kinds(self) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float64
@@ -35,18 +35,18 @@ def draw_poses(task: Task, rng: np.random.Generator, kit_table: Table) -> Float6
         poses[i] = _fixed_pose(task, place)
     single = [i for i in range(len(names)) if i not in (*stack, *fixed)]
     groups = [group for group in ([stack] if stack else []) + [[i] for i in single]]
-    by_size = task.draws_by_size
+    by_size, reach = task.draws_by_size, [task.widest_with(name).reach for name in names]
     if by_size:
-        groups.sort(key=lambda group: -task.objects[group[0]].reach)  # the largest ones while there is room
+        groups.sort(key=lambda group: -reach[group[0]])  # the largest ones while there is room
     for _ in range(TRIES):
         placed = {i: poses[i, :2].copy() for i in fixed}
         for group in groups:
             for _ in range(DRAWS if by_size else 1):
                 table = tables[rng.integers(len(tables))]
-                room = np.array(table.size[:2]) / 2 - _margin(task, group[0])
+                room = np.array(table.size[:2]) / 2 - _margin(task, reach[group[0]])
                 spot = np.array(table.position[:2]) + rng.uniform(-room, room)
                 turn = rng.uniform(-1, 1) * task.layout.turn if task.layout.turn else 0.0
-                if by_size and _is_apart(task, group[0], spot, placed):
+                if by_size and _is_apart(task, reach, group[0], spot, placed):
                     break
             height = table.top
             for i in group:
@@ -54,26 +54,30 @@ def draw_poses(task: Task, rng: np.random.Generator, kit_table: Table) -> Float6
                 height += task.objects[i].height
             placed[group[0]] = spot
         rest = dict(placed)
-        if all(_is_apart(task, group[0], rest.pop(group[0]), rest) for group in groups):
+        if all(_is_apart(task, reach, group[0], rest.pop(group[0]), rest) for group in groups):
             return poses
     raise UserError(
         f"task {task.name}: no room for all objects after {TRIES} tries; lower layout.spacing or layout.margin"
     )
 
 
-def _margin(task: Task, thing: int) -> float:
-    """Return how far the centre of an object stays away from a table's edge."""
-    return max(task.layout.margin, task.objects[thing].reach) if task.draws_by_size else task.layout.margin
+def _margin(task: Task, reach: float) -> float:
+    """Return how far the centre of an object that reaches so far stays away from a table's edge, metres."""
+    return max(task.layout.margin, reach) if task.draws_by_size else task.layout.margin
 
 
 def _is_apart(
-    task: Task, thing: int, spot: Float64[np.ndarray, "2"], placed: Mapping[int, Float64[np.ndarray, "2"]]
+    task: Task,
+    reach: Sequence[float],
+    thing: int,
+    spot: Float64[np.ndarray, "2"],
+    placed: Mapping[int, Float64[np.ndarray, "2"]],
 ) -> bool:
     """Return whether an object is far enough from others; by size, so that two fingers fit between, whatever the turns."""
     for other, there in placed.items():
         least = task.layout.spacing
         if task.draws_by_size:
-            least = max(least, task.objects[thing].reach + task.objects[other].reach + 2 * task.finger_room)
+            least = max(least, reach[thing] + reach[other] + 2 * task.finger_room)
         if math.dist(spot, there) < least:
             return False
     return True

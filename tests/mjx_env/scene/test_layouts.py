@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from bt_jax._util.errors import UserError
 from bt_jax.mjx_env.scene.layouts import sample_layouts
-from bt_jax.tasks import Target, load_task, task_names
+from bt_jax.tasks import Object, Target, load_task, task_names
+from bt_jax.tasks.footprints import Footprint, overlap
 from tests.helpers.samples import assert_same
 
 POSITION_ERROR = 1e-4
@@ -103,3 +104,35 @@ def test_fixed_boxes_start_where_the_task_says_and_the_others_keep_away():
     away = np.linalg.norm(layouts.poses[:, 1, :2] - layouts.poses[:, 2, :2], axis=-1)
     assert away.min() >= task.layout.spacing - 2e-4
     assert np.ptp(layouts.poses[:, 1, :2], axis=0).min() > 0.3
+
+
+def turned_starts(rng, *, stacked, fixed):
+    """Cubes or cuboids beside one kit that start turned, two of them in a stack, or one at a fixed place."""
+    task = load_task("kit4")
+    sizes = rng.uniform(0.04, 0.12, (4, 3)) if rng.random() < 0.5 else np.repeat(rng.uniform(0.04, 0.12, (4, 1)), 3, 1)
+    things = tuple(Object(f"Thing{i}", tuple(size), (0.5, 0.5, 0.5)) for i, size in enumerate(sizes.tolist()))
+    place = Target("Thing3", (-1.0, -1.0, 0.7 + things[3].height / 2), task.robot_frame, 45.0)
+    layout = dataclasses.replace(
+        task.layout,
+        kit="TableRight",
+        spacing=0.05,
+        turn=0.0 if fixed else 180.0,
+        stack=("Thing0", "Thing1") if stacked else (),
+        fixed=(place,) if fixed else (),
+    )
+    return dataclasses.replace(task, objects=things, targets=(), layout=layout, finger_room=0.0)
+
+
+@pytest.mark.parametrize("fixed", [False, True])
+@pytest.mark.parametrize("stacked", [False, True])
+@settings(max_examples=10)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_what_starts_turned_starts_clear_of_all_else(stacked, fixed, seed):
+    task = turned_starts(np.random.default_rng(seed), stacked=stacked, fixed=fixed)
+    for poses in sample_layouts(task, seed, 4).poses:
+        turns = np.degrees(2 * np.arctan2(poses[:, 6], poses[:, 3])).tolist()
+        each = zip(task.objects, poses[:, :2].tolist(), turns, strict=True)
+        covered = [Footprint.of(thing, tuple(middle), turn) for thing, middle, turn in each]
+        for one, other in itertools.combinations(range(len(covered)), 2):
+            if not {task.object_names[one], task.object_names[other]} <= set(task.layout.stack):
+                assert overlap(covered[one], covered[other]) < 1e-3
