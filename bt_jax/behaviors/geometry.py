@@ -10,11 +10,11 @@ frame, by name; what is not in it is not there.
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 from bt_jax.behaviors.pose import Pose
+from bt_jax.tasks.footprints import Footprint, overlap
 from bt_jax.tasks.task import Episode, Target, Task
 from bt_jax.tasks.things import Object, Vec2, Vec3
 
@@ -25,6 +25,7 @@ __all__ = [
     "can_be_taken",
     "extents",
     "fingers_meet",
+    "footprint",
     "heading",
     "in_own_target",
     "is_at",
@@ -40,6 +41,8 @@ __all__ = [
 ]
 
 Poses = Mapping[str, Pose]
+
+UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -161,16 +164,32 @@ def is_graspable(task: Task, poses: Poses, name: str) -> bool:
 
 def fingers_meet(task: Task, poses: Poses, name: str) -> list[str | None]:
     """Return the object, kit or table that the fingers would meet beside an object, None where they have room, along each
-    pair of faces that fits the gripper's opening."""
+    pair of upright faces that fits the gripper's opening. Fingers are squares of `finger_room` along these faces."""
     thing, pose = task.thing(name), poses[name]
-    axes = Pose(pose.position) if thing.shape == "cylinder" else pose
+    reach = task.finger_room / 2
     met = []
-    for axis in (0, 1):
-        if thing.size[axis] <= task.gripper_opening:
-            away = thing.size[axis] / 2 + task.finger_room / 2
-            fingers = (axes.apply([side * away if i == axis else 0.0 for i in range(3)]).tolist() for side in (-1, 1))
+    for width, (x, y, _) in zip(thing.size, _across_faces(thing, pose), strict=False):
+        if width <= task.gripper_opening:
+            fingers = [
+                Footprint(
+                    (pose.position[0] + away * x, pose.position[1] + away * y),
+                    (reach, reach),
+                    math.degrees(math.atan2(y, x)),
+                )
+                for away in (-width / 2 - reach, width / 2 + reach)
+            ]
             met.append(next((other for finger in fingers for other in _beside(task, poses, name, finger)), None))
     return met
+
+
+def footprint(thing: Object, pose: Pose) -> Footprint:
+    """Return what an object covers, seen from above: a circle if it is an upright cylinder, else a rectangle along its
+    heading."""
+    turn = heading(pose)
+    back = Pose((0.0, 0.0, 0.0), (math.cos(turn / 2), 0.0, 0.0, -math.sin(turn / 2)))
+    x, y, _ = extents(thing, back.compose(pose))
+    is_round = thing.shape == "cylinder" and is_upright(thing, pose)
+    return Footprint(pose.position[:2], (x, y), math.degrees(turn), is_round)
 
 
 def in_own_target(task: Task, poses: Poses, *, held: str | None = None) -> frozenset[str]:
@@ -216,38 +235,45 @@ def _distance(pose: Pose, frame: Pose, position: Vec3) -> float:
     return math.dist(pose.position, frame.apply(position))
 
 
-def _beside(task: Task, poses: Poses, name: str, finger: Sequence[float]) -> Iterator[str]:
-    """Yield what a finger, square and as wide as `finger_room`, would meet beside an object."""
-    reach = task.finger_room / 2
+def _across_faces(thing: Object, pose: Pose) -> list[Vec3]:
+    """Return the directions across the two pairs of upright faces; a cube may lie on any, and round ones have none, for
+    which it is the frame's axes."""
+    turned = Pose((0.0, 0.0, 0.0)) if thing.shape == "cylinder" else Pose((0.0, 0.0, 0.0), pose.quaternion)
+    axes: list[Vec3] = [tuple(turned.apply(unit).tolist()) for unit in UNITS]
+    steepest = max(range(3), key=lambda i: abs(axes[i][2]))
+    return [axes[2 if i == steepest else i] for i in (0, 1)]
+
+
+def _beside(task: Task, poses: Poses, name: str, finger: Footprint) -> Iterator[str]:
+    """Yield what a finger would meet beside an object."""
     height = poses[name].position[2]
     top = height + standing_extents(task.thing(name), poses[name])[2]
     for other in task.object_names:
         if other == name or other not in poses:
             continue
-        half, (x, y, z) = extents(task.thing(other), poses[other]), poses[other].position
-        if z + half[2] > height and z - half[2] < top and _meets(finger, (x, y), half, reach):
+        thing, pose = task.thing(other), poses[other]
+        half, z = extents(thing, pose)[2], pose.position[2]
+        if z + half > height and z - half < top and overlap(finger, footprint(thing, pose)) > 0:
             yield other
-    for owner, origin, middle, across, level in _fixed(task, poses):
-        if origin.position[2] + level > height and _meets(
-            origin.inverse().apply(finger).tolist(), middle, across, reach
-        ):
+    for owner, fixed, level in _fixed(task, poses):
+        if level > height and overlap(finger, fixed) > 0:
             yield owner
 
 
-def _fixed(task: Task, poses: Poses) -> Iterator[tuple[str, Pose, Vec2, Vec2, float]]:
-    """Yield the tables, and the plate and the walls of the kits: the name and the frame of each, its middle and half its
-    extents there, and how high its top is over the frame."""
+def _fixed(task: Task, poses: Poses) -> Iterator[tuple[str, Footprint, float]]:
+    """Yield the tables, and the plate and the walls of the kits: the name of each, what it covers, and how high its top
+    is."""
+
+    def of(frame: str, middle: Vec2, half: Vec2, level: float) -> tuple[str, Footprint, float]:
+        x, y, z = poses[frame].apply((*middle, level)).tolist()
+        return frame, Footprint((x, y), half, math.degrees(heading(poses[frame]))), z
+
     x, y, z = task.robot_position
     for table in task.tables:
         middle, half = (table.position[0] - x, table.position[1] - y), (table.size[0] / 2, table.size[1] / 2)
-        yield table.name, poses[task.robot_frame], middle, half, table.top - z
+        yield table.name, *of(task.robot_frame, middle, half, table.top - z)[1:]
     for kit in task.kits:
         if kit.name in poses:
-            yield kit.name, poses[kit.name], (0.0, 0.0), kit.half, kit.plate
+            yield of(kit.name, (0.0, 0.0), kit.half, kit.plate)
             for middle, half in kit.walls():
-                yield kit.name, poses[kit.name], middle, half, kit.rim
-
-
-def _meets(finger: Iterable[float], middle: Iterable[float], half: Iterable[float], reach: float) -> bool:
-    """Do a finger and a rectangle overlap, seen from above?"""
-    return all(bool(abs(a - b) < c + reach) for a, b, c in itertools.islice(zip(finger, middle, half, strict=False), 2))
+                yield of(kit.name, middle, half, kit.rim)

@@ -29,7 +29,9 @@ def grasps(task: Task, name: str, centre: Vec3, turn: float | None) -> list[tupl
             away = thing.size[axis] / 2 + room / 2
             sides = [(away, 0.0, 0.0), (-away, 0.0, 0.0)] if axis == 0 else [(0.0, away, 0.0), (0.0, -away, 0.0)]
             middles = [added(centre, about_vertical(side, turn)) for side in sides]
-            found.append(tuple(block_at((x, y, above[0]), (room / 2, room / 2, above[1])) for x, y, _ in middles))
+            x, y, _ = about_vertical((room / 2, room / 2, 0.0), -abs((turn + 45) % 90 - 45))
+            reach = max(abs(x), abs(y))  # of the block around a square finger
+            found.append(tuple(block_at((x, y, above[0]), (reach, reach, above[1])) for x, y, _ in middles))
     return found
 
 

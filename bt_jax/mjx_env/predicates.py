@@ -4,6 +4,7 @@ single objects.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 from collections.abc import Sequence
@@ -12,7 +13,17 @@ import numpy as np
 from jaxtyping import Bool, Float32
 
 from bt_jax.behaviors.geometry import GEOMETRY
-from bt_jax.mjx_env.surfaces import Surfaces, fixed_surfaces, half_extents, object_surfaces, standing_extents
+from bt_jax.mjx_env.surfaces import (
+    Outlines,
+    Surfaces,
+    fixed_surfaces,
+    half_extents,
+    joined,
+    meet,
+    object_surfaces,
+    outlines,
+    standing_extents,
+)
 from bt_jax.mjx_env.world import Array, World, distances, frames, headings, namespace, rotate, to_world, uprightness
 from bt_jax.tasks import Target, Task
 
@@ -130,38 +141,53 @@ def stands_in(
 
 
 def graspable(world: World, task: Task) -> Bool[Array, "S B"]:
-    """Return which objects stand so that the gripper can take them: along a pair of parallel faces that fits the opening, or
-    along one of the world's axes if they are round, where both fingers have `finger_room` beside, down to the middle."""
+    """Return which objects stand so that the gripper can take them: along a pair of upright parallel faces that fits the
+    opening, or along one of the world's axes if they are round, where both fingers, squares of `finger_room` along these
+    faces, have room beside, down to the middle."""
     xp = namespace(world.poses)
     standing = is_upright(world, task)
     if not task.finger_room:
         return standing
-    surfaces = [fixed_surfaces(task, world.kits), object_surfaces(task, world.poses)]
-    bottoms = world.poses[..., 2] - half_extents(task.objects, world.poses[..., 3:])[..., 2]
-    top = world.poses[..., 2] + standing_extents(task, world.poses[..., 3:])[..., 2]
+    surfaces, high = _beside(world, task)
+    middles, room = world.poses[..., :3], np.float32(task.finger_room)
     is_round = np.array([thing.shape == "cylinder" for thing in task.objects])
     unturned = xp.asarray([1, 0, 0, 0], np.float32)[None, None]
     turns = xp.where(is_round[None, :, None], unturned, world.poses[..., 3:])
+    axes = [rotate(turns, unit[None, None]) for unit in np.eye(3, dtype=np.float32)]
+    steepest = xp.argmax(xp.stack([xp.abs(axis[..., 2]) for axis in axes], axis=-1), axis=-1)
     found = xp.zeros(standing.shape, bool)
-    for axis in (0, 1):
-        half = np.array([thing.size[axis] / 2 for thing in task.objects], np.float32)
-        free = np.array([thing.size[axis] <= task.gripper_opening for thing in task.objects])[None]
+    for i in (0, 1):
+        axis = xp.where((steepest == i)[..., None], axes[2], axes[i])  # a cube may lie on any face
+        away = np.array([thing.size[i] for thing in task.objects], np.float32) / 2 + room / 2
+        along = axis[..., :2] / xp.sqrt(xp.sum(axis[..., :2] ** 2, axis=-1, keepdims=True))
+        edges = along[..., None, :]
+        square = Outlines(np.full(edges.shape, room / 2, np.float32), edges, np.zeros(edges.shape[:-1], bool))
+        free = np.array([thing.size[i] <= task.gripper_opening for thing in task.objects])[None]
         for side in (-1, 1):
-            away = np.zeros((len(task.objects), 3), np.float32)
-            away[:, axis] = side * (half + task.finger_room / 2)
-            finger = world.poses[..., :3] + rotate(turns, away[None])
-            walls, others = (_hits(one, finger, task.finger_room) for one in surfaces)
-            walls = walls & (surfaces[0].top[:, None] > world.poses[..., 2, None])
-            beside = (surfaces[1].top[:, None] > world.poses[..., 2, None]) & (bottoms[:, None] < top[..., None])
-            others = others & beside & ~np.eye(len(task.objects), dtype=bool)[None]
-            free = free & ~walls.any(axis=-1) & ~others.any(axis=-1)
+            finger = middles + side * away[None, :, None] * axis
+            apart = surfaces.centre[:, None] - finger[..., None, :2]
+            free = free & ~(high & meet(square, _of_each(surfaces), apart)).any(axis=-1)
         found = found | free
     return found & standing
 
 
-def _hits(surfaces: Surfaces, finger: Float32[Array, "S B 3"], room: float) -> Bool[Array, "S B M"]:
-    """Return which surfaces, seen from above, a square finger with edge `room` meets."""
-    reach = surfaces.half[:, None] + np.float32(room / 2)
-    return namespace(finger).all(
-        namespace(finger).abs(surfaces.centre[:, None] - finger[..., None, :2]) < reach, axis=-1
-    )
+def _beside(world: World, task: Task) -> tuple[Surfaces, Bool[Array, "S B M"]]:
+    """Return everything that fingers may meet, with what it covers, and which of it is as high as fingers go that take an
+    object: from its middle to its top."""
+    xp = namespace(world.poses)
+    quaternion = world.poses[..., 3:]
+    fixed, objects = fixed_surfaces(task, world.kits), object_surfaces(task, world.poses)
+    surfaces = joined(fixed, dataclasses.replace(objects, outlines=outlines(task.objects, quaternion)))
+    bottoms = world.poses[..., 2] - half_extents(task.objects, quaternion)[..., 2]
+    top = world.poses[..., 2] + standing_extents(task, quaternion)[..., 2]
+    low = xp.concatenate([xp.full(fixed.top.shape, -np.inf, np.float32), bottoms], axis=1)[:, None] < top[..., None]
+    high = low & (surfaces.top[:, None] > world.poses[..., 2, None])
+    count = len(task.objects)
+    return surfaces, high & ~np.eye(count, surfaces.top.shape[1], k=surfaces.top.shape[1] - count, dtype=bool)[None]
+
+
+def _of_each(surfaces: Surfaces) -> Outlines:
+    """Return what surfaces cover, for each object."""
+    assert surfaces.outlines is not None
+    half, along, is_round = surfaces.outlines.half, surfaces.outlines.along, surfaces.outlines.is_round
+    return Outlines(half[:, None], along[:, None], is_round[:, None])

@@ -20,8 +20,10 @@ __all__ = [
     "fixed_surfaces",
     "half_extents",
     "joined",
+    "meet",
     "object_surfaces",
     "outline_of",
+    "outlines",
     "overlaps",
     "standing_extents",
     "support_height",
@@ -96,6 +98,11 @@ def outline_of(task: Task, quaternion: Float32[Array, "S 4"], which: Int[Array, 
         return None
     found = _outlines(_proportions(task.objects).of(which), quaternion)
     return Outlines(found.half[:, None], found.along[:, None], found.is_round[:, None])
+
+
+def outlines(objects: Sequence[Object], quaternion: Float32[Array, "*S B 4"]) -> Outlines:
+    """Return what B objects cover that are turned as the quaternions (wxyz) say."""
+    return _outlines(_proportions(tuple(objects)), quaternion)
 
 
 def _outlines(proportions: _Proportions, quaternion: Float32[Array, "*S B 4"]) -> Outlines:
@@ -230,12 +237,36 @@ def overlaps(
         return xp.all(xp.abs(surfaces.centre - xy[:, None]) < reach, axis=-1)
     above, below = block or _aligned(half[:, None]), surfaces.outlines or _aligned(surfaces.half)
     above = dataclasses.replace(above, half=above.half * np.float32(1 - 2 * TOUCH))
-    apart = surfaces.centre - xy[:, None]
-    distance = xp.sqrt(xp.sum(apart**2, axis=-1, keepdims=True))
-    between = xp.where(distance > 0, apart / xp.maximum(distance, np.float32(1e-9)), np.array([1, 0], np.float32))
-    axes = [between, above.along, _across(above.along), below.along, _across(below.along)]
-    meet = [xp.abs(xp.sum(apart * axis, axis=-1)) < _reach(above, axis) + _reach(below, axis) for axis in axes]
-    return functools.reduce(operator.and_, meet)
+    return meet(above, below, surfaces.centre - xy[:, None])
+
+
+def meet(one: Outlines, other: Outlines, apart: Float32[Array, "*#S 2"]) -> Bool[Array, "*#S"]:
+    """Return whether outlines overlap; `apart` is the way from the middle of the first to that of the other, metres.
+
+    They do if their extents along every axis do (the separating axis theorem): those of the edges, and from a circle to the
+    nearest point of the other outline.
+    """
+    xp = namespace(apart)
+    nearest = xp.where(one.is_round[..., None], _outside(other, -apart), _outside(one, apart))
+    distance = xp.sqrt(xp.sum(nearest**2, axis=-1, keepdims=True))
+    between = xp.where(distance > 0, nearest / xp.maximum(distance, np.float32(1e-9)), np.array([1, 0], np.float32))
+    axes = [between, one.along, _across(one.along), other.along, _across(other.along)]
+    return functools.reduce(
+        operator.and_,
+        [xp.abs(xp.sum(apart * axis, axis=-1)) < _reach(one, axis) + _reach(other, axis) for axis in axes],
+    )
+
+
+def _outside(outline: Outlines, point: Float32[Array, "*#S 2"]) -> Float32[Array, "*#S 2"]:
+    """Return the way from the nearest point of a rectangle, or from the middle of a circle, to a point."""
+    xp = namespace(point)
+    edges = outline.along, _across(outline.along)
+    ways = []
+    for i, edge in enumerate(edges):
+        half = xp.where(outline.is_round, np.float32(0), outline.half[..., i])
+        at = xp.sum(point * edge, axis=-1)
+        ways.append((at - xp.clip(at, -half, half))[..., None] * edge)
+    return ways[0] + ways[1]
 
 
 def _across(along: Float32[Array, "*S 2"]) -> Float32[Array, "*S 2"]:
@@ -243,8 +274,7 @@ def _across(along: Float32[Array, "*S 2"]) -> Float32[Array, "*S 2"]:
 
 
 def _reach(outline: Outlines, axis: Float32[Array, "*#S 2"]) -> Float32[Array, "*#S"]:
-    """Return half the extents along an axis; two convex outlines meet if those along every axis do (the separating axis
-    theorem), of which the edges' and the one between the middles are tried."""
+    """Return half the extents along an axis, a unit vector."""
     xp = namespace(axis)
     along, across = (xp.abs(xp.sum(edge * axis, axis=-1)) for edge in (outline.along, _across(outline.along)))
     of_rectangle = along * outline.half[..., 0] + across * outline.half[..., 1]

@@ -38,6 +38,7 @@ MIXED, CUBES = load_task(PARTS), load_task("yumi_stack")
 ONE_OF_ITS_OWN = dataclasses.replace(
     MIXED, name="named instance", targets=(*MIXED.targets, Target("Bolt3", (0.13, 0.0, 0.0275), "TrayA"))
 )  # beside targets of its part
+SIDES = [(math.sqrt(0.5), 0.0, 0.0), (0.0, math.sqrt(0.5), 0.0), (0.0, 0.0, math.sqrt(0.5))]
 SEEDS = st.integers(0, 2**32 - 1)
 
 
@@ -240,3 +241,29 @@ def test_fingers_need_room_beside_a_pair_of_faces_that_fits_the_opening():
     for turn in (0.0, 45.0, 90.0):
         beside = {**poses, "Can": upright(0.3, 0.0, 0.79, turn), "Cube": upright(0.36, 0.0, 0.775)}
         assert is_graspable(task, beside, "Can"), "round ones are taken along the free axis however they are turned"
+
+
+def test_fingers_go_between_an_object_and_a_turned_neighbour_where_that_leaves_room():
+    """A bar at 45 degrees that the block around it, parallel to the axes, would not leave room beside."""
+    task = MIXED
+    poses = {"base_link": upright(0.0, 1.0, 0.05), "Bar1": upright(0.0, 0.0, 0.765, turn=45.0)}
+    for gap, free in ((0.03, True), (0.0, False)):
+        off = (0.015 + 0.012 + gap) / math.sqrt(2)  # of the middles
+        assert is_graspable(task, {**poses, "Bolt1": upright(off, -off, 0.775)}, "Bolt1") == free
+    block = upright(0.0, 0.0, 0.765, turn=45.0)
+    for away, free in ((0.09, True), (0.06, False)):  # the fingers lie along the faces that they take
+        beside = [upright(side * away / math.sqrt(2), away / math.sqrt(2), 0.79) for side in (-1, 1)]
+        neighbours = dict(zip(("Can", "Cube"), beside, strict=True))
+        assert is_graspable(task, {"base_link": poses["base_link"], "Block": block, **neighbours}, "Block") == free
+
+
+@pytest.mark.parametrize("face", [(1.0, 0.0, 0.0, 0.0), *((math.sqrt(0.5), *axis) for axis in SIDES)])
+def test_a_cube_is_taken_along_its_upright_faces_whichever_it_lies_on(face):
+    names = MIXED.object_names[:5]
+    cubes = tuple(dataclasses.replace(MIXED.thing("Cube"), name=name) for name in names)
+    task = dataclasses.replace(MIXED, objects=cubes, targets=())
+    around = [upright(x, y, 0.775) for x, y in ((0.06, 0.0), (-0.06, 0.0), (0.0, 0.06), (0.0, -0.06))]
+    poses = dict(zip(names, [Pose((0.0, 0.0, 0.775), face), *around], strict=True))
+    poses["base_link"] = upright(0.0, 1.0, 0.05)
+    assert not is_graspable(task, poses, names[0])
+    assert is_graspable(task, {name: poses[name] for name in (*names[:3], "base_link")}, names[0])
