@@ -64,7 +64,7 @@ def _places(task: Task, name: str, named: tuple[str, ...]) -> Iterator[Place]:
         if kit.places and any(slots):
             continue
         cubes = task.all_cubes
-        height = settings.height if cubes else kit.plate + thing.height / 2
+        height = kit.plate + thing.height / 2 if settings.height is None else settings.height
         steps = [settings.pitch * (i - (settings.grid - 1) / 2) for i in range(settings.grid)]
         for turn in turns:
             half = thing.half_at(turn)

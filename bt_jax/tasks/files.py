@@ -1,6 +1,7 @@
 """Tasks as YAML files, each of which may name another one in `extends` and only say what differs.
 
-Everything is inherited but the description, which is empty unless the task has its own.
+Everything is inherited but the description, which is empty unless the task has its own, and the height of genes on the grid,
+if the task has its own objects.
 """
 
 from __future__ import annotations
@@ -163,4 +164,7 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
         )
     inherited = _read(base, (*seen, path))
     inherited.pop("description", None)  # it describes the base
+    genes = inherited.get("genes")
+    if isinstance(genes, dict) and ("objects" in data or "boxes" in data):
+        genes.pop("height", None)  # of the base's objects
     return merged(inherited, data)

@@ -61,12 +61,13 @@ class Layout:
 @dataclasses.dataclass(frozen=True)
 class GeneSettings:
     """Where the `move` genes may place an object: beside and on every other one, in the slots of every kit that take it, and
-    on a grid in a kit without slots; an object that no slot takes, on the grid of every kit."""
+    on a grid in a kit without slots; an object that no slot takes, on the grid of every kit. `height` is that of the centre
+    over the kit's frame on the grid; where none is given, objects stand on the plate."""
 
     gap: float = 0.02
     grid: int = 3
     pitch: float = 0.133
-    height: float = 0.055
+    height: float | None = None
 
 
 @dataclasses.dataclass(frozen=True)

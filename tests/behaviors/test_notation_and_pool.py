@@ -106,6 +106,35 @@ targets:
     assert bolts == {(-0.15, 0.15), (0.15, 0.15)}
 
 
+def heights_on_the_grid(text, path):
+    path.write_text(text)
+    task = load_task(path)
+    leaves = [leaf for leaf in gene_pool(task).leaves if leaf.kind == Kind.GENE and leaf.frame in task.kit_names]
+    return {leaf.object: leaf.position[2] for leaf in leaves}
+
+
+MIXED = """
+name: mine
+kits: [{name: Tray, size: 0.4}]
+objects:
+  - {name: Plate, size: [0.1, 0.08, 0.02], color: [1, 0, 0]}
+  - {name: Cube, size: 0.08, color: [1, 0, 0]}
+targets: [{object: Cube, position: [0, 0, 0.0425], frame: Tray}]
+"""
+
+
+def test_objects_on_the_grid_stand_on_the_plate_or_at_the_height_that_is_given(tmp_path):
+    path = tmp_path / "mine.yaml"
+    on_plate = {"Plate": 0.0125, "Cube": 0.0425}
+    assert heights_on_the_grid(f"extends: kitting{MIXED}", path) == on_plate
+    assert heights_on_the_grid(f"extends: stack{MIXED}", path) == on_plate
+    assert heights_on_the_grid(f"extends: stack{MIXED}genes: {{height: 0.06}}", path) == {"Plate": 0.06, "Cube": 0.06}
+    only_cubes = MIXED.replace("[0.1, 0.08, 0.02]", "0.04")
+    assert heights_on_the_grid(f"extends: kitting{only_cubes}", path) == {"Plate": 0.0225, "Cube": 0.0425}
+    changed = "extends: stack\nname: mine\ndescription: The boxes of stack."
+    assert set(heights_on_the_grid(changed, path).values()) == {0.055}
+
+
 def genes_that_meet(task, i):
     """Genes whose object, place and turn are those of a target."""
     target, pool = task.targets[i], gene_pool(task).leaves
