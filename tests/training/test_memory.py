@@ -17,16 +17,17 @@ SMALL = 0.002  # GB, room for some 400 of its states
 
 
 @pytest.mark.slow
-def test_the_largest_task_evolves_within_its_memory_with_the_same_results():
+@pytest.mark.parametrize(("method", "population", "layouts"), [("achievements", 16, 1), ("population", 32, 2)])
+def test_the_largest_task_evolves_within_its_memory_with_the_same_results(method, population, layouts):
     task = load_task(str(LARGEST))
     assert (len(task.objects), len(task.kits)) == (16, 4)
-    config = GPConfig(method="population", population=32, generations=5, max_nodes=32)
-    settings = Settings(level="kinematic", layouts=2)
+    config = GPConfig(method=method, population=population, generations=5, max_nodes=32)
+    settings = Settings(level="kinematic", layouts=layouts)
     small, large = (
         Training(task, config, dataclasses.replace(settings, memory=memory)) for memory in (SMALL, settings.memory)
     )
     for state, same in zip(small.evolution.run(), large.evolution.run(), strict=True):
-        assert_same(state.population, same.population)
+        assert_same((state.population, state.knowledge), (same.population, same.knowledge))
         assert small.table.nbytes <= SMALL * GB
         assert large.table.nbytes <= settings.memory * GB
     assert small.table.num_restarts > 0 == large.table.num_restarts
