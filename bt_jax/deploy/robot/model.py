@@ -125,9 +125,10 @@ class ArmModel:
 
     @functools.cached_property
     def below(self) -> float:
-        """How far the fingers reach beyond the TCP along the hand's z, m."""
+        """How far the fingers reach beyond the TCP along the hand's z, m; 0 if they have no shapes."""
         ends = {"finger_a": self.gripper.fingers[0][0][2], "finger_b": self.gripper.fingers[1][0][2]}
-        return max(ends[str(s.link)] + highest(s.solid) for s in self.shapes if s.link in ends) - self.tcp[2]
+        tips = [ends[str(shape.link)] + highest(shape.solid) for shape in self.shapes if shape.link in ends]
+        return max(tips, default=self.tcp[2]) - self.tcp[2]
 
     @property
     def joint_names(self) -> tuple[str, ...]:
