@@ -19,7 +19,7 @@ from bt_jax.mjx_env.render.choreography import shots
 from bt_jax.mjx_env.render.film import check_film, film, final_picture
 from bt_jax.mjx_env.render.offscreen import available
 from bt_jax.mjx_env.scene.layouts import sample_layouts
-from bt_jax.mjx_env.scene.mjcf import compile_scene
+from bt_jax.mjx_env.scene.mjcf import GRIPPER, compile_scene
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.world import headings
 from bt_jax.tasks import load_task
@@ -90,7 +90,7 @@ def deepest(task, kits, taken):
     model, ids = compile_scene(task, gripper=True)
     data = mujoco.MjData(model)
     data.mocap_pos[list(ids.kit_mocaps)] = kits
-    parts = [model.body(name).id for name in ("gripper", "finger_right", "finger_left")]
+    parts = [model.body(name).id for name in GRIPPER]
     solid = np.flatnonzero(model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)
     own, others = ([g for g in solid if (model.geom_bodyid[g] in parts) == is_own] for is_own in (True, False))
     found = (0.0, "")
