@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Int
 
 from bt_jax.behaviors import subgoal_conditions
-from bt_jax.mjx_env.semantics import LeafSemantics, atoms_of
+from bt_jax.mjx_env.selection import atoms_of
+from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.world import World, order_of_rows
 
 __all__ = ["in_order", "interchangeable"]

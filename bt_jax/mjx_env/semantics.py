@@ -25,7 +25,6 @@ from bt_jax.behaviors import (
     NOTHING,
     OPEN,
     Behavior,
-    Control,
     ExtendedNode,
     Kind,
     Tree,
@@ -35,47 +34,15 @@ from bt_jax.behaviors import (
 )
 from bt_jax.encoding.interpret import DECORATED
 from bt_jax.encoding.tick import Status
+from bt_jax.mjx_env.outcomes import ACTION, COMMAND_BITS, MAX_COMMANDS, MAX_SUBGOALS, SUBGOAL_BITS
 from bt_jax.mjx_env.predicates import graspable, in_own_target, is_clear, is_upright, reachable, turn_error
+from bt_jax.mjx_env.selection import Selection, atoms_of, selection_of, skeleton
 from bt_jax.mjx_env.world import Array, World, distances, frames, namespace, to_world
 from bt_jax.tasks import Task
 
-__all__ = [
-    "COMMAND_BITS",
-    "SUBGOAL_BITS",
-    "LeafSemantics",
-    "Selection",
-    "atoms_of",
-    "command_of",
-    "holding_subgoals",
-    "subgoals_by_sight",
-    "subgoals_of",
-    "taken_by",
-]
+__all__ = ["LeafSemantics", "holding_subgoals", "subgoals_by_sight", "taken_by"]
 
-# An outcome is subgoals << SUBGOAL_BITS | command << COMMAND_BITS | status, with one bit for each subgoal that it reaches.
-COMMAND_BITS, SUBGOAL_BITS = 2, 16
 ALL = slice(None)
-MAX_COMMANDS, MAX_SUBGOALS = 1 << (SUBGOAL_BITS - COMMAND_BITS), 31 - SUBGOAL_BITS
-
-
-def command_of(outcome: Int32[Array, "*S"]) -> Int32[Array, "*S"]:
-    """Return the number of the command that runs; 0 where none does."""
-    return outcome >> COMMAND_BITS & np.int32(MAX_COMMANDS - 1)
-
-
-def subgoals_of(outcome: Int32[Array, "*S"]) -> Int32[Array, "*S"]:
-    """Return the subgoals that count as reached from now on, as bits."""
-    return outcome >> SUBGOAL_BITS
-
-
-@dataclasses.dataclass(frozen=True)
-class Selection:
-    """Some tokens of a vocabulary, control nodes among them, and what computes their outcomes."""
-
-    tokens: np.ndarray  # int[m], ascending
-    places: np.ndarray | slice  # of `LeafSemantics.places`, those that the leaves name
-    groups: list[tuple[Tree, np.ndarray]]  # leaves with the same skeleton: it, and columns of its atoms [atoms, leaves]
-    order: np.ndarray  # where to find each token when the groups stand side by side behind the control nodes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -200,7 +167,7 @@ class LeafSemantics:
         groups: dict[str, tuple[list[int], Tree, list[list[int]]]] = {}
         for i, leaf in enumerate(self.vocabulary.leaves):
             body = leaf.subtree or leaf
-            tokens, _, columns = groups.setdefault(_skeleton(body), ([], body, []))
+            tokens, _, columns = groups.setdefault(skeleton(body), ([], body, []))
             tokens.append(FIRST_LEAF + i)
             columns.append([self._columns[atom] for atom in atoms_of(leaf)])
         return [(np.array(tokens), body, np.array(columns).T) for tokens, body, columns in groups.values()]
@@ -208,7 +175,7 @@ class LeafSemantics:
     @functools.cached_property
     def everything(self) -> Selection:
         """All tokens."""
-        return _selection(slice(None), self._groups)
+        return selection_of(slice(None), self._groups)
 
     def select(self, tokens: Int[np.ndarray, " m"]) -> Selection:
         """Return what computes the outcomes of some tokens without those of the others."""
@@ -219,10 +186,10 @@ class LeafSemantics:
         first = len(self.conditions) + len(self.commands) - num_places  # the column of the first place's command
         places = np.union1d(used[used < num_places], used[used >= first] - first)
         kept = np.concatenate([places, np.arange(num_places, first), first + places])
-        return _selection(places, [(own, body, np.searchsorted(kept, columns)) for own, body, columns in groups])
+        return selection_of(places, [(own, body, np.searchsorted(kept, columns)) for own, body, columns in groups])
 
     def outcomes(self, world: World, selection: Selection | None = None) -> Int32[Array, "2 S m"]:
-        """Return the outcome of every token, or of the selected ones, in every state (see `COMMAND_BITS`). The second layer
+        """Return the outcome of every token, or of the selected ones, in every state (see `outcomes`). The second layer
         holds the outcomes once the command that is running in the first counts as failed."""
         xp = namespace(world.poses)
         chosen = self.everything if selection is None else selection
@@ -233,7 +200,7 @@ class LeafSemantics:
             columns = [xp.zeros((atoms.shape[0], FIRST_LEAF), np.int32)]
             for g, (body, atom_columns) in enumerate(chosen.groups):
                 outcome = self._evaluate(body, atoms, list(atom_columns), failed[g])
-                failed[g] = xp.where(outcome & 3 == Status.RUNNING, outcome & _ACTION, np.int32(-1))
+                failed[g] = xp.where(outcome & 3 == Status.RUNNING, outcome & ACTION, np.int32(-1))
                 columns.append(outcome)
             layers.append(xp.concatenate(columns, axis=1)[:, chosen.order])
         return xp.stack(layers)
@@ -257,7 +224,7 @@ class LeafSemantics:
         proceed = Status.SUCCESS if node.kind == Kind.SEQUENCE else Status.FAILURE
         outcome = self._evaluate(node.children[0], atoms, columns, failed)
         for child in node.children[1:]:
-            after = self._evaluate(child, atoms, columns, failed) | outcome & ~_ACTION
+            after = self._evaluate(child, atoms, columns, failed) | outcome & ~ACTION
             outcome = xp.where(outcome & 3 == proceed, after, outcome)
         return outcome
 
@@ -431,26 +398,3 @@ def _subgoal_columns(task: Task) -> tuple[LeafSemantics, list[np.ndarray]]:
     meanings = subgoal_conditions(task).values()
     semantics = LeafSemantics(task, Vocabulary.of(condition for meaning in meanings for condition in meaning))
     return semantics, [np.array([semantics._columns[condition] for condition in meaning]) for meaning in meanings]
-
-
-def _selection(places: np.ndarray | slice, groups: list[tuple[np.ndarray, Tree, np.ndarray]]) -> Selection:
-    tokens = np.concatenate([np.arange(FIRST_LEAF), *(own for own, _, _ in groups)])
-    order = np.argsort(tokens)
-    return Selection(tokens[order], places, [(body, columns) for _, body, columns in groups], order)
-
-
-_ACTION = np.int32((1 << SUBGOAL_BITS) - 1)  # an outcome without its subgoals
-
-
-def atoms_of(leaf: Tree) -> list[Behavior]:
-    """Return the conditions and actions of a leaf, in prefix order; those of its subtree for a gene."""
-    if isinstance(leaf, Control | ExtendedNode):
-        return [atom for child in leaf.children for atom in atoms_of(child)]
-    return atoms_of(leaf.subtree) if leaf.subtree else [leaf]
-
-
-def _skeleton(node: Tree) -> str:
-    if isinstance(node, Behavior):
-        return _skeleton(node.subtree) if node.subtree else node.kind.name
-    name = node.kind.name if isinstance(node, Control) else node.name
-    return f"{name}({','.join(_skeleton(child) for child in node.children)})"

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from bt_jax.tasks.things import Kit, Object, Slot, Vec2, Vec3
 
-__all__ = ["fits", "slot_position", "slot_turn"]
+__all__ = ["fits", "slot_position", "slot_turn", "slots_by_name"]
+
+
+def slots_by_name(kits: Iterable[Kit]) -> dict[str, tuple[Kit, Slot]]:
+    """Return all slots of kits by the names that tasks give them, such as "TrayA.a1"."""
+    return {f"{kit.name}.{slot.name}": (kit, slot) for kit in kits for slot in kit.places}
 
 
 def slot_position(kit: Kit, slot: Slot, thing: Object) -> Vec3:

@@ -6,7 +6,7 @@ import itertools
 
 from bt_jax.tasks.footprints import Footprint, overlap
 from bt_jax.tasks.refusals import Fail
-from bt_jax.tasks.slots import fits
+from bt_jax.tasks.slots import fits, slots_by_name
 from bt_jax.tasks.start_checks import block_overlap
 from bt_jax.tasks.support import kit_origin, resolve_turned, start_turn
 from bt_jax.tasks.task import Target, Task
@@ -54,9 +54,9 @@ def _check_names(task: Task, i: int, target: Target, fail: Fail) -> None:
 
 
 def _check_slot(task: Task, i: int, target: Target, fail: Fail) -> None:
-    slots = {f"{kit.name}.{slot.name}": (kit, slot) for kit in task.kits for slot in kit.places}
     if not target.slot:
         return
+    slots = slots_by_name(task.kits)
     if target.slot not in slots:
         fail(f"targets[{i}].slot", f"there is no slot '{target.slot}'", f"use one of {', '.join(slots)}")
     kit, slot = slots[target.slot]

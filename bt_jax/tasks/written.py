@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
 from bt_jax._util.errors import UserError
-from bt_jax.tasks.slots import slot_position, slot_turn
+from bt_jax.tasks.slots import slot_position, slot_turn, slots_by_name
 from bt_jax.tasks.task import Episode, GeneSettings, Layout, Subgoal, SubgoalReward, Target, Task, Weights
 from bt_jax.tasks.things import Kit, Object, Shape, Slot, Table, Vec2, Vec3
 
@@ -191,7 +191,7 @@ def _target(target: WrittenTarget, kits: tuple[Kit, ...], things: Mapping[str, O
                 raise UserError(f"{where}.{key}: missing; add it, or name a slot, for instance slot: TrayA.a1")
         assert target.position is not None
         return Target(target.object, target.position, target.frame, target.turn)
-    slots = {f"{kit.name}.{slot.name}": (kit, slot) for kit in kits for slot in kit.places}
+    slots = slots_by_name(kits)
     if target.slot not in slots:
         remedy = f"use one of {', '.join(slots)}" if slots else "give a kit slots or a grid"
         raise UserError(f"{where}.slot: there is no slot '{target.slot}'; {remedy}")

@@ -30,7 +30,7 @@ from bt_jax.mjx_env.surfaces import (
 )
 from bt_jax.mjx_env.world import World, frames, to_world
 from bt_jax.tasks import Task
-from bt_jax.tasks.slots import fits, slot_position, slot_turn
+from bt_jax.tasks.slots import fits, slot_position, slot_turn, slots_by_name
 
 __all__ = ["Landing", "Teleoperation"]
 
@@ -180,7 +180,7 @@ class Teleoperation:
         """Carry the held object to a slot, such as "TrayA.a1", missing it by a vector [m], and turn it as the slot says.
         Raise UserError if there is no such slot, or if it is for something else."""
         self._carried()
-        slots = {f"{kit.name}.{slot.name}": (kit, slot) for kit in self.task.kits for slot in kit.places}
+        slots = slots_by_name(self.task.kits)
         if name not in slots:
             raise UserError(f"there is no slot '{name}'; use one of {', '.join(slots) or 'a kit with slots'}")
         (kit, slot), thing = slots[name], self.task.thing(str(self.held))

@@ -10,7 +10,7 @@ from bt_jax.app.panels.context import PanelContext
 from bt_jax.app.panels.parts import button, known
 from bt_jax.app.state.studio import Studio
 from bt_jax.tasks import Object, Task
-from bt_jax.tasks.slots import fits
+from bt_jax.tasks.slots import fits, slots_by_name
 
 __all__ = ["Destinations"]
 
@@ -77,4 +77,4 @@ class Destinations:
 
 def _fitting(task: Task, thing: Object) -> list[str]:
     """Return the names of the slots that an object fits, such as "TrayA.a1"."""
-    return [f"{kit.name}.{slot.name}" for kit in task.kits for slot in kit.places if fits(kit, slot, thing)]
+    return [name for name, (kit, slot) in slots_by_name(task.kits).items() if fits(kit, slot, thing)]

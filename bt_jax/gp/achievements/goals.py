@@ -60,7 +60,5 @@ class Measured:
     fitness: Float32[np.ndarray, "*R M"]
     solved: Bool[np.ndarray, "*R M"]
     achieved: Float32[np.ndarray, "*R M A"]  # share of the layouts
-    missed: Float32[
-        np.ndarray, "*R M A"
-    ]  # by how much fitness fell with what each achievement lacks, mean of the layouts
+    missed: Float32[np.ndarray, "*R M A"]  # by how much fitness fell with what each lacks, mean of the layouts
     trace: UInt8[np.ndarray, "*R M N"]  # what each leaf has returned in any of them (see `encoding.tick.Ticked`)

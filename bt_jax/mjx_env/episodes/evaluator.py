@@ -24,8 +24,9 @@ from bt_jax.encoding.tick import JumpTable, Status, jump_table, tick_trees
 from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS, Misses, fitness
 from bt_jax.mjx_env.episodes.rules import Ending, Tally, count_tick, fresh_tally, is_solved, resolve, select, used_up
 from bt_jax.mjx_env.episodes.table import BROKEN, MEMORY, UNKNOWN, Known, TableFullError, TransitionTable
+from bt_jax.mjx_env.outcomes import command_of, subgoals_of
 from bt_jax.mjx_env.physics.protocol import Physics
-from bt_jax.mjx_env.semantics import LeafSemantics, command_of, subgoals_of
+from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.world import Array, World, take
 from bt_jax.tasks import Episode, Task
 

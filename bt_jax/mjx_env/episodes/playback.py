@@ -22,8 +22,9 @@ from bt_jax.mjx_env.episodes.rules import (
     resolve,
     used_up,
 )
+from bt_jax.mjx_env.outcomes import command_of, subgoals_of
 from bt_jax.mjx_env.physics.settler import Settler
-from bt_jax.mjx_env.semantics import LeafSemantics, command_of, subgoals_of
+from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.skills import act, reach, settled_world
 from bt_jax.mjx_env.world import World
 

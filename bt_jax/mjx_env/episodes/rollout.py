@@ -25,8 +25,9 @@ from bt_jax.mjx_env.episodes.evaluator import (
 )
 from bt_jax.mjx_env.episodes.fitness import target_misses
 from bt_jax.mjx_env.episodes.rules import Ending, Tally, count_tick, fresh_tally, resolve, used_up
+from bt_jax.mjx_env.outcomes import command_of, subgoals_of
 from bt_jax.mjx_env.physics.protocol import SettleFn
-from bt_jax.mjx_env.semantics import LeafSemantics, command_of, subgoals_of
+from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.skills import act, reach, settled_world
 from bt_jax.mjx_env.world import World, take
 

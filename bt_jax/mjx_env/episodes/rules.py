@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Int8, Int32, UInt8
 
 from bt_jax.encoding.tick import Status
-from bt_jax.mjx_env.semantics import command_of
+from bt_jax.mjx_env.outcomes import command_of
 from bt_jax.mjx_env.world import Array, namespace
 from bt_jax.tasks import Episode
 

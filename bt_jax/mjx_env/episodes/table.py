@@ -23,7 +23,7 @@ from jaxtyping import Array, Bool, Int, Int32, UInt
 from bt_jax._util.compile_cache import kept_jit
 from bt_jax.mjx_env.episodes.codes import OutcomeCodes, TooManyOutcomesError
 from bt_jax.mjx_env.episodes.fitness import Misses, target_misses
-from bt_jax.mjx_env.episodes.pages import MOST_CELLS, UNKNOWN, Pages, SparseRows
+from bt_jax.mjx_env.episodes.pages import MOST_CELLS, NOWHERE, UNKNOWN, Pages, SparseRows
 from bt_jax.mjx_env.interchange import in_order, interchangeable
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.physics.settler import Settler
@@ -41,7 +41,6 @@ GROWTH = 4
 BUCKETS = (64, 512, 4096, 32768)
 FEW_TOKENS = 256  # of a vocabulary whose leaves are all computed at once
 MOST_OUTCOMES = 1 << 22  # that are computed at a time
-NO_BOUND = np.iinfo(np.int32).max
 NAME_BYTES = 150  # of a state's entry in a dict of bytes, besides the bytes
 
 
@@ -212,7 +211,7 @@ class TransitionTable:
     def complete(self, states: Int32[np.ndarray, " n"]) -> None:
         """Compute what the leaves in use return in states where that is not known."""
         for part in _parts(len(states), tokens=len(self.semantics.vocabulary)):
-            rows = np.full(part.size, NO_BOUND, np.int32)  # which is dropped
+            rows = np.full(part.size, NOWHERE, np.int32)  # which is dropped
             rows[: len(states[part.rows])] = states[part.rows]
             self._codes = _merge(self._codes, self._coded(self.worlds(states[part.rows]), part.size), rows)
 
@@ -284,7 +283,7 @@ class _Part(NamedTuple):
     size: int
 
 
-def _parts(count: int, *, room: int = NO_BOUND, tokens: int = 1) -> Iterator[_Part]:
+def _parts(count: int, *, room: int = MOST_CELLS, tokens: int = 1) -> Iterator[_Part]:
     """Cut `count` rows into parts whose padded sizes are among a few, so that few shapes are compiled. Padded, all of them
     end within `room` rows; none has more than MOST_OUTCOMES cells of rows with `tokens`."""
     buckets = [bucket for bucket in BUCKETS if bucket * tokens <= MOST_OUTCOMES] or BUCKETS[:1]
