@@ -18,7 +18,7 @@ from bt_jax.tasks import Task
 __all__ = ["WORST_FITNESS", "Misses", "fitness", "subgoals_missed", "target_misses"]
 
 WORST_FITNESS = -1e6  # of an individual whose simulation diverged
-IMPOSSIBLE = np.float32(1e9)  # cost of an instance that is the frame of the target
+IMPOSSIBLE = np.float32(1e9)  # cost of an instance that a target does not mean, or that is its frame
 
 
 @jax.tree_util.register_dataclass
@@ -33,7 +33,8 @@ class Misses:
 
 def target_misses(task: Task, world: World) -> Misses:
     """Return how far each target is from being met, with the instances of each part assigned to its targets so that they
-    cost least (Kuhn 1955), whatever their order. An instance is never assigned to a place in its own frame.
+    cost least (Kuhn 1955), whatever their order. An instance is never assigned to a place in its own frame, and one that a
+    target names only to that target.
 
     The targets that are met are not read off this assignment, since it may leave one out: with instances in the second and
     the third slot of a row, it costs as much to move both up by one as to send the last one to the front.
@@ -66,7 +67,7 @@ def target_misses(task: Task, world: World) -> Misses:
             cost = np.stack([weights.distance * away + weights.turn * turned for away, turned in each], axis=-2)[
                 ..., at
             ]
-            cost = np.where(own[..., None] == goals.frame[at], IMPOSSIBLE, cost)
+            cost = np.where(goals.meant[own[..., None], at], cost, IMPOSSIBLE)
             for state, (costs, names) in enumerate(zip(cost, own, strict=True)):
                 rows, columns = linear_sum_assignment(costs)
                 chosen[state, at[columns]] = names[rows]
@@ -90,7 +91,10 @@ class _Goals:
     turn: Float32[np.ndarray, " targets"]  # radians, NaN where any will do
     turned: bool  # whether any target says how its object should be turned
     first: Int[np.ndarray, " targets"]  # the first object that each target may mean
-    parts: tuple[tuple[Int[np.ndarray, " _"], Int[np.ndarray, " _"]], ...]  # targets of one part, and its instances
+    meant: Bool[np.ndarray, "B targets"]  # which objects each target may mean, none of them its frame
+    parts: tuple[
+        tuple[Int[np.ndarray, " _"], Int[np.ndarray, " _"]], ...
+    ]  # targets of a part or of instances of it, and these
     symmetry: Float32[np.ndarray, " B"]  # radians
 
 
@@ -105,8 +109,12 @@ def _goals(task: Task) -> _Goals:
         turn=turn,
         turned=not np.isnan(turn).all(),
         first=np.array([names.index(instances[one][0]) for one in meant]),
+        meant=np.array([[name in instances[t.object] and name != t.frame for t in task.targets] for name in names]),
         parts=tuple(
-            (np.flatnonzero([one == part for one in meant]), np.array([names.index(name) for name in instances[part]]))
+            (
+                np.flatnonzero([one == part or one in instances[part] for one in meant]),
+                np.array([names.index(name) for name in instances[part]]),
+            )
             for part in dict.fromkeys(meant)
             if len(instances[part]) > 1
         ),

@@ -160,3 +160,10 @@ def test_spare_parts_cost_nothing_and_filled_slots_count_at_the_start():
     assert found.met.all()
     np.testing.assert_allclose(found.distance, 0, atol=1e-6)
     np.testing.assert_array_equal(in_own_target(world, task), [[False, True, False, True]])
+
+
+def test_an_instance_that_a_target_names_is_not_counted_for_its_part():
+    task, world = in_a_row(slots=[(0.0, 0.03), (0.1, 0.03)], bolts=[(0.0, 0.03), (0.5, 0.03)])
+    named = dataclasses.replace(task.targets[1], object="Bolt1")
+    found = target_misses(dataclasses.replace(task, targets=(task.targets[0], named)), world)
+    np.testing.assert_allclose(found.distance, [[0.5, 0.1]], atol=1e-6, err_msg="Bolt2 to the slot in which Bolt1 is")
