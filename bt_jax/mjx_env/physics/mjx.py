@@ -6,13 +6,10 @@ MJX's, the solver is `newton.solve`.
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import functools
 import importlib
-import io
 import math
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -22,14 +19,13 @@ from jaxtyping import Array, Bool, Float32, Int32
 
 from bt_jax._util.compile_cache import kept_jit
 from bt_jax._util.errors import UserError
+from bt_jax.mjx_env.physics._mjx import mjx
+from bt_jax.mjx_env.physics.mjx_contacts import Contacts, without_edges
 from bt_jax.mjx_env.physics.mjx_scene import stand_in_mjcf
 from bt_jax.mjx_env.physics.newton import free_accelerations, solve
 from bt_jax.mjx_env.physics.protocol import QUIET_STEPS, Settled, SettleFn
 from bt_jax.mjx_env.scene.mjcf import resolve_ids, timing
 from bt_jax.tasks import Task
-
-with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-    from mujoco import mjx  # on import, it prints that the optional warp is missing
 
 __all__ = ["MjxPhysics", "settle_fn"]
 
@@ -208,7 +204,8 @@ class _Model:
         xml, self.stand_ins = stand_in_mjcf(task)
         model = mujoco.MjModel.from_xml_string(xml)
         self.ids = resolve_ids(model, task)
-        self.mjx = mjx.put_model(model, impl=implementation)
+        placed = mjx.put_model(model, impl=implementation)
+        self.mjx = placed if warp_lanes else without_edges(placed)
         room = {}
         if warp_lanes:  # Warp stores the contacts of all lanes together, and drops those for which there is no room
             each = WARP_CONTACTS_PER_BOX * len(task.objects)
@@ -224,7 +221,8 @@ class _Model:
         self.parked[:, 2:4] = PARKED, 1
         self.mass = np.array(inertia, np.float32)
         self.gravity = np.array(model.opt.gravity, np.float32)
-        self.normals, self.offsets = _faces(model, self.mjx)
+        if not warp_lanes:
+            self.contacts = Contacts(model, self.mjx, self.scales.size)
 
     def step(
         self, lane: _Lane, kits: Float32[Array, "T 3"], start: Float32[Array, "B 7"], present: Bool[Array, " B"]
@@ -269,7 +267,7 @@ class _Model:
                 return data.qpos.reshape(boxes, 7), data.qvel.reshape(boxes, 6), data.qacc_warmstart
             with jax.named_scope("collision"):  # the scopes are for profiles
                 data = mjx.collision(self.mjx, mjx.com_pos(self.mjx, mjx.kinematics(self.mjx, data)))
-                data = data.tree_replace({"_impl.contact": self._as_in_c(data)})
+                data = data.tree_replace({"_impl.contact": self.contacts.as_in_c(data)})
             with jax.named_scope("constraints"):
                 data = mjx.make_constraint(self.mjx, mjx.factor_m(self.mjx, mjx.crb(self.mjx, data)))
         rows = data._impl
@@ -291,28 +289,6 @@ class _Model:
         turned = jax.vmap(_turn)(poses[:, 3:], velocities[:, 3:] * step)
         return jnp.concatenate([poses[:, :3] + step * velocities[:, :3], turned], axis=1), velocities, acceleration
 
-    def _as_in_c(self, data: mjx.Data) -> Any:  # the class of MJX's contacts is private
-        """Return the contacts by the C engine's conventions: halfway between the surfaces (MJX leaves those of two faces on
-        one of them), and each place once (MJX fills up to four by repetition, which would stiffen the contact)."""
-        contact = data._impl.contact
-        geoms = contact.geom
-        normal = contact.frame[:, 0]
-        outward = jnp.stack([normal, -normal], axis=1)
-        local = jnp.einsum("ckij,cki->ckj", data.geom_xmat[geoms], contact.pos[:, None] - data.geom_xpos[geoms])
-        facing = jnp.einsum("ckij,cki->ckj", data.geom_xmat[geoms], outward)
-        normals, offsets = jnp.asarray(self.normals)[geoms], jnp.asarray(self.offsets)[geoms]
-        outside = jnp.einsum("ckfj,ckj->ckf", normals, local) - offsets
-        face = jnp.argmax(jnp.einsum("ckfj,ckj->ckf", normals, facing), axis=-1, keepdims=True)
-        outside = jnp.take_along_axis(outside, face, axis=-1)[..., 0]
-        depth = jnp.abs(contact.dist)
-        toward_second = jnp.clip(outside[:, 1] - outside[:, 0], -depth, depth) / 2
-        plane = jnp.asarray(self.mjx.geom_type)[geoms[:, 0]] == int(mujoco.mjtGeom.mjGEOM_PLANE)
-        between = contact.pos + jnp.where(plane, 0, toward_second)[:, None] * normal
-        near = jnp.sum((contact.pos[:, None] - contact.pos[None]) ** 2, axis=-1) < (1e-3 * self.scales.size) ** 2
-        alike = near & jnp.all(geoms[:, None] == geoms[None], axis=-1)
-        again = jnp.any(jnp.tril(alike, -1), axis=1)
-        return contact.replace(pos=between, dist=jnp.where(again, 1.0, contact.dist))
-
     def _stand_in_positions(
         self, kits: Float32[Array, "T 3"], poses: Float32[Array, "B 7"]
     ) -> Float32[Array, "mocap 3"]:
@@ -323,25 +299,6 @@ class _Model:
             away = jnp.sum((places[:, :2] - poses[box, :2][None]) ** 2, axis=-1)
             rows.append(places[jnp.argmin(away)])
         return jnp.stack(rows)
-
-
-def _faces(model: mujoco.MjModel, placed: mjx.Model) -> tuple[Float32[np.ndarray, "G F 3"], Float32[np.ndarray, "G F"]]:
-    """Return the normals of the faces of every geom in its own frame, and how far they are from its middle; zeros for
-    planes and behind the last face."""
-    sides = np.concatenate([np.eye(3), -np.eye(3)])
-    found = []
-    for kind, size, mesh in zip(model.geom_type, model.geom_size, model.geom_dataid, strict=True):
-        if kind == mujoco.mjtGeom.mjGEOM_MESH:
-            convex = placed._impl.mesh_convex[mesh]
-            normals, corners = np.asarray(convex.face_normal), np.asarray(convex.face)[:, 0]
-            found.append((normals, np.sum(normals * corners, axis=1)))
-        elif kind == mujoco.mjtGeom.mjGEOM_BOX:
-            found.append((sides, np.tile(size, 2)))
-        else:
-            found.append((np.zeros((0, 3)), np.zeros(0)))
-    most = max(len(offsets) for _, offsets in found)
-    normals = np.array([np.pad(one, ((0, most - len(one)), (0, 0))) for one, _ in found], np.float32)
-    return normals, np.array([np.pad(one, (0, most - len(one))) for _, one in found], np.float32)
 
 
 def _turn(quat: Float32[Array, "4"], turn: Float32[Array, "3"]) -> Float32[Array, "4"]:

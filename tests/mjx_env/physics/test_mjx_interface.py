@@ -1,5 +1,5 @@
-"""What `bt_jax.mjx_env.physics.mjx` reads of MJX without MJX promising it. If one of these tests fails after an upgrade of
-mujoco-mjx, `_Model` has to follow, or pyproject.toml to lower its bound."""
+"""What `bt_jax.mjx_env.physics` reads of MJX without MJX promising it. If one of these tests fails after an upgrade of
+mujoco-mjx, what the message names has to follow, or pyproject.toml to lower its bound."""
 
 import jax
 import mujoco
@@ -42,8 +42,16 @@ def test_constraints_lie_in_impl(data, name, shape):
     [("geom", (CONTACTS, 2)), ("frame", (CONTACTS, 3, 3)), ("pos", (CONTACTS, 3)), ("dist", (CONTACTS,))],
 )
 def test_contacts_lie_in_impl(data, name, shape):
-    assert hasattr(data._impl.contact, name), f"MJX keeps contact.{name} elsewhere: see `_as_in_c` in physics/mjx.py"
-    assert getattr(data._impl.contact, name).shape == shape, f"contact.{name} has another layout: see `_as_in_c`"
+    assert hasattr(data._impl.contact, name), f"MJX keeps contact.{name} elsewhere: see `Contacts` in mjx_contacts.py"
+    assert getattr(data._impl.contact, name).shape == shape, f"contact.{name} has another layout: see `Contacts`"
+
+
+def test_meshes_have_edges_to_take_away():
+    model = mujoco.MjModel.from_xml_string(stand_in_mjcf(load_task("kit4"))[0])
+    placed = mjx.put_model(model, impl="jax")
+    found = [mesh for mesh in placed._impl.mesh_convex if mesh is not None]
+    assert found, "MJX keeps meshes elsewhere: see `without_edges` in physics/mjx_contacts.py"
+    assert all(mesh.edge.shape[1:] == (2,) and mesh.edge_face_normal.shape[1:] == (2, 3) for mesh in found)
 
 
 def test_the_scene_disables_nothing_since_warp_refuses_some_flags():

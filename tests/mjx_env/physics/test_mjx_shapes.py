@@ -82,3 +82,13 @@ def test_what_is_put_down_rests_where_the_c_engine_leaves_it():
     assert other.ok.all()
     np.testing.assert_allclose(other.poses[..., :3], reference.poses[..., :3], atol=1e-3)
     assert (np.abs((other.poses[..., 3:] * reference.poses[..., 3:]).sum(axis=-1)) > 0.999).all()
+
+
+@pytest.mark.slow
+def test_what_stands_stays_where_it_is_tick_after_tick():
+    task = only(TASK, "Plate", "Can")
+    layouts, physics = sample_layouts(task, 0, 24), make_physics(task, "mjx")
+    poses = layouts.poses
+    for _ in range(8):
+        poses = np.asarray(physics.settle(layouts.kits, poses, np.ones(poses.shape[:2], bool)).poses)
+    np.testing.assert_allclose(poses[..., :2], layouts.poses[..., :2], atol=1e-5)
