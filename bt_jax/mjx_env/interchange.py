@@ -44,4 +44,5 @@ def in_order(world: World, groups: tuple[Int[np.ndarray, " _"], ...]) -> World:
         world,
         poses=np.take_along_axis(world.poses, order[..., None], axis=1),
         held=np.where(world.held < 0, world.held, held).astype(np.int8),
+        unseen=None if world.unseen is None else np.take_along_axis(world.unseen, order, axis=1),
     )

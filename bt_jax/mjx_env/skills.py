@@ -61,12 +61,11 @@ def act(semantics: LeafSemantics, world: World, command: Int32[Array, " S"]) -> 
     closes = (command == 1) | is_pick
     held_after = xp.where(is_pick, taken, xp.where(opens, np.int8(-1), world.held))
     handled = xp.where(is_pick, taken.astype(np.int32), xp.where(opens, world.held.astype(np.int32), np.int32(-1)))
-    after = World(
-        kits=world.kits,
+    after = dataclasses.replace(
+        world,
         poses=poses,
         held=held_after.astype(np.int8),
         gripper_open=(world.gripper_open | opens) & ~closes,
-        reached=world.reached,
     )
     return Released(after, poses, held_after[:, None] != objects, handled.astype(np.int32))
 

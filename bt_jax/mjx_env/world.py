@@ -55,6 +55,8 @@ class World:
     held: Int8[Array, "*S"]  # index of the object in the gripper, or -1
     gripper_open: Bool[Array, "*S"]  # the gripper
     reached: Bool[Array, "*S G"]  # subgoals that have held
+    unseen: Bool[Array, "*S B"] | None = None  # objects that nobody sees now; None where the task has no such fault
+    base: Float32[Array, "*S 2"] | None = None  # where a mobile base stands; None where the robot does not drive
 
 
 def namespace(array: Array) -> ModuleType:
@@ -66,7 +68,13 @@ def take(world: World, index: int | slice | Array) -> World:
     """Return the states at `index` along the first dimension."""
     # Written out: walking a pytree takes longer than the rest for the few states of one tick.
     return World(
-        world.kits[index], world.poses[index], world.held[index], world.gripper_open[index], world.reached[index]
+        world.kits[index],
+        world.poses[index],
+        world.held[index],
+        world.gripper_open[index],
+        world.reached[index],
+        None if world.unseen is None else world.unseen[index],
+        None if world.base is None else world.base[index],
     )
 
 
@@ -155,16 +163,18 @@ def world_keys(world: World) -> Int32[np.ndarray, "S n"]:
     """Return one row of integers for each state (NumPy, snapped): equal rows are equal states."""
     count = world.held.shape[0]
     grid = np.array([POSITION_GRID] * 3 + [ROTATION_GRID] * 4)
-    return np.concatenate(
-        [
-            np.rint(world.kits / POSITION_GRID).astype(np.int32).reshape(count, -1),
-            np.rint(world.poses / grid).astype(np.int32).reshape(count, -1),
-            world.held[:, None].astype(np.int32),
-            world.gripper_open[:, None].astype(np.int32),
-            world.reached.astype(np.int32),
-        ],
-        axis=1,
-    )
+    parts = [
+        np.rint(world.kits / POSITION_GRID).astype(np.int32).reshape(count, -1),
+        np.rint(world.poses / grid).astype(np.int32).reshape(count, -1),
+        world.held[:, None].astype(np.int32),
+        world.gripper_open[:, None].astype(np.int32),
+        world.reached.astype(np.int32),
+    ]
+    if world.unseen is not None:
+        parts.append(world.unseen.astype(np.int32))
+    if world.base is not None:
+        parts.append(np.rint(world.base / POSITION_GRID).astype(np.int32))
+    return np.concatenate(parts, axis=1)
 
 
 def order_of_rows(rows: Shaped[np.ndarray, "S k n"]) -> Int[np.ndarray, "S k"]:
