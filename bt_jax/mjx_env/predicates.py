@@ -166,7 +166,7 @@ def graspable(world: World, task: Task) -> Bool[Array, "S B"]:
         for side in (-1, 1):
             finger = middles + side * away[None, :, None] * axis
             apart = surfaces.centre[:, None] - finger[..., None, :2]
-            free = free & ~(high & meet(square, _of_each(surfaces), apart)).any(axis=-1)
+            free = free & ~meet(square, _of_each(surfaces), apart, among=high).any(axis=-1)
         found = found | free
     return found & standing
 

@@ -240,20 +240,46 @@ def overlaps(
     return meet(above, below, surfaces.centre - xy[:, None])
 
 
-def meet(one: Outlines, other: Outlines, apart: Float32[Array, "*#S 2"]) -> Bool[Array, "*#S"]:
-    """Return whether outlines overlap; `apart` is the way from the middle of the first to that of the other, metres.
+def meet(
+    one: Outlines, other: Outlines, apart: Float32[Array, "*#S 2"], among: Bool[Array, "*#S"] | bool = True
+) -> Bool[Array, "*S"]:
+    """Return which outlines overlap, of the pairs `among` all; `apart` is the way from the middle of the first to that of
+    the other, metres. NumPy looks closely only at pairs whose circumscribed circles overlap."""
+    if namespace(apart) is not np:
+        return _meet(one, other, apart) & among
+    near = _dot(apart, apart) <= np.square((_radius(one) + _radius(other)) * np.float32(1 + TOUCH))
+    near = near & among
+    pairs = np.nonzero(near)
 
-    They do if their extents along every axis do (the separating axis theorem): those of the edges, and from a circle to the
-    nearest point of the other outline.
-    """
+    def gathered(outlines: Outlines) -> Outlines:
+        whole = (np.broadcast_to(leaf, near.shape + leaf.shape[outlines.is_round.ndim :]) for leaf in _leaves(outlines))
+        return Outlines(*(leaf[pairs] for leaf in whole))
+
+    near[pairs] = _meet(gathered(one), gathered(other), np.broadcast_to(apart, (*near.shape, 2))[pairs])
+    return near
+
+
+def _leaves(outlines: Outlines) -> tuple[Array, Array, Array]:
+    return outlines.half, outlines.along, outlines.is_round
+
+
+def _radius(outlines: Outlines) -> Float32[Array, "*S"]:
+    """Return the radii of the circumscribed circles."""
+    xp, half = namespace(outlines.half), outlines.half
+    return xp.where(outlines.is_round, half[..., 0], xp.sqrt(_dot(half, half)))
+
+
+def _meet(one: Outlines, other: Outlines, apart: Float32[Array, "*#S 2"]) -> Bool[Array, "*#S"]:
+    """Return whether outlines overlap: they do if their extents along every axis do (the separating axis theorem), those of
+    the edges, and from a circle to the nearest point of the other outline."""
     xp = namespace(apart)
     nearest = xp.where(one.is_round[..., None], _outside(other, -apart), _outside(one, apart))
-    distance = xp.sqrt(xp.sum(nearest**2, axis=-1, keepdims=True))
+    distance = xp.sqrt(_dot(nearest, nearest))[..., None]
     between = xp.where(distance > 0, nearest / xp.maximum(distance, np.float32(1e-9)), np.array([1, 0], np.float32))
     axes = [between, one.along, _across(one.along), other.along, _across(other.along)]
     return functools.reduce(
         operator.and_,
-        [xp.abs(xp.sum(apart * axis, axis=-1)) < _reach(one, axis) + _reach(other, axis) for axis in axes],
+        [xp.abs(_dot(apart, axis)) < _reach(one, axis) + _reach(other, axis) for axis in axes],
     )
 
 
@@ -264,9 +290,13 @@ def _outside(outline: Outlines, point: Float32[Array, "*#S 2"]) -> Float32[Array
     ways = []
     for i, edge in enumerate(edges):
         half = xp.where(outline.is_round, np.float32(0), outline.half[..., i])
-        at = xp.sum(point * edge, axis=-1)
+        at = _dot(point, edge)
         ways.append((at - xp.clip(at, -half, half))[..., None] * edge)
     return ways[0] + ways[1]
+
+
+def _dot(a: Float32[Array, "*#S 2"], b: Float32[Array, "*#S 2"]) -> Float32[Array, "*S"]:
+    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]  # NumPy takes long for sums of two
 
 
 def _across(along: Float32[Array, "*S 2"]) -> Float32[Array, "*S 2"]:
@@ -276,7 +306,7 @@ def _across(along: Float32[Array, "*S 2"]) -> Float32[Array, "*S 2"]:
 def _reach(outline: Outlines, axis: Float32[Array, "*#S 2"]) -> Float32[Array, "*#S"]:
     """Return half the extents along an axis, a unit vector."""
     xp = namespace(axis)
-    along, across = (xp.abs(xp.sum(edge * axis, axis=-1)) for edge in (outline.along, _across(outline.along)))
+    along, across = (xp.abs(_dot(edge, axis)) for edge in (outline.along, _across(outline.along)))
     of_rectangle = along * outline.half[..., 0] + across * outline.half[..., 1]
     return xp.where(outline.is_round, outline.half[..., 0], of_rectangle)
 

@@ -24,7 +24,7 @@ from bt_jax.mjx_env.physics.mjx_contacts import Contacts, without_edges
 from bt_jax.mjx_env.physics.mjx_scene import stand_in_mjcf
 from bt_jax.mjx_env.physics.newton import free_accelerations, solve
 from bt_jax.mjx_env.physics.protocol import QUIET_STEPS, Settled, SettleFn
-from bt_jax.mjx_env.scene.mjcf import resolve_ids, timing
+from bt_jax.mjx_env.scene.mjcf import ROCKING_TURN, resolve_ids, timing
 from bt_jax.tasks import Task
 
 __all__ = ["MjxPhysics", "settle_fn"]
@@ -130,6 +130,8 @@ class _Lane:
     pace: Float32[Array, "*W"]
     reach: Float32[Array, "*W B"]
     ok: Bool[Array, "*W"]
+    anchor: Float32[Array, "*W B 7"]  # the poses when a window began (see `Timing`)
+    wandered: Float32[Array, "*W"]  # how far anything went since, 1 being too far to have only rocked
 
 
 def _settle(
@@ -156,6 +158,8 @@ def _settle(
             pace=jnp.float32(0),
             reach=jnp.zeros(boxes, jnp.float32),
             ok=jnp.bool_(True),
+            anchor=poses[problem],
+            wandered=jnp.float32(0),
         )
 
     def advance(lane: _Lane) -> _Lane:
@@ -245,16 +249,23 @@ class _Model:
         pace = jnp.max(jnp.where(present, jnp.maximum(linear, angular), jnp.float32(0)))
         slow = (pace < 1) & (pace < lane.pace + jnp.float32(0.01))
         offset = jnp.linalg.norm(poses[:, :2] - start[:, :2], axis=-1)
+        begins, ends = (steps % self.scales.window == 0 for steps in (lane.steps, lane.steps + 1))
+        anchor = jnp.where(begins, poses, lane.anchor)
+        away = jnp.abs(poses - anchor) / jnp.array([[self.scales.rocking] * 3 + [ROCKING_TURN] * 4], jnp.float32)
+        wandered = jnp.maximum(jnp.where(begins, 0, lane.wandered), jnp.max(jnp.where(here, away, 0)))
+        rocks = ends & (lane.steps >= self.scales.window) & (wandered < 1)
         return _Lane(
             problem=lane.problem,
             poses=jnp.where(sane, poses, lane.poses),
             velocities=velocities,
             warmstart=warmstart,
             steps=lane.steps + 1,
-            quiet=jnp.where(slow, lane.quiet + 1, 0),
+            quiet=jnp.where(rocks, QUIET_STEPS, jnp.where(slow, lane.quiet + 1, 0)),
             pace=pace,
             reach=jnp.where(sane, jnp.maximum(lane.reach, offset), lane.reach),
             ok=lane.ok & sane,
+            anchor=anchor,
+            wandered=wandered,
         )
 
     def _advance(self, data: mjx.Data) -> tuple[Float32[Array, "B 7"], Float32[Array, "B 6"], Float32[Array, " dofs"]]:

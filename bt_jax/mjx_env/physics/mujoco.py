@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float32, Float64, Int
 from mujoco.rollout import Rollout
 
 from bt_jax.mjx_env.physics.protocol import QUIET_STEPS, Settled
-from bt_jax.mjx_env.scene.mjcf import compile_scene, timing
+from bt_jax.mjx_env.scene.mjcf import ROCKING_TURN, compile_scene, timing
 from bt_jax.mjx_env.world import row_names
 from bt_jax.tasks import Task
 
@@ -125,6 +125,8 @@ class _Quiet:
         self.reach = np.zeros(start.shape[:2])
         self.slow = np.zeros((len(start), QUIET_STEPS - 1), bool)  # whether the last steps were slow
         self.before = np.zeros(len(start))  # how fast the last step was
+        self.anchor = np.zeros_like(start)  # where a window began
+        self.wandered = np.zeros(len(start))  # how far anything went since, 1 being too far to have only rocked
 
     def update(
         self, active: Int[np.ndarray, " n"], trajectory: Float64[np.ndarray, "n T state"]
@@ -144,6 +146,7 @@ class _Quiet:
         slow = np.column_stack([self.slow[active], slow])
         quiet = np.logical_and.reduce([slow[:, i : i + nstep] for i in range(QUIET_STEPS)])
         ends = quiet | ~sane
+        ends[:, -1] |= self._rocks(active, qpos)
         done = ends.any(axis=1)
         last = np.where(done, ends.argmax(axis=1), nstep - 1)
         rows = np.arange(batch)
@@ -157,6 +160,19 @@ class _Quiet:
         self.steps[active] += last + 1
         self.slow[active], self.before[active] = slow[:, nstep:], pace[:, -1]
         return done
+
+    def _rocks(
+        self, active: Int[np.ndarray, " n"], qpos: Float64[np.ndarray, "n T B 7"]
+    ) -> Bool[np.ndarray, " n"] | bool:
+        """Take in a piece of a window; return which problems have only rocked in place, if it is over."""
+        window, begun = self.scales.window, int(self.steps[active[0]])
+        if begun < window:
+            return False
+        if begun % window == 0:
+            self.anchor[active], self.wandered[active] = qpos[:, 0], 0
+        away = np.abs(qpos - self.anchor[active, None]) / ([self.scales.rocking] * 3 + [ROCKING_TURN] * 4)
+        self.wandered[active] = np.maximum(self.wandered[active], away.max(axis=(1, 2, 3)))
+        return ((begun + qpos.shape[1]) % window == 0) & (self.wandered[active] < 1)
 
 
 def _chunks(most: int) -> Iterator[int]:

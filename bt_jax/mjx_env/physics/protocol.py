@@ -59,7 +59,8 @@ class Physics(Protocol):
         """Release the present objects at rest and step until all rest; the others take no part and keep their pose.
 
         At rest means QUIET_STEPS steps in a row in which no object is faster than the task's `timing` allows, nor gaining
-        speed; what still moves after the most steps that it allows counts as at rest where it is. A problem's result
+        speed, or a window of its steps in which all have only rocked in place; what still moves after the most steps that
+        it allows counts as at rest where it is. A problem's result
         depends on nothing but the problem.
         """
         ...

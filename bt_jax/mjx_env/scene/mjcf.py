@@ -25,6 +25,7 @@ __all__ = [
     "GRIPPER",
     "PAD",
     "PALM",
+    "ROCKING_TURN",
     "SceneIds",
     "Timing",
     "build_mjcf",
@@ -43,6 +44,8 @@ STEP = 0.01  # seconds, for boxes of REFERENCE_SIZE
 MAX_STEPS = 400  # until what still moves counts as at rest, where all edges are alike
 ROLLING = 0.05  # friction of a rolling cylinder, in its radii: without it, it would never come to rest
 REFERENCE_SIZE = 0.1
+WINDOW = 96  # steps
+ROCKING_TURN = 0.02  # of a quaternion's components: 2 degrees
 FILLED = 0.97  # how much of the picture's width the tables fill
 PALM, PAD = 0.92, 0.3  # height of the palm over the tips, and half that of the pads, in units of the gripper
 FLOOR = "scene/floor"
@@ -55,7 +58,8 @@ class Timing:
     """Time, speed and length scales of a task, from the shortest edge of its objects by Froude similarity: a scene half as
     large moves the same way, in less time. `step` is the time step [s]; `speed` [m/s] and `spin` [rad/s] are what still
     counts as rest; `far` [m] is where an object can only be after an explosion. `most_steps` is the most steps until rest:
-    they follow from the longest edge, since the larger an object is, the longer it falls."""
+    they follow from the longest edge, since the larger an object is, the longer it falls. After each `window` steps but the
+    first, objects that have only rocked in place, by less than `rocking` [m] and ROCKING_TURN, are at rest, too."""
 
     size: float
     step: float
@@ -63,6 +67,8 @@ class Timing:
     spin: float
     far: float
     most_steps: int
+    window: int
+    rocking: float
 
 
 def timing(task: Task) -> Timing:
@@ -70,13 +76,16 @@ def timing(task: Task) -> Timing:
     size, longest = min(min(thing.size) for thing in task.objects), max(thing.edge for thing in task.objects)
     ratio = size / REFERENCE_SIZE
     extent = max(max(map(abs, table.position)) + max(table.size) for table in task.tables)
+    most_steps = round(MAX_STEPS * math.sqrt(longest / size))
     return Timing(
         size=size,
         step=round(STEP * math.sqrt(ratio), 5),
         speed=0.01 * math.sqrt(ratio),
         spin=0.2 / math.sqrt(ratio),
         far=extent + 50 * longest,
-        most_steps=round(MAX_STEPS * math.sqrt(longest / size)),
+        most_steps=most_steps,
+        window=most_steps if task.all_cubes else WINDOW,  # cubes stay as they were published
+        rocking=size / 20,
     )
 
 

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bt_jax.mjx_env.physics import mujoco
+from bt_jax.mjx_env.physics.factory import make_physics
 from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.mjx_env.physics.mujoco import MujocoPhysics
 from bt_jax.mjx_env.scene.layouts import sample_layouts
@@ -140,3 +141,20 @@ def test_objects_that_only_differ_in_name_move_alike_however_they_are_listed(mon
     found = MujocoPhysics(task, threads=1).settle(layouts.kits, poses[:, order], present[:, order])
     np.testing.assert_allclose(found.poses, expected.poses[:, order], atol=1e-4)
     np.testing.assert_array_equal(found.steps, expected.steps)
+
+
+@pytest.mark.parametrize("backend", ["mujoco", pytest.param("mjx", marks=pytest.mark.slow)])
+def test_a_plate_that_rocks_on_a_wall_comes_to_rest(backend):
+    task = load_task("yumi_kit12")
+    tray = task.kits[0]
+    layouts = sample_layouts(task, 0, 8)
+    present = np.array([[name == "Plate" for name in task.object_names]] * 8)
+    poses = layouts.poses.copy()
+    plate = task.object_names.index("Plate")
+    turns = np.linspace(0.2, 0.9, 8)
+    poses[:, plate, :2] = layouts.kits[:, 0, :2] + [0, tray.half[1] - 0.6 * task.thing("Plate").size[1]]
+    poses[:, plate, 2] = layouts.kits[:, 0, 2] + tray.rim + 0.012
+    poses[:, plate, 3], poses[:, plate, 6] = np.cos(turns / 2), np.sin(turns / 2)
+    settled = make_physics(task, backend).settle(layouts.kits, poses, present)
+    assert np.asarray(settled.ok).all()
+    assert (np.asarray(settled.steps) < timing(task).most_steps).all()
