@@ -40,9 +40,9 @@ FACES = {
         "sample_layouts",
     ],
     "bt_jax.tasks": [
-        "Episode", "GeneSettings", "Kit", "Layout", "Object", "Slot", "Subgoal", "Table", "Target", "Task", "Weights",
-        "load_task", "task_from_dict", "task_names", "task_of_folder", "with_goal_of", "with_subgoal",
-        "with_target", "with_targets",
+        "Episode", "Faults", "GeneSettings", "Kit", "Layout", "Object", "Slot", "Subgoal", "Table", "Target", "Task",
+        "Weights", "load_faults", "load_task", "task_from_dict", "task_names", "task_of_folder", "with_faults",
+        "with_goal_of", "with_subgoal", "with_target", "with_targets",
     ],
     "bt_jax.experiments": [
         "EXPERIMENTS", "Experiment", "PublishedCurve", "VariantResult", "perform", "published_curves",

@@ -27,7 +27,7 @@ from bt_jax.mjx_env.surfaces import (
 from bt_jax.mjx_env.world import Array, World, distances, frames, headings, namespace, rotate, to_world, uprightness
 from bt_jax.tasks import Target, Task
 
-__all__ = ["graspable", "in_own_target", "is_clear", "is_upright", "reachable", "stands_in", "turn_error"]
+__all__ = ["graspable", "in_own_target", "is_clear", "is_seen", "is_upright", "reachable", "stands_in", "turn_error"]
 
 
 def reachable(world: World, task: Task) -> Bool[Array, "S B"]:
@@ -41,6 +41,15 @@ def _least_heights(task: Task) -> Float32[np.ndarray, "1 B"]:
     heights = np.array([[thing.height for thing in task.objects]], np.float32)
     lowest = np.float32(min(table.top for table in task.tables))
     return lowest - np.float32(GEOMETRY.seated) * heights
+
+
+def is_seen(world: World) -> Bool[Array, "S B"]:
+    """Return of which objects it is known where they are: those in sight, and the one that the gripper holds."""
+    xp = namespace(world.poses)
+    if world.unseen is None:
+        return xp.ones(world.poses.shape[:-1], bool)
+    objects = np.arange(world.poses.shape[-2], dtype=np.int8).reshape((1,) * world.held.ndim + (-1,))
+    return ~world.unseen | (world.held[..., None] == objects)
 
 
 def is_clear(world: World, task: Task) -> Bool[Array, "S B"]:

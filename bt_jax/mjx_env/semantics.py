@@ -8,6 +8,9 @@ A subgoal counts as reached by the rule of the task, `subgoal_reward`. With `see
 With `ticked`, a tree does that ticks `reached(subgoal)` in such a state; the outcome of a leaf says which ones. Either way
 `reached(subgoal)` succeeds from then on. A tick is the same before and after its own subgoals count as reached, since
 `reached(subgoal)` succeeds wherever the subgoal holds.
+
+Unknown is never true: while an object is out of sight, conditions that name it fail, as an object or as a frame, and no
+action starts on it. What the gripper holds is known.
 """
 
 from __future__ import annotations
@@ -35,7 +38,7 @@ from bt_jax.behaviors import (
 from bt_jax.encoding.interpret import DECORATED
 from bt_jax.encoding.tick import Status
 from bt_jax.mjx_env.outcomes import ACTION, COMMAND_BITS, MAX_COMMANDS, MAX_SUBGOALS, SUBGOAL_BITS
-from bt_jax.mjx_env.predicates import graspable, in_own_target, is_clear, is_upright, reachable, turn_error
+from bt_jax.mjx_env.predicates import graspable, in_own_target, is_clear, is_seen, is_upright, reachable, turn_error
 from bt_jax.mjx_env.selection import Selection, atoms_of, selection_of, skeleton
 from bt_jax.mjx_env.world import Array, World, distances, frames, namespace, to_world
 from bt_jax.tasks import Task
@@ -247,6 +250,8 @@ class LeafSemantics:
         done = xp.concatenate([opened & empty, closed, holding, at & empty], axis=1)
         always = xp.ones((conditions.shape[0], 2), bool)
         can_place = holding[:, place_name]
+        if world.unseen is not None:
+            can_place = can_place & self._frames_seen(world)[:, self.place_frame[places]]
         if self.has_parts:  # an instance is not put where it is itself
             can_place = can_place & (world.held[:, None] != self.place_frame[places].astype(np.int8)[None])
         possible = xp.concatenate([always, can_pick, can_place], axis=1)
@@ -272,17 +277,25 @@ class LeafSemantics:
         objects = np.arange(len(self.task.objects), dtype=np.int8)
         held = world.held[:, None] == objects[None]
         gripper = xp.stack([world.gripper_open, ~world.gripper_open], axis=1)
+        within, clear = reachable(world, self.task), is_clear(world, self.task)
+        if world.unseen is not None:
+            within, clear = within & is_seen(world), clear & is_seen(world)
         return xp.concatenate(
             [
                 self._at(world, places),
                 self.any_of(held),
                 (world.held < 0)[:, None],
                 gripper,
-                self.any_of(reachable(world, self.task)),
-                self.any_of(is_clear(world, self.task)),
+                self.any_of(within),
+                self.any_of(clear),
             ],
             axis=1,
         )
+
+    def _frames_seen(self, world: World) -> Bool[Array, "S F"]:
+        """Return of which frames it is known where they are."""
+        xp, others = namespace(world.poses), len(self.task.frames) - len(self.task.objects)
+        return xp.concatenate([is_seen(world), xp.ones((world.held.shape[0], others), bool)], axis=1)
 
     def any_of(self, values: Bool[Array, "S B"]) -> Bool[Array, "S names"]:
         """Return for each name whether the value is true of any object that it stands for."""
@@ -309,6 +322,8 @@ class LeafSemantics:
             )
         there = distances(world.poses[:, own, :3], goal) < np.float32(self.task.episode.tolerance)
         there = there & (world.held[:, None] != own.astype(np.int8)[None])
+        if world.unseen is not None:
+            there = there & is_seen(world)[:, own] & self._frames_seen(world)[:, frame]
         if not self.task.all_cubes:
             there = there & is_upright(world, self.task)[:, own]
         if self.turns:
@@ -366,6 +381,8 @@ def taken_by(semantics: LeafSemantics, world: World, pick: Int32[Array, " S"]) -
     x, y, _ = task.robot_position
     away = (world.poses[..., 0] - np.float32(x)) ** 2 + (world.poses[..., 1] - np.float32(y)) ** 2
     free = is_clear(world, task) & reachable(world, task) & graspable(world, task)
+    if world.unseen is not None:
+        free = free & is_seen(world)
     left = xp.asarray(semantics.members)[pick] & free & ~in_own_target(world, task)
     for key in (away, world.poses[..., 0], world.poses[..., 1]):
         key = xp.where(left, key, np.float32(np.inf))

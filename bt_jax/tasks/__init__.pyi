@@ -1,10 +1,12 @@
-from bt_jax.tasks.changes import with_goal_of, with_subgoal, with_target, with_targets
+from bt_jax.tasks.changes import with_faults, with_goal_of, with_subgoal, with_target, with_targets
+from bt_jax.tasks.faults import Faults, load_faults
 from bt_jax.tasks.files import load_task, task_from_dict, task_names, task_of_folder
 from bt_jax.tasks.task import Episode, GeneSettings, Layout, Subgoal, Target, Task, Weights
 from bt_jax.tasks.things import Kit, Object, Slot, Table
 
 __all__ = [
     "Episode",
+    "Faults",
     "GeneSettings",
     "Kit",
     "Layout",
@@ -15,10 +17,12 @@ __all__ = [
     "Target",
     "Task",
     "Weights",
+    "load_faults",
     "load_task",
     "task_from_dict",
     "task_names",
     "task_of_folder",
+    "with_faults",
     "with_goal_of",
     "with_subgoal",
     "with_target",

@@ -40,6 +40,7 @@ def _metres(low: float, high: float) -> Bound:
 NOISE = _metres(0.0, 0.1)  # of a person who demonstrates
 POSITION, LENGTH, GAP = _metres(-10.0, 10.0), _metres(0.0005, 2.0), _metres(0.0, 2.0)
 TURN = Bound(-360.0, 360.0, "degrees")
+CHANCE = Bound(0.0, 1.0, slip=("%", 0.01))
 TICKS, COST = Bound(1.0, 10_000.0, "ticks"), Bound(0.0, 1e6)
 BOUNDS: Mapping[str, Bound] = MappingProxyType(
     {  # key of a task, without the numbers of list entries
@@ -83,6 +84,18 @@ BOUNDS: Mapping[str, Bound] = MappingProxyType(
         "robot_position": POSITION,
         "gripper_opening": _metres(0.005, 2.0),
         "finger_room": GAP,
+        "faults.slip": CHANCE,
+        "faults.drop": CHANCE,
+        "faults.jam": CHANCE,
+        "faults.place_spread": _metres(0.0, 0.1),
+        "faults.turn_spread": Bound(0.0, 45.0, "degrees"),
+        "faults.hide": CHANCE,
+        "faults.hide_ticks": TICKS,
+        "faults.move": CHANCE,
+        "faults.take": CHANCE,
+        "faults.take_ticks": TICKS,
+        "faults.heavy": CHANCE,
+        "faults.heavy_slip": CHANCE,
     }
 )
 

@@ -9,12 +9,13 @@ from collections.abc import Sequence
 from bt_jax._util.errors import UserError
 from bt_jax._util.words import listed
 from bt_jax.tasks.checks import check
+from bt_jax.tasks.faults import Faults
 from bt_jax.tasks.task import Subgoal, Target, Task
 
-__all__ = ["not_taken_over", "with_goal_of", "with_subgoal", "with_target", "with_targets"]
+__all__ = ["not_taken_over", "with_faults", "with_goal_of", "with_subgoal", "with_target", "with_targets"]
 
 SCENE = ("objects", "tables", "kits", "robot_frame", "robot_position", "gripper_opening", "finger_room")
-WORTH = ("episode", "weights", "subgoals", "subgoal_reward")
+WORTH = ("episode", "weights", "subgoals", "subgoal_reward", "faults")
 
 
 def with_targets(task: Task, targets: Sequence[Target], *, source: str) -> Task:
@@ -75,4 +76,13 @@ def with_subgoal(task: Task, subgoal: Subgoal, *, source: str) -> Task:
         raise UserError(f"{source}: task {task.name} has another subgoal '{subgoal.name}'; rename the new one")
     changed = dataclasses.replace(task, subgoals=(*task.subgoals, subgoal))
     check(changed, source)
+    return changed
+
+
+def with_faults(task: Task, faults: Faults, *, source: str = "faults") -> Task:
+    """Return the task with faults in place of those that it has, and with the longer episodes that these take; `source` is
+    named in errors."""
+    episode = task.episode if task.faults is not None else task.episode.with_faults()
+    changed = dataclasses.replace(task, faults=faults, episode=episode)
+    check(changed, source, {f"faults.{field.name}": field.name for field in dataclasses.fields(Faults)})
     return changed

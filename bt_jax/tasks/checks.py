@@ -47,6 +47,7 @@ def check(task: Task, source: str, keys: Keys = NO_KEYS) -> None:
     check_layout(task, fail)
     _check_sizes(task, fail)
     check_targets(task, fail)
+    _check_faults(task, fail)
 
 
 def check_support(task: Task, source: str) -> None:
@@ -118,3 +119,19 @@ def _check_sizes(task: Task, fail: Fail) -> None:
             where = "the kit" if len(task.kits) == 1 else "any kit"
             problem = f"{made} does not fit in {where}, {max(inner):.3f} m between the walls"
             fail(key, problem, f"make {thing.name} smaller or kit.size larger")
+
+
+def _check_faults(task: Task, fail: Fail) -> None:
+    """Fail for faults of objects that the task does not have, and for probabilities that add up to more than 1."""
+    faults = task.faults
+    if faults is None:
+        return
+    for name in faults.objects:
+        if name not in task.instances:
+            fail("faults.objects", f"there is no object '{name}'", f"use some of {', '.join(task.kinds)}")
+    for first, second in (("slip", "jam"), ("drop", "jam"), ("move", "take")):
+        total = getattr(faults, first) + getattr(faults, second)
+        if total > 1:
+            fail(
+                f"faults.{first}", f"{first} and {second} add up to {total:g}, more than 1", "make one of them smaller"
+            )

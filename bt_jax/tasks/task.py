@@ -11,6 +11,7 @@ from html import escape
 from typing import Any, Literal
 
 from bt_jax._util.errors import UserError
+from bt_jax.tasks.faults import Faults
 from bt_jax.tasks.things import Kit, Object, Table, Vec3
 
 __all__ = [
@@ -22,6 +23,9 @@ __all__ = [
     "Task",
     "Weights",
 ]
+
+
+LASTING_TICKS = 6  # of success, where things go wrong
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,6 +85,13 @@ class Episode:
     tolerance: float = 0.03
     turn_tolerance: float = 10.0
 
+    def with_faults(self) -> Episode:
+        """Return the rules of a task in which things go wrong: success has to last, so that what is undone late counts, and
+        there are twice as many ticks, since what went wrong has to be done again."""
+        return dataclasses.replace(
+            self, max_ticks=2 * self.max_ticks, success_ticks=max(LASTING_TICKS, self.success_ticks)
+        )
+
 
 @dataclasses.dataclass(frozen=True)
 class Weights:
@@ -131,6 +142,7 @@ class Task:
     robot_position: Vec3 = (0.0, 1.0, 0.05)
     gripper_opening: float = 0.2
     finger_room: float = 0.0
+    faults: Faults | None = None
 
     @property
     def title(self) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
 from bt_jax._util.errors import UserError
+from bt_jax.tasks.faults import Faults, faults_of
 from bt_jax.tasks.slots import slot_position, slot_turn, slots_by_name
 from bt_jax.tasks.task import Episode, GeneSettings, Layout, Subgoal, SubgoalReward, Target, Task, Weights
 from bt_jax.tasks.things import Kit, Object, Shape, Slot, Table, Vec2, Vec3
@@ -88,9 +89,11 @@ class WrittenTask:
     robot_position: Vec3 = (0.0, 1.0, 0.05)
     gripper_opening: float = 0.2
     finger_room: float = 0.0
+    faults: Faults | str | None = None
 
     def task(self, source: str, *, ticks_given: bool) -> tuple[Task, Keys]:
-        """Return the task, with as many ticks as its targets take unless they are given, and how the file names its keys.
+        """Return the task, with as many ticks as its targets and faults take unless they are given, and how the file names
+        its keys.
         Raise UserError, naming `source`, key and remedy, for what is no object, kit or target."""
         objects: list[Object] = []
         written = "objects" if self.boxes is NO_OBJECTS else "boxes"
@@ -131,11 +134,15 @@ class WrittenTask:
         episode = self.episode
         if not ticks_given:
             episode = dataclasses.replace(episode, max_ticks=max(LEAST_TICKS, TICKS_PER_TARGET * len(targets)))
-        kept = {
+        faults = faults_of(self.faults, source)
+        if faults is not None:
+            longer = episode.with_faults()
+            episode = dataclasses.replace(longer, max_ticks=episode.max_ticks) if ticks_given else longer
+        same = {
             field.name: getattr(self, field.name) for field in dataclasses.fields(Task) if hasattr(self, field.name)
         }
-        new = {"objects": tuple(objects), "kits": kits, "targets": targets, "episode": episode}
-        return Task(**{**kept, **new}), keys
+        new = {"objects": tuple(objects), "kits": kits, "targets": targets, "episode": episode, "faults": faults}
+        return Task(**{**same, **new}), keys
 
 
 def merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:

@@ -30,5 +30,6 @@ def sample_layouts(task: Task, seed: int | list[int], count: int) -> World:
         held=np.full(count, -1, np.int8),
         gripper_open=np.ones(count, bool),
         reached=np.zeros((count, len(task.subgoals)), bool),
+        unseen=None if task.faults is None else np.zeros((count, len(task.objects)), bool),
     )
     return dataclasses.replace(world, reached=subgoals_by_sight(task, world))
