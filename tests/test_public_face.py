@@ -15,8 +15,8 @@ FACES = {
     ],
     "bt_jax.behaviors": [
         "CLOSED", "CONTROLS", "EXTENDED", "FIRST_LEAF", "NOTHING", "OPEN", "SIGNATURES", "Argument", "Behavior", "Control",
-        "ExtendedNode", "Kind", "Leaf", "Node", "Parser", "Symbol", "Token", "Tree", "Vocabulary", "check_names", "expand",
-        "gene_pool", "not_memoryless", "parse_behavior", "subgoal_conditions",
+        "Decorator", "ExtendedNode", "Kind", "Leaf", "Node", "Parser", "Symbol", "Token", "Tree", "Vocabulary",
+        "check_names", "expand", "gene_pool", "not_memoryless", "not_reactive", "parse_behavior", "subgoal_conditions",
     ],
     "bt_jax.deploy": [
         "YUMI", "ArmState", "Executor", "Exit", "GraspSettings", "Irc5Link", "Limits", "LinkConfig", "LinkTiming",
@@ -25,7 +25,8 @@ FACES = {
         "cell_rules", "link_config", "load_program", "read_log", "replay", "run_twin",
     ],
     "bt_jax.encoding": [
-        "MAX_NODES", "JumpTable", "Status", "Ticked", "TreeMemory", "TreeTick", "Trees", "children", "decode", "depth",
+        "MAX_NODES", "Counters", "JumpTable", "Status", "Ticked", "TreeMemory", "TreeTick", "Trees", "children", "counters",
+        "decode", "decorators", "depth",
         "draw_text", "encode", "encode_all", "format_tree", "from_xml", "jump_table", "leaves", "length", "one_line",
         "parse_tree", "prefix", "read_tree", "tick_tree", "tick_trees", "to_dot", "to_py_trees", "to_svg", "to_xml",
         "violations",

@@ -67,6 +67,10 @@ class Words:
                 return f"Is there {thing} with nothing on it?"
             case "clear":
                 return f"Is nothing on {thing}?"
+            case "is_seen":
+                return f"Is {thing} in sight?"
+            case "look":
+                return f"Wait until {thing} is in sight"
             case "reached":
                 return f"Was “{_spoken(node.args[0])}” reached before?"
             case "subtask":
@@ -215,7 +219,7 @@ class Words:
 
 
 def _extended(node: ExtendedNode[Behavior]) -> str:
-    """Say what a node does that is not in trees that are learnt."""
+    """Say what a node does that is neither a Sequence nor a Fallback."""
     number = node.number or 0
     times = "again and again" if number == -1 else f"up to {number} times"
     return {
@@ -225,6 +229,8 @@ def _extended(node: ExtendedNode[Behavior]) -> str:
         "Inverter": "The opposite of this",
         "ForceSuccess": "Try this; it may fail",
         "ForceFailure": "Do this, and count it as failed",
+        "retry": f"Try this {times}, until it works",
+        "timeout": f"Give up if this takes {number} steps",
         "RetryUntilSuccessful": f"Try this {times}, until it works",
         "Repeat": "Do this again and again" if number == -1 else f"Do this {number} times",
         "Timeout": f"Do this within {number / 1000:g} seconds" if number else "Do this",

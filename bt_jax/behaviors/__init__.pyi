@@ -1,5 +1,16 @@
 from bt_jax.behaviors.names import check_names, subgoal_conditions
-from bt_jax.behaviors.nodes import EXTENDED, Control, ExtendedNode, Kind, Leaf, Node, Symbol, not_memoryless
+from bt_jax.behaviors.nodes import (
+    EXTENDED,
+    Control,
+    Decorator,
+    ExtendedNode,
+    Kind,
+    Leaf,
+    Node,
+    Symbol,
+    not_memoryless,
+    not_reactive,
+)
 from bt_jax.behaviors.notation import CONTROLS, Parser, Token, parse_behavior
 from bt_jax.behaviors.pool import gene_pool
 from bt_jax.behaviors.symbols import CLOSED, NOTHING, OPEN, SIGNATURES, Argument, Behavior, Tree, expand
@@ -16,6 +27,7 @@ __all__ = [
     "Argument",
     "Behavior",
     "Control",
+    "Decorator",
     "ExtendedNode",
     "Kind",
     "Leaf",
@@ -29,6 +41,7 @@ __all__ = [
     "expand",
     "gene_pool",
     "not_memoryless",
+    "not_reactive",
     "parse_behavior",
     "subgoal_conditions",
 ]

@@ -31,7 +31,9 @@ def _condition(text: str, task: Task) -> Behavior:
     """Return a condition of the scene. Raise UserError if the text is none."""
     condition = parse_behavior(text)
     if condition.kind != Kind.CONDITION or condition.name == "reached":
-        raise UserError(f"{condition} is not a condition of the scene; use at, holding, gripper, reachable or clear")
+        raise UserError(
+            f"{condition} is not a condition of the scene; use at, holding, gripper, reachable, clear or is_seen"
+        )
     check_names(condition, task)
     return condition
 

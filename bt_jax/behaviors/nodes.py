@@ -12,6 +12,7 @@ from bt_jax._util.errors import UserError
 __all__ = [
     "EXTENDED",
     "Control",
+    "Decorator",
     "Drawing",
     "ExtendedKind",
     "ExtendedNode",
@@ -21,6 +22,7 @@ __all__ = [
     "Node",
     "Symbol",
     "not_memoryless",
+    "not_reactive",
 ]
 
 
@@ -33,6 +35,8 @@ class Kind(enum.IntEnum):
     CONDITION = 3
     ACTION = 4
     GENE = 5
+    RETRY = 6
+    TIMEOUT = 7
 
 
 @runtime_checkable
@@ -94,14 +98,25 @@ class Control(Generic[L]):
 
 
 @dataclasses.dataclass(frozen=True)
+class Decorator:
+    """What a decorator that arrays hold counts, and up to what: a RETRY the failures of its child, a TIMEOUT the ticks in a
+    row in which its child is RUNNING."""
+
+    kind: Kind
+    number: int
+
+
+@dataclasses.dataclass(frozen=True)
 class ExtendedKind:
     """What all nodes of one name have in common: their tag in BehaviorTree.CPP XML, the port of their number there, whether
-    they decorate one child, and whether a tick depends on the current statuses of the leaves alone."""
+    they decorate one child, whether a tick depends on the current statuses of the leaves alone, and their kind in arrays,
+    None if arrays do not hold them."""
 
     tag: str
     port: str | None = None
     one_child: bool = True
     memoryless: bool = False
+    kind: Kind | None = None
 
 
 EXTENDED: dict[str, ExtendedKind] = {
@@ -115,16 +130,37 @@ EXTENDED: dict[str, ExtendedKind] = {
     "Repeat": ExtendedKind("Repeat", port="num_cycles"),
     "Timeout": ExtendedKind("Timeout", port="msec"),
     "KeepRunningUntilFailure": ExtendedKind("KeepRunningUntilFailure"),  # is RUNNING while no action runs
+    "retry": ExtendedKind("RetryOverTicks", port="num_attempts", kind=Kind.RETRY),
+    "timeout": ExtendedKind("TimeoutInTicks", port="num_ticks", kind=Kind.TIMEOUT),
 }
+
+
+@dataclasses.dataclass(frozen=True)
+class Range:
+    """The numbers that a node takes."""
+
+    least: int
+    most: int
+    unlimited: int | None  # the number that stands for no limit
+    example: int
+    remedy: str
+
+
+MOST = 2**31 - 1
+TICKS = Range(1, 255, None, 3, "give 1 to 255")
+MILLISECONDS = Range(0, MOST, 0, 2500, f"give milliseconds up to {MOST}, 0 for no limit")
+TIMES = Range(1, MOST, -1, 3, f"give 1 to {MOST}, or -1 for no limit")
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class ExtendedNode(Generic[L]):
-    """A node beyond the memoryless Sequence and Fallback, with the meaning that BehaviorTree.CPP gives to it: a control
-    node with memory, or a decorator. Arrays do not hold it; `encoding.interpret` ticks it.
+    """A node beyond the memoryless Sequence and Fallback: a control node with memory, or a decorator.
 
-    `number` is that of attempts or cycles, -1 for no limit, or the milliseconds of a Timeout. Raise UserError if the number
-    or the children do not fit the name.
+    `retry` and `timeout` count over ticks: `retry` returns RUNNING in place of FAILURE until the `number`-th one, `timeout`
+    fails in the `number`-th tick in a row in which its child is RUNNING. Both forget in a tick in which they do not return
+    RUNNING, or are not ticked. Arrays hold these two. The others mean what they mean in BehaviorTree.CPP, and
+    `encoding.interpret` ticks them; their `number` is that of attempts or cycles, -1 for no limit, or the milliseconds of a
+    Timeout. Raise UserError if the number or the children do not fit the name.
     """
 
     name: str
@@ -132,7 +168,7 @@ class ExtendedNode(Generic[L]):
     number: int | None = None
 
     def __post_init__(self) -> None:
-        port, least = self.meaning.port, 0 if self.name == "Timeout" else 1
+        port, numbers = self.meaning.port, self._numbers
         if self.meaning.one_child and len(self.children) != 1:
             raise UserError(
                 f"{self.name} has {len(self.children)} children; give it one, for instance a Sequence of several"
@@ -142,21 +178,35 @@ class ExtendedNode(Generic[L]):
         if port is None and self.number is not None:
             raise UserError(f"{self.name} takes no number; delete {self.number}")
         if port is not None and self.number is None:
-            raise UserError(
-                f"{self.name} needs its {port}; write it as in {self.name}({2500 if least == 0 else 3}, ...)"
-            )
-        if self.number is not None and not (least <= self.number < 2**31 or (self.number == -1 and least == 1)):
-            raise UserError(f"{self.name}: {port} cannot be {self.number}; {RANGES[least]}")
+            raise UserError(f"{self.name} needs its {port}; write it as in {self.name}({numbers.example}, ...)")
+        if self.number is not None and not (
+            numbers.least <= self.number <= numbers.most or self.number == numbers.unlimited
+        ):
+            raise UserError(f"{self.name}: {port} cannot be {self.number}; {numbers.remedy}")
 
     @property
     def meaning(self) -> ExtendedKind:
         return EXTENDED[self.name]
 
     @property
+    def _numbers(self) -> Range:
+        if self.meaning.kind is not None:
+            return TICKS
+        return MILLISECONDS if self.name == "Timeout" else TIMES
+
+    @property
+    def decorator(self) -> Decorator | None:
+        """What arrays hold of this node besides its child; None if they do not hold it."""
+        if self.meaning.kind is None or self.number is None:
+            return None
+        return Decorator(self.meaning.kind, self.number)
+
+    @property
     def label(self) -> str:
         """What drawings show."""
         number = {None: "", -1: " without limit"}.get(self.number, f" {self.number}")
-        return f"{self.name}{number}{' ms' if self.name == 'Timeout' else ''}"
+        unit = {"Timeout": " ms", "timeout": " ticks"}.get(self.name, "")
+        return f"{self.name}{number}{unit}"
 
     def __str__(self) -> str:
         number = [] if self.number is None else [str(self.number)]
@@ -165,16 +215,25 @@ class ExtendedNode(Generic[L]):
     __repr__ = __str__
 
 
-RANGES = ("give milliseconds up to 2147483647, 0 for no limit", "give 1 to 2147483647, or -1 for no limit")
 Node = Union[L, Control[L], ExtendedNode[L]]  # noqa: UP007  subscriptable: Node[Symbol] is a tree of symbols
 
 
 def not_memoryless(tree: Node[L]) -> ExtendedNode[L] | None:
     """Return the first node in prefix order whose tick does not depend on the current statuses of the leaves alone."""
-    if isinstance(tree, ExtendedNode) and not tree.meaning.memoryless:
+    return _first_extended(tree, lambda node: not node.meaning.memoryless)
+
+
+def not_reactive(tree: Node[L]) -> ExtendedNode[L] | None:
+    """Return the first node in prefix order that remembers which child comes next, or what it did within a tick, so that a
+    tree that is ticked on after its SUCCESS begins from the start; a tree that counts ticks does not."""
+    return _first_extended(tree, lambda node: not node.meaning.memoryless and node.decorator is None)
+
+
+def _first_extended(tree: Node[L], wanted: Callable[[ExtendedNode[L]], bool]) -> ExtendedNode[L] | None:
+    if isinstance(tree, ExtendedNode) and wanted(tree):
         return tree
     below = tree.children if isinstance(tree, Control | ExtendedNode) else ()
-    return next((found for child in below if (found := not_memoryless(child)) is not None), None)
+    return next((found for child in below if (found := _first_extended(child, wanted)) is not None), None)
 
 
 class Drawing:

@@ -28,7 +28,7 @@ INSTEAD = {
     "ReactiveSequence": "Sequence, which is reactive here",
     "ReactiveFallback": "Fallback, which is reactive here",
     "Selector": "Fallback",
-    "Retry": "RetryUntilSuccessful",
+    "Retry": "retry, or RetryUntilSuccessful, which tries again within one tick",
 }
 
 

@@ -44,10 +44,12 @@ SIGNATURES: dict[str, Signature] = {
     "reachable": Signature(Kind.CONDITION, ("object",)),
     "clear": Signature(Kind.CONDITION, ("object",)),
     "reached": Signature(Kind.CONDITION, ("subgoal",)),
+    "is_seen": Signature(Kind.CONDITION, ("object",)),
     "open_gripper": Signature(Kind.ACTION, (), cost=2.0),
     "close_gripper": Signature(Kind.ACTION, (), cost=2.0),
     "pick": Signature(Kind.ACTION, ("object",), cost=20.0),
     "place": Signature(Kind.ACTION, ("object", "position", "frame"), cost=20.0, optional=("turn",)),
+    "look": Signature(Kind.ACTION, ("object",), cost=5.0),
     "move": Signature(Kind.GENE, ("object", "position", "frame"), cost=40.0, optional=("turn",)),
     "subtask": Signature(Kind.GENE, ("name", "tree")),
 }
@@ -169,6 +171,8 @@ class Behavior:
                 return (Behavior("holding", self.args),)
             case "place":
                 return (Behavior("at", self.args), nothing)
+            case "look":
+                return (Behavior("is_seen", self.args),)
             case _:
                 return ()
 

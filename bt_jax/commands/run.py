@@ -51,6 +51,7 @@ WORDS = {
     "close_gripper": "closes the gripper",
     "pick": "picks {object}",
     "place": "places {object} at {position} in the frame of {frame}",
+    "look": "looks for {object}",
 }
 EXPORTS = {".txt": format_tree, ".xml": to_xml, ".svg": to_svg, ".dot": to_dot}
 LISTED = 20  # failures

@@ -9,11 +9,12 @@ from bt_jax.encoding.formats.xml_reader import from_xml
 from bt_jax.encoding.interpret import TreeMemory, TreeTick, tick_tree
 from bt_jax.encoding.limits import MAX_NODES
 from bt_jax.encoding.status import Status
-from bt_jax.encoding.tick import JumpTable, Ticked, jump_table, tick_trees
-from bt_jax.encoding.walk import children, depth, leaves, prefix
+from bt_jax.encoding.tick import Counters, JumpTable, Ticked, counters, jump_table, tick_trees
+from bt_jax.encoding.walk import children, decorators, depth, leaves, prefix
 
 __all__ = [
     "MAX_NODES",
+    "Counters",
     "JumpTable",
     "Status",
     "Ticked",
@@ -21,7 +22,9 @@ __all__ = [
     "TreeTick",
     "Trees",
     "children",
+    "counters",
     "decode",
+    "decorators",
     "depth",
     "draw_text",
     "encode",

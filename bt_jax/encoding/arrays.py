@@ -19,9 +19,10 @@ import numpy as np
 from jaxtyping import Int16, UInt8
 
 from bt_jax._util.errors import UserError
-from bt_jax.behaviors.nodes import Control, ExtendedNode, Kind, L, Node
+from bt_jax.behaviors.nodes import EXTENDED, Control, ExtendedNode, Kind, L, Node
 from bt_jax.behaviors.vocabulary import Vocabulary
 from bt_jax.encoding.limits import MAX_NODES
+from bt_jax.encoding.walk import children
 
 __all__ = ["Array", "Trees", "decode", "encode", "encode_all", "length", "violations"]
 
@@ -60,16 +61,16 @@ def encode(tree: Node[L], vocabulary: Vocabulary[L], num_nodes: int) -> Trees:
         at = len(tokens)
         if isinstance(node, Control):
             tokens.append(int(node.kind))
-            sizes.append(0)
-            for child in node.children:
-                visit(child)
         elif isinstance(node, ExtendedNode):
-            raise UserError(
-                f"arrays hold Sequence, Fallback and leaves, not {node.label}; tick the tree with tick_tree"
-            )
+            if node.decorator is None:
+                held = ", ".join(("Sequence", "Fallback", *DECORATORS.values()))
+                raise UserError(f"arrays hold {held} and leaves, not {node.label}; tick the tree with tick_tree")
+            tokens.append(vocabulary.token(node.decorator))
         else:
             tokens.append(vocabulary.token(node))
-            sizes.append(0)
+        sizes.append(0)
+        for child in children(node):
+            visit(child)
         sizes[at] = len(tokens) - at
 
     visit(tree)
@@ -98,16 +99,21 @@ def decode(trees: Trees, vocabulary: Vocabulary[L]) -> Node[L]:
 
     def build(i: int) -> Node[L]:
         kind = Kind(vocabulary.kinds[tokens[i]])
-        if kind not in (Kind.SEQUENCE, Kind.FALLBACK):
+        if kind in (Kind.CONDITION, Kind.ACTION, Kind.GENE):
             return vocabulary.leaf(int(tokens[i]))
-        children: list[Node[L]] = []
+        below: list[Node[L]] = []
         child, end = i + 1, i + int(sizes[i])
         while child < end:
-            children.append(build(child))
+            below.append(build(child))
             child += int(sizes[child])
-        return Control(kind, tuple(children))
+        if kind in DECORATORS:
+            return ExtendedNode(DECORATORS[kind], tuple(below), vocabulary.decorator(int(tokens[i])).number)
+        return Control(kind, tuple(below))
 
     return build(0)
+
+
+DECORATORS = {extended.kind: name for name, extended in EXTENDED.items() if extended.kind is not None}
 
 
 def violations(tree: Node[L], *, gene_under_fallback: bool = True) -> list[str]:
@@ -116,13 +122,28 @@ def violations(tree: Node[L], *, gene_under_fallback: bool = True) -> list[str]:
     The rules are those of the design: the root is a control node, or the tree is one action or gene; control nodes have
     at least two children, none of its own kind; no identical leaves side by side; no condition last among siblings or
     directly after an action or gene. `gene_under_fallback=False` adds the published rule that a gene, itself a
-    Fallback, is not a direct child of a Fallback.
+    Fallback, is not a direct child of a Fallback. A decorator is a retry or a timeout, and its child neither a condition
+    nor a decorator of its kind.
     """
     found: list[str] = []
     if isinstance(tree, ExtendedNode):
         return [f"the root is {tree.label}"]
     if not isinstance(tree, Control):
         return ["the tree is a single condition"] if tree.kind == Kind.CONDITION else []
+
+    def decorates(node: ExtendedNode[L]) -> None:
+        if node.decorator is None:
+            found.append(f"{node.label} is none of Sequence, Fallback, retry and timeout")
+            return
+        (child,) = node.children
+        if isinstance(child, Control):
+            visit(child)
+        elif isinstance(child, ExtendedNode):
+            if child.name == node.name:
+                found.append(f"{child.label} is directly under its own kind")
+            decorates(child)
+        elif child.kind == Kind.CONDITION:
+            found.append(f"{node.label} decorates the condition {child}")
 
     def visit(node: Control[L]) -> None:
         if len(node.children) < 2:
@@ -134,7 +155,7 @@ def violations(tree: Node[L], *, gene_under_fallback: bool = True) -> list[str]:
                 visit(child)
                 continue
             if isinstance(child, ExtendedNode):
-                found.append(f"{child.label} is neither Sequence nor Fallback")
+                decorates(child)
                 continue
             if child == before:
                 found.append(f"{child} is beside an equal one")

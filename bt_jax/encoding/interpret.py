@@ -1,6 +1,6 @@
 """Ticking one tree in plain Python: every node's status, for display and for programs that run a single tree.
 
-Here also tick the nodes that arrays do not hold, as `Tree::tickOnce` of BehaviorTree.CPP 4 ticks them. What they remember
+Here also tick the nodes that arrays do not hold, as `Tree::tickOnce` of BehaviorTree.CPP 4 ticks them. What nodes remember
 is not in the tree: a tick takes it and returns it.
 """
 
@@ -16,6 +16,7 @@ from bt_jax.encoding.walk import children, prefix
 
 __all__ = ["DECORATED", "TreeMemory", "TreeTick", "tick_tree"]
 
+TINY = 1e-9  # that sums of parts of a tick may be off
 MAX_PASSES = 100  # of one tick, after which a loop without end goes on in the next one
 SUCCESS, FAILURE, RUNNING = Status.SUCCESS, Status.FAILURE, Status.RUNNING
 
@@ -25,16 +26,16 @@ class TreeMemory:
     """What the nodes of a tree remember between two ticks, by their index in prefix order."""
 
     running: frozenset[int] = frozenset()  # nodes that returned RUNNING
-    counts: Mapping[int, int] = dataclasses.field(
+    counts: Mapping[int, int | float] = dataclasses.field(
         default_factory=dict
-    )  # children that are done, or attempts, or cycles
+    )  # children that are done, or attempts, or cycles, or ticks
     started: Mapping[int, float] = dataclasses.field(default_factory=dict)  # s, when a Timeout began
 
 
 @dataclasses.dataclass(frozen=True)
 class TreeTick:
-    """One tick: the root's status, that of each node in prefix order, None where it was not ticked, and what the nodes
-    remember afterwards."""
+    """One tick: the root's status, that of each node in prefix order, None where it was not ticked or a `timeout` has halted
+    it, and what the nodes remember afterwards."""
 
     status: Status
     statuses: tuple[Status | None, ...]
@@ -43,22 +44,27 @@ class TreeTick:
     @property
     def running(self) -> int | None:
         """Index of the leaf that is RUNNING, or of the node that is while no leaf is, or None."""
-        if self.status != Status.RUNNING:
-            return None
-        return max(i for i, status in enumerate(self.statuses) if status == Status.RUNNING)
+        return max(self.memory.running) if self.status == Status.RUNNING else None
 
 
 def tick_tree(
-    tree: Node[L], status_of: Callable[[L, int], Status], memory: TreeMemory | None = None, *, time: float = 0.0
+    tree: Node[L],
+    status_of: Callable[[L, int], Status],
+    memory: TreeMemory | None = None,
+    *,
+    time: float = 0.0,
+    ticks: float = 1.0,
 ) -> TreeTick:
     """Tick a tree once. `status_of(leaf, index)` gives the status of a leaf (a gene is one); it is called for the leaves
     that are ticked only, in their order; `index` is the leaf's place in prefix order.
 
-    `memory` is that of the tick before; a memoryless tree has none. `time` [s] is that of the clock of its Timeouts.
+    `memory` is that of the tick before; a memoryless tree has none. `time` [s] is that of the clock of its Timeouts. For
+    how many ticks this one counts in a `timeout` is `ticks`: less than one where a tree is ticked more often than it was
+    learnt.
     """
     memory, passes = memory or TreeMemory(), 0
     while True:
-        ticking = _Tick(tree, status_of, memory, time)
+        ticking = _Tick(tree, status_of, memory, time, ticks if passes == 0 else 0.0)
         status = ticking.visit(0)
         memory, passes = ticking.memory, passes + 1
         if status != RUNNING or not ticking.woken or passes == MAX_PASSES:
@@ -69,8 +75,10 @@ class _Tick(Generic[L]):
     """One pass over a tree. `woken` says that a loop has ended the pass only to let others have their turn: BehaviorTree.CPP
     then ticks again at once."""
 
-    def __init__(self, tree: Node[L], status_of: Callable[[L, int], Status], memory: TreeMemory, time: float) -> None:
-        self.nodes, self.status_of, self.time = prefix(tree), status_of, time
+    def __init__(
+        self, tree: Node[L], status_of: Callable[[L, int], Status], memory: TreeMemory, time: float, ticks: float
+    ) -> None:
+        self.nodes, self.status_of, self.time, self.ticks = prefix(tree), status_of, time, ticks
         self.sizes = _sizes(tree)
         self.statuses: list[Status | None] = [None] * len(self.nodes)
         self.running, self.counts, self.started = set(memory.running), dict(memory.counts), dict(memory.started)
@@ -101,13 +109,17 @@ class _Tick(Generic[L]):
             case "ResumingSequence" | "ResumingFallback" | "SequenceWithMemory":
                 goes_on = FAILURE if node.name == "ResumingFallback" else SUCCESS
                 yields = node.name == "SequenceWithMemory"
-                return self._in_turn(at, goes_on, first=self.counts.get(at, 0), remembers=True, yields=yields)
+                return self._in_turn(at, goes_on, first=int(self.counts.get(at, 0)), remembers=True, yields=yields)
             case "RetryUntilSuccessful":
                 return self._loop(at, node.number, again=FAILURE)
             case "Repeat":
                 return self._loop(at, node.number, again=SUCCESS)
             case "Timeout":
                 return self._timeout(at, node.number)
+            case "retry":
+                return self._count(at, node.number, counted=FAILURE, step=1.0)
+            case "timeout":
+                return self._count(at, node.number, counted=RUNNING, step=self.ticks)
         status = self.visit(at + 1)
         return DECORATED[node.name].get(status, RUNNING)
 
@@ -149,6 +161,19 @@ class _Tick(Generic[L]):
             if was_idle:
                 self.woken = True
                 return RUNNING
+
+    def _count(self, at: int, limit: int | None, *, counted: Status, step: float) -> Status:
+        """Tick the child, and return RUNNING for `counted` until the count reaches the limit, then FAILURE."""
+        status, count = self.visit(at + 1), self.counts.get(at, 0)
+        if status != counted:
+            self.counts[at] = count
+            return status
+        self.counts[at] = count + step
+        if limit is None or count + step < limit - TINY:
+            return RUNNING
+        if counted == RUNNING:
+            self.statuses[at + 1 : at + self.sizes[at]] = [None] * (self.sizes[at] - 1)
+        return FAILURE
 
     def _timeout(self, at: int, milliseconds: int | None) -> Status:
         """Tick the child, and fail if it was still running when its time was over. 0 is no limit."""

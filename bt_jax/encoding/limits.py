@@ -2,4 +2,4 @@
 
 __all__ = ["MAX_NODES"]
 
-MAX_NODES = 250  # sizes are uint8, and a jump table needs two more values
+MAX_NODES = 250  # sizes are uint8, and a jump table needs three more values

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from bt_jax.behaviors.nodes import Control, ExtendedNode, L, Node
+import dataclasses
 
-__all__ = ["children", "depth", "extended_nodes", "leaves", "prefix", "tidy"]
+from bt_jax.behaviors.nodes import Control, Decorator, ExtendedNode, Kind, L, Node
+
+__all__ = ["children", "decorators", "depth", "extended_nodes", "leaves", "prefix", "tidy"]
 
 
 def children(tree: Node[L]) -> tuple[Node[L], ...]:
@@ -30,14 +32,26 @@ def leaves(tree: Node[L]) -> list[L]:
     return [node for node in prefix(tree) if not isinstance(node, Control | ExtendedNode)]
 
 
+def decorators(tree: Node[L]) -> list[Decorator]:
+    """Return the decorators that arrays hold, in prefix order."""
+    found = [node.decorator for node in prefix(tree) if isinstance(node, ExtendedNode)]
+    return [decorator for decorator in found if decorator is not None]
+
+
 def extended_nodes(tree: Node[L]) -> list[ExtendedNode[L]]:
     """Return all nodes that arrays do not hold, in prefix order."""
-    return [node for node in prefix(tree) if isinstance(node, ExtendedNode)]
+    return [node for node in prefix(tree) if isinstance(node, ExtendedNode) and node.decorator is None]
 
 
 def tidy(tree: Node[L]) -> Node[L] | None:
-    """Return a tree of Sequences and Fallbacks without control nodes of one child, or under their own kind; None if it has
-    no leaves."""
+    """Return a tree that arrays hold without control nodes of one child, or under their own kind, and without decorators
+    of a condition, or under their own kind; None if it has no leaves."""
+    if isinstance(tree, ExtendedNode):
+        below = tidy(tree.children[0])
+        own = tree.meaning.kind
+        needless = isinstance(below, ExtendedNode) and below.meaning.kind == own
+        is_condition = not isinstance(below, Control | ExtendedNode | None) and below.kind == Kind.CONDITION
+        return below if below is None or needless or is_condition else dataclasses.replace(tree, children=(below,))
     if not isinstance(tree, Control):
         return tree
     flat: list[Node[L]] = []

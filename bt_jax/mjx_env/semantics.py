@@ -53,8 +53,8 @@ class LeafSemantics:
     """What the leaves of a vocabulary mean in a task.
 
     Commands, the actions that the world can be asked for, are numbered: open_gripper, close_gripper, `pick` of each object
-    and each part, then `place` at each of the places (object, position, frame, turn) that the leaves name. A name of a part
-    means any of its instances; which one a `pick` takes, says `taken_by`.
+    and each part, `look` for each of those `watched`, then `place` at each of the places (object, position, frame, turn)
+    that the leaves name. A name of a part means any of its instances; which one a `pick` takes, says `taken_by`.
     """
 
     task: Task
@@ -89,6 +89,13 @@ class LeafSemantics:
     @property
     def num_picks(self) -> int:
         return len(self.names)
+
+    @functools.cached_property
+    def watched(self) -> tuple[str, ...]:
+        """The names that leaves look for, or ask for whether they are seen."""
+        atoms = [atom for leaf in self.vocabulary.leaves for atom in atoms_of(leaf)]
+        asked = {atom.object for atom in atoms if atom.name in ("look", "is_seen")}
+        return tuple(name for name in self.names if name in asked)
 
     @functools.cached_property
     def members(self) -> np.ndarray:
@@ -132,7 +139,8 @@ class LeafSemantics:
         """The action behind each command."""
         picks = [Behavior("pick", (name,)) for name in self.names]
         places = [Behavior("place", place.args) for place in self.places]
-        return (Behavior("open_gripper"), Behavior("close_gripper"), *picks, *places)
+        looks = [Behavior("look", (name,)) for name in self.watched]
+        return (Behavior("open_gripper"), Behavior("close_gripper"), *picks, *looks, *places)
 
     @functools.cached_property
     def conditions(self) -> tuple[Behavior, ...]:
@@ -145,6 +153,7 @@ class LeafSemantics:
             Behavior("gripper", ("closed",)),
             *(Behavior("reachable", (name,)) for name in names),
             *(Behavior("clear", (name,)) for name in names),
+            *(Behavior("is_seen", (name,)) for name in self.watched),
             *(Behavior("reached", (subgoal.name,)) for subgoal in self.task.subgoals),
         )
 
@@ -238,6 +247,7 @@ class LeafSemantics:
         conditions, place_name = self._condition_values(world, places), self.place_name[places]
         left_out = len(self.places) - len(place_name)
         named = {name: self._named[name] - left_out for name in ("holding", "clear", "reachable")}
+        named["is_seen"] = self._named.get("is_seen", np.zeros(0, int)) - left_out
         holding, can_hold = (conditions[:, named[name]] for name in ("holding", "clear"))
         holding, empty = holding[:, :-1], holding[:, -1:]
         opened, closed = world.gripper_open[:, None], ~world.gripper_open[:, None]
@@ -247,14 +257,15 @@ class LeafSemantics:
             free = can_hold[:, :count] & conditions[:, named["reachable"][:count]] & graspable(world, self.task)
             can_pick = opened & self._any_left(world, free)
         at = conditions[:, : len(place_name)]
-        done = xp.concatenate([opened & empty, closed, holding, at & empty], axis=1)
+        seen = conditions[:, named["is_seen"]]
+        done = xp.concatenate([opened & empty, closed, holding, seen, at & empty], axis=1)
         always = xp.ones((conditions.shape[0], 2), bool)
         can_place = holding[:, place_name]
         if world.unseen is not None:
             can_place = can_place & self._frames_seen(world)[:, self.place_frame[places]]
         if self.has_parts:  # an instance is not put where it is itself
             can_place = can_place & (world.held[:, None] != self.place_frame[places].astype(np.int8)[None])
-        possible = xp.concatenate([always, can_pick, can_place], axis=1)
+        possible = xp.concatenate([always, can_pick, xp.ones_like(seen), can_place], axis=1)
         others = len(self.commands) - len(self.places)
         running = np.concatenate([self._running[:others], self._running[others:][places]])[None]
         actions = xp.where(done, np.int32(Status.SUCCESS), xp.where(possible, running, np.int32(Status.FAILURE)))
@@ -288,9 +299,15 @@ class LeafSemantics:
                 gripper,
                 self.any_of(within),
                 self.any_of(clear),
+                *([self.any_of(is_seen(world))[:, self._watched]] if self.watched else []),
             ],
             axis=1,
         )
+
+    @functools.cached_property
+    def _watched(self) -> np.ndarray:
+        """Index in `names` of each of those watched, int[n]."""
+        return np.array([self.names.index(name) for name in self.watched], int)
 
     def _frames_seen(self, world: World) -> Bool[Array, "S F"]:
         """Return of which frames it is known where they are."""

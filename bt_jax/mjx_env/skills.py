@@ -1,7 +1,7 @@
 """The idealized gripper: what a command does to a state before gravity and contacts take over, and after.
 
 `pick` takes the object rigidly and lifts it; `place` carries it over the pose and lowers it until it is there, or until it
-touches something, and lets go; `open_gripper` drops what is held.
+touches something, and lets go; `open_gripper` drops what is held; `look` moves nothing.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def act(semantics: LeafSemantics, world: World, command: Int32[Array, " S"]) -> 
     xp = namespace(world.poses)
     objects = np.arange(count, dtype=np.int8)[None]
     held = world.held[:, None] == objects
-    pick, place = command - 2, command - 2 - semantics.num_picks
+    pick, place = command - 2, command - (2 + semantics.num_picks + len(semantics.watched))
     is_pick, is_place = (pick >= 0) & (pick < semantics.num_picks), place >= 0
     taken = taken_by(semantics, world, xp.where(is_pick, pick, 0)).astype(np.int8)
     picked = is_pick[:, None] & (taken[:, None] == objects)

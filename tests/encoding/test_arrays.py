@@ -8,7 +8,7 @@ from bt_jax.behaviors import Behavior, Control, Kind, Vocabulary
 from bt_jax.encoding.arrays import decode, encode, encode_all, length, violations
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.limits import MAX_NODES
-from bt_jax.encoding.walk import leaves, prefix
+from bt_jax.encoding.walk import leaves, prefix, tidy
 from tests.helpers.samples import random_trees
 from tests.helpers.strategies import ATOMS, GENES, SUBTASKS, trees
 
@@ -92,7 +92,41 @@ def test_kinds_of_tokens_are_ranges():
 
 def test_nodes_that_arrays_do_not_hold_are_named():
     tree = parse_tree("Sequence(pick(A), Repeat(3, pick(A)), open_gripper)")
-    with pytest.raises(UserError, match="arrays hold Sequence, Fallback and leaves, not Repeat 3"):
+    with pytest.raises(UserError, match="arrays hold Sequence, Fallback, retry, timeout and leaves, not Repeat 3"):
         encode(tree, Vocabulary.of(leaves(tree)), 8)
-    assert violations(tree) == ["Repeat 3 is neither Sequence nor Fallback"]
+    assert violations(tree) == ["Repeat 3 is none of Sequence, Fallback, retry and timeout"]
     assert violations(tree.children[1]) == ["the root is Repeat 3"]
+
+
+@pytest.mark.parametrize(
+    ("text", "broken"),
+    [
+        ("Sequence(retry(3, pick(A)), timeout(5, retry(2, Fallback(gripper(open), open_gripper))))", []),
+        ("Fallback(retry(3, Fallback(gripper(open), open_gripper)), open_gripper)", []),
+        ("retry(3, pick(A))", ["the root is retry 3"]),
+        ("Sequence(pick(A), retry(3, gripper(open)))", ["retry 3 decorates the condition gripper(open)"]),
+        ("Sequence(pick(A), timeout(3, timeout(2, pick(B))))", ["timeout 2 ticks is directly under its own kind"]),
+        ("Sequence(pick(A), retry(3, Sequence(pick(B))))", ["a Sequence has 1 children"]),
+        (
+            "Sequence(pick(A), retry(3, Inverter(pick(B))))",
+            ["Inverter is none of Sequence, Fallback, retry and timeout"],
+        ),
+    ],
+)
+def test_rules_of_decorators(text, broken):
+    assert violations(parse_tree(text)) == broken
+
+
+@pytest.mark.parametrize(
+    ("text", "tidied"),
+    [
+        ("Sequence(retry(3, Sequence(pick(A))))", "retry(3, pick(A))"),
+        ("Sequence(retry(3, gripper(open)), pick(A))", "Sequence(gripper(open), pick(A))"),
+        (
+            "Fallback(pick(A), retry(2, retry(3, Fallback(pick(B), pick(C)))))",
+            "Fallback(pick(A), retry(3, Fallback(pick(B), pick(C))))",
+        ),
+    ],
+)
+def test_tidying_keeps_decorators_that_mean_something(text, tidied):
+    assert tidy(parse_tree(text)) == parse_tree(tidied)

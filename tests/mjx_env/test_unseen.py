@@ -5,14 +5,18 @@ import functools
 
 import jax
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bt_jax.behaviors import Kind
+from bt_jax.behaviors import Behavior, Kind
 from bt_jax.encoding.tick import Status
+from bt_jax.mjx_env.outcomes import command_of
 from bt_jax.mjx_env.scene.layouts import sample_layouts
+from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.mjx_env.skills import act
 from bt_jax.tasks import Faults, load_task, with_faults
-from tests.helpers.samples import PARTS, kinematic_walk
+from tests.helpers.samples import PARTS, assert_same, kinematic_walk
 
 walked = functools.cache(functools.partial(kinematic_walk, seed=3, count=10))
 
@@ -74,6 +78,38 @@ def test_jax_says_the_same():
     world = dataclasses.replace(world, unseen=hidden)
     ours = jax.jit(semantics.outcomes)(jax.tree.map(jax.numpy.asarray, world))
     np.testing.assert_array_equal(semantics.outcomes(world), np.asarray(ours))
+
+
+@pytest.mark.parametrize("task_name", ["stack3", PARTS])
+def test_looking_lasts_until_the_object_is_seen_and_moves_nothing(task_name):
+    walked_semantics, world, _ = walked(task_name)
+    task = walked_semantics.task
+    leaves = [Behavior(kind, (name,)) for name in task.kinds for kind in ("look", "is_seen")]
+    semantics = LeafSemantics(task, walked_semantics.vocabulary.extended(leaves))
+    hidden = np.random.default_rng(1).random((len(world.held), len(task.objects))) < 0.6
+    world = dataclasses.replace(world, unseen=hidden)
+    outcomes = semantics.outcomes(world)
+    for name in task.kinds:
+        own = [i for i, one in enumerate(task.object_names) if one in task.instances[name]]
+        seen = (~hidden[:, own] | (world.held[:, None] == np.array(own))).any(axis=1)
+        looked, asked = (
+            outcomes[:, :, semantics.vocabulary.token(Behavior(kind, (name,)))] for kind in ("look", "is_seen")
+        )
+        np.testing.assert_array_equal(asked, np.tile(np.where(seen, Status.SUCCESS, Status.FAILURE), (2, 1)))
+        np.testing.assert_array_equal(looked[0] & 3, np.where(seen, Status.SUCCESS, Status.RUNNING))
+        np.testing.assert_array_equal(looked[1] & 3, np.where(seen, Status.SUCCESS, Status.FAILURE))
+        command = semantics.commands.index(Behavior("look", (name,)))
+        assert (command_of(looked[0][~seen]) == command).all()
+        released = act(semantics, world, np.full(len(world.held), command, np.int32))
+        assert_same(released.world, world)
+        assert (released.box == -1).all()
+    everything = dataclasses.replace(world, unseen=None)
+    assert (
+        semantics.outcomes(everything)[:, :, [semantics.vocabulary.token(leaf) for leaf in leaves]] == Status.SUCCESS
+    ).all()
+    before = walked_semantics.outcomes(everything)
+    tokens = [semantics.vocabulary.token(leaf) for leaf in walked_semantics.vocabulary.leaves]
+    np.testing.assert_array_equal(semantics.outcomes(everything)[..., tokens] & 3, before[..., 3:] & 3)
 
 
 def test_layouts_of_a_task_with_faults_begin_with_everything_in_sight():

@@ -13,7 +13,7 @@ from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, ExtendedNode, Kind, Tree, expand
 from bt_jax.encoding.walk import children
 
-__all__ = ["Leaf", "to_py_trees"]
+__all__ = ["Leaf", "TimeoutInTicks", "to_py_trees"]
 
 
 class Leaf(Behaviour):
@@ -28,11 +28,27 @@ class Leaf(Behaviour):
         return self.status_of(self.behavior)
 
 
+class TimeoutInTicks(decorators.Decorator):
+    """A `timeout`: fails in the `num_ticks`-th tick in a row in which its child is RUNNING, and stops it."""
+
+    def __init__(self, name: str, child: Behaviour, num_ticks: int) -> None:
+        super().__init__(name=name, child=child)
+        self.num_ticks, self.ticks = num_ticks, 0
+
+    def initialise(self) -> None:
+        self.ticks = 0
+
+    def update(self) -> Status:
+        self.ticks += self.decorated.status == Status.RUNNING
+        return Status.FAILURE if self.ticks == self.num_ticks else self.decorated.status
+
+
 def to_py_trees(tree: Tree, status_of: Callable[[Behavior], Status], *, expand_genes: bool = False) -> Behaviour:
     """Return the tree with memoryless Sequence and Selector composites (our Fallback is py_trees' Selector).
 
-    Other nodes become those that py_trees has for the purpose: composites with memory, and decorators. Its loops make one
-    round a tick, and its Timeout measures real time from the first tick. Raise UserError where it has none.
+    Other nodes become those that py_trees has for the purpose: composites with memory, and decorators; `retry` is its Retry.
+    Its loops make one round a tick, and its Timeout measures real time from the first tick, so that `timeout` becomes a
+    `TimeoutInTicks`. Raise UserError where it has none.
 
     `status_of(behavior)` is called each time that a leaf is ticked and returns its status. A gene is one leaf, unless
     `expand_genes` puts its subtree in its place. `tick_once()` of the root ticks the tree.
@@ -56,6 +72,10 @@ def _extended(node: ExtendedNode[Behavior], nodes: list[Behaviour]) -> Behaviour
             return Sequence(name=name, memory=True, children=nodes)
         case "ResumingFallback":
             return Selector(name=name, memory=True, children=nodes)
+        case "retry" if number is not None:
+            return decorators.Retry(name=name, child=nodes[0], num_failures=number)
+        case "timeout" if number is not None:
+            return TimeoutInTicks(name=name, child=nodes[0], num_ticks=number)
         case "RetryUntilSuccessful" if number is not None and number > 0:
             return decorators.Retry(name=name, child=nodes[0], num_failures=number)
         case "Repeat" if number is not None:

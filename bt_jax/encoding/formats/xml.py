@@ -5,6 +5,10 @@ are compact tags with ports, `<Pick object="YellowBox"/>`; positions are written
 vectors. A gene is a `<SubTree ID="Move" .../>` with one `<BehaviorTree ID="Move">` whose leaves read the ports as
 `{object}`; a subtask is a `<SubTree ID="Subtask_NAME"/>`.
 
+`retry` and `timeout` count over ticks, as no decorator of BehaviorTree.CPP does: its RetryUntilSuccessful tries again
+within one tick, and its Timeout reads a clock. They are `<RetryOverTicks>` and `<TimeoutInTicks>`, which a program has to
+register as it does the leaves; `docs/concepts/encoding.md` has the code.
+
 In a memoryless tree the children of a node take turns at RUNNING, at which BehaviorTree.CPP throws if a program has called
 `BT::ReactiveSequence::EnableException(true)`; see `docs/concepts/encoding.md`.
 
@@ -57,6 +61,7 @@ def to_xml(tree: Tree, *, name: str = "MainTree", expand_genes: bool = False) ->
         _write_gene(root, gene)
     turned = any("turn" in element.attrib for element in root.iter())
     _write_models(root, subtasks, turned=turned)
+    _write_decorators(root)
     ElementTree.indent(root)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
 
@@ -133,6 +138,15 @@ def _write_models(root: Element, subtasks: Iterable[str], *, turned: bool) -> No
             SubElement(model, "input_port", {"name": port, "type": "std::string"})
     for name in subtasks:
         SubElement(models, "SubTree", {"ID": f"{SUBTASK}{name}", "editable": "true"})
+
+
+def _write_decorators(root: Element) -> None:
+    """Write the ports of those decorators of the tree that BehaviorTree.CPP does not know."""
+    used, models = {element.tag for element in root.iter()}, root[-1]
+    for kind in EXTENDED.values():
+        if kind.kind is not None and kind.port is not None and kind.tag in used:
+            model = SubElement(models, "Decorator", {"ID": kind.tag, "editable": "true"})
+            SubElement(model, "input_port", {"name": kind.port, "type": "unsigned"})
 
 
 def _port_text(value: Argument) -> str:

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Int32
 
-from bt_jax.behaviors import Behavior, Tree, not_memoryless
+from bt_jax.behaviors import Behavior, Tree, not_reactive
 from bt_jax.encoding.interpret import TreeMemory, TreeTick, tick_tree
 from bt_jax.encoding.tick import Status
 from bt_jax.encoding.walk import prefix
@@ -87,10 +87,10 @@ class EpisodeState:
     def tick(self) -> tuple[Tick, EpisodeState]:
         """Return the next tick, and the episode after it. Raises UserError if a leaf is not in the vocabulary."""
         rules = self.semantics.task.episode
-        memoryless = not_memoryless(self.tree) is None
-        if not memoryless:  # ticked again after its SUCCESS, it would begin from the start
+        reactive = not_reactive(self.tree) is None
+        if not reactive:  # ticked again after its SUCCESS, it would begin from the start
             rules = dataclasses.replace(rules, success_ticks=1)
-        ticked, command, subgoals, again = self._ticked(exhausted=used_up(self.tally, rules), fails_once=not memoryless)
+        ticked, command, subgoals, again = self._ticked(exhausted=used_up(self.tally, rules), fails_once=not reactive)
         after, sane = reach(self.world, subgoals), True
         if command != NO_COMMAND:
             after, sane = _execute(self.semantics, self.settler, after, command)

@@ -8,7 +8,7 @@ import numpy as np
 from bt_jax.behaviors import Tree
 from bt_jax.encoding.arrays import encode_all
 from bt_jax.encoding.limits import MAX_NODES
-from bt_jax.encoding.walk import extended_nodes, prefix
+from bt_jax.encoding.walk import decorators, extended_nodes, prefix
 from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
 from bt_jax.mjx_env.episodes.fitness import subgoals_missed
 from bt_jax.mjx_env.episodes.playback import play
@@ -22,7 +22,7 @@ __all__ = ["fits_arrays", "survey"]
 
 def fits_arrays(tree: Tree) -> bool:
     """Return whether compiled code can tick a tree: one of Sequences and Fallbacks that is not too large."""
-    return not extended_nodes(tree) and len(prefix(tree)) <= MAX_NODES
+    return not extended_nodes(tree) and not decorators(tree) and len(prefix(tree)) <= MAX_NODES
 
 
 def survey(semantics: LeafSemantics, physics: Physics, tree: Tree, layouts: World) -> Evaluation:

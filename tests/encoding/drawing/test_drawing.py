@@ -202,3 +202,11 @@ def test_nodes_that_arrays_do_not_hold_are_drawn():
         assert classes["node-0"].startswith("node extended")
         assert "→*" in drawing
         assert "Inverter" in drawing
+
+
+def test_decorators_that_count_ticks_are_drawn_with_their_numbers():
+    tree = parse_tree("retry(3, timeout(5, look(A)))")
+    assert draw_text(tree).splitlines() == ["retry 3", "└── timeout 5 ticks", "    └── look(A)"]
+    for drawing in (to_svg(tree), to_dot(tree)):
+        assert "retry 3" in drawing
+        assert "timeout 5 ticks" in drawing

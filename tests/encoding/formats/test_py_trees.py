@@ -130,3 +130,15 @@ def test_memory_and_decorators_tick_as_in_py_trees(words):
         memory = ours.memory
         theirs.tick_once()
         assert theirs.status.name == ours.status.name
+
+
+@given(st.lists(st.sampled_from(STATUSES), min_size=12, max_size=12))
+def test_decorators_that_count_ticks_tick_as_in_py_trees(words):
+    tree, table, memory = parse_tree("Fallback(timeout(2, retry(3, pick(A))), retry(2, pick(B)))"), {}, TreeMemory()
+    theirs = to_py_trees(tree, table.__getitem__)
+    for k in range(6):
+        table.update({Behavior("pick", ("A",)): words[2 * k], Behavior("pick", ("B",)): words[2 * k + 1]})
+        ours = tick_tree(tree, lambda leaf, _: OurStatus[table[leaf].name], memory)
+        memory = ours.memory
+        theirs.tick_once()
+        assert theirs.status.name == ours.status.name

@@ -178,3 +178,23 @@ ResumingFallback
     assert parse_tree(one_line(tree)) == tree
     assert "RetryUntilSuccessful(-1, SequenceWithMemory(" in one_line(tree)
     assert parse_tree("Repeat(2, Sequence(pick(A)))") == parse_tree("Repeat 2\n  Sequence\n    pick(A)")
+
+
+def test_decorators_that_count_ticks_round_trip():
+    text = """\
+Sequence
+  retry 3
+    Sequence
+      look(A)
+      pick(A)
+  timeout 5
+    Fallback
+      is_seen(B)
+      look(B)
+"""
+    tree = parse_tree(text)
+    assert format_tree(tree) == text
+    assert parse_tree(one_line(tree)) == tree
+    assert one_line(tree) == (
+        "Sequence(retry(3, Sequence(look(A), pick(A))), timeout(5, Fallback(is_seen(B), look(B))))"
+    )

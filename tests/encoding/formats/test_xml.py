@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bt_jax._util.errors import UserError
-from bt_jax.behaviors import Behavior, Control, Kind, expand
+from bt_jax.behaviors import Behavior, Control, ExtendedNode, Kind, expand
 from bt_jax.encoding.formats.xml import to_xml
 from bt_jax.encoding.formats.xml_reader import from_xml
 from bt_jax.encoding.walk import prefix
@@ -135,6 +135,20 @@ def test_nodes_that_arrays_do_not_hold_round_trip():
         "open_gripper))), RetryUntilSuccessful(-1, Repeat(2, Timeout(5000, KeepRunningUntilFailure(open_gripper))))))"
     )
     assert from_xml(to_xml(tree)) == tree
+
+
+def test_decorators_that_count_ticks_round_trip():
+    """They have tags of their own, since BehaviorTree.CPP has no node of that meaning, and a model that says so."""
+    tree = Control.sequence(ExtendedNode("retry", (ExtendedNode("timeout", (PICK,), 5),), 3), Behavior("look", ("A",)))
+    text = to_xml(tree)
+    assert from_xml(text) == tree
+    assert '<RetryOverTicks num_attempts="3">' in text
+    assert '<TimeoutInTicks num_ticks="5">' in text
+    assert '<Decorator ID="TimeoutInTicks" editable="true">' in text
+    assert "Decorator" not in to_xml(PICK)
+    changed = text.replace('num_ticks="5"', 'num_ticks="0"')
+    with pytest.raises(UserError, match="line 6: timeout: num_ticks cannot be 0; give 1 to 255"):
+        from_xml(changed)
 
 
 def test_a_subtask_that_remembers_is_read_as_its_tree():
