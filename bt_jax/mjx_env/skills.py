@@ -10,7 +10,7 @@ import dataclasses
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float32, Int32
+from jaxtyping import Bool, Float32, Int, Int32
 
 from bt_jax.mjx_env.semantics import LeafSemantics, subgoals_by_sight, taken_by, turn_error
 from bt_jax.mjx_env.surfaces import (
@@ -24,7 +24,7 @@ from bt_jax.mjx_env.surfaces import (
 from bt_jax.mjx_env.world import Array, World, frames, namespace, rotate, snap, turned_about_vertical
 from bt_jax.tasks import Task
 
-__all__ = ["LIFT", "Released", "act", "reach", "settled_world"]
+__all__ = ["LIFT", "Mishaps", "Released", "act", "reach", "settled_world"]
 
 LIFT = 1.0  # height by which a picked object is raised, in its longest edges
 
@@ -40,14 +40,37 @@ class Released:
     box: Int32[Array, " S"]  # the object that was taken or let go, -1 where none
 
 
-def act(semantics: LeafSemantics, world: World, command: Int32[Array, " S"]) -> Released:
-    """Carry out one command in each state, up to the moment when the gripper lets go or has lifted."""
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Mishaps:
+    """What goes wrong as each of S commands is carried out."""
+
+    slips: Bool[Array, " S"]  # a `pick` closes on nothing
+    jams: Bool[Array, " S"]  # the gripper neither opens nor closes, and nothing changes
+    share: Float32[Array, " S"]  # of the way, after which what is carried drops; 1 where it does not
+    error: Float32[Array, "S 3"]  # of a `place`: along x and y, metres, and of the turn, radians
+
+
+def act(
+    semantics: LeafSemantics, world: World, command: Int32[Array, " S"], mishaps: Mishaps | None = None
+) -> Released:
+    """Carry out one command in each state, up to the moment when the gripper lets go or has lifted.
+
+    What drops on the way falls on what is below, beside a table on the nearest one: what lies on the floor is out of reach
+    for good. The gripper has closed by then.
+    """
     task, count = semantics.task, len(semantics.task.objects)
     xp = namespace(world.poses)
     objects = np.arange(count, dtype=np.int8)[None]
     held = world.held[:, None] == objects
     pick, place = command - 2, command - (2 + semantics.num_picks + len(semantics.watched))
     is_pick, is_place = (pick >= 0) & (pick < semantics.num_picks), place >= 0
+    opens, closes = (command == 0) | is_place, (command == 1) | is_pick
+    dropped = None
+    if mishaps is not None:
+        dropped = is_place & (mishaps.share < 1) & ~mishaps.jams
+        opens, closes = opens & ~mishaps.jams, closes & ~mishaps.jams
+        is_place, is_pick = is_place & ~mishaps.jams, is_pick & ~mishaps.jams & ~mishaps.slips
     taken = taken_by(semantics, world, xp.where(is_pick, pick, 0)).astype(np.int8)
     picked = is_pick[:, None] & (taken[:, None] == objects)
     lift = np.array([[thing.edge for thing in task.objects]], np.float32) * np.float32(LIFT)
@@ -55,17 +78,15 @@ def act(semantics: LeafSemantics, world: World, command: Int32[Array, " S"]) -> 
     poses = xp.where(picked[..., None], raised, world.poses)
     if semantics.places:
         carried = held & is_place[:, None]
-        goal = _release_pose(semantics, world, xp.maximum(place, 0))
+        goal = _release_pose(semantics, world, xp.maximum(place, 0), mishaps)
         poses = xp.where(carried[..., None], goal[:, None], poses)
-    opens = (command == 0) | is_place
-    closes = (command == 1) | is_pick
     held_after = xp.where(is_pick, taken, xp.where(opens, np.int8(-1), world.held))
     handled = xp.where(is_pick, taken.astype(np.int32), xp.where(opens, world.held.astype(np.int32), np.int32(-1)))
     after = dataclasses.replace(
         world,
         poses=poses,
         held=held_after.astype(np.int8),
-        gripper_open=(world.gripper_open | opens) & ~closes,
+        gripper_open=(world.gripper_open | (opens if dropped is None else opens & ~dropped)) & ~closes,
     )
     return Released(after, poses, held_after[:, None] != objects, handled.astype(np.int32))
 
@@ -84,9 +105,12 @@ def settled_world(task: Task, released: Released, poses: Float32[Array, "S B 7"]
     return dataclasses.replace(world, reached=world.reached | subgoals_by_sight(task, world))
 
 
-def _release_pose(semantics: LeafSemantics, world: World, place: Int32[Array, " S"]) -> Float32[Array, "S 7"]:
+def _release_pose(
+    semantics: LeafSemantics, world: World, place: Int32[Array, " S"], mishaps: Mishaps | None
+) -> Float32[Array, "S 7"]:
     """Return where the gripper lets go of the held object: the goal, or over what is in the way of lowering it there. It is
-    turned about the vertical, the shorter way, where the place says how it should lie, and otherwise as it was."""
+    turned about the vertical, the shorter way, where the place says how it should lie, and otherwise as it was. What drops
+    on the way is still turned as it was."""
     task = semantics.task
     xp = namespace(world.poses)
     rows = np.arange(world.held.shape[0])
@@ -97,7 +121,12 @@ def _release_pose(semantics: LeafSemantics, world: World, place: Int32[Array, " 
     if semantics.turns:
         wanted = xp.asarray(semantics.place_turn)[place]
         error = turn_error(turn, frame[:, 3:], wanted, xp.asarray(semantics.symmetry)[held])
-        turn = xp.where(xp.isnan(wanted)[:, None], turn, turned_about_vertical(turn, -error))
+        as_it_was = xp.isnan(wanted) if mishaps is None else xp.isnan(wanted) | (mishaps.share < 1)
+        turn = xp.where(as_it_was[:, None], turn, turned_about_vertical(turn, -error))
+    if mishaps is not None:
+        goal = goal + xp.concatenate([mishaps.error[:, :2], xp.zeros_like(goal[:, :1])], axis=1)
+        turn = turned_about_vertical(turn, mishaps.error[:, 2])
+        goal = _dropped(task, world.poses[rows, held], goal, mishaps.share, held)
     half = standing_extents(task, turn, held)
     surfaces = joined(fixed_surfaces(task, world.kits), object_surfaces(task, world.poses))
     usable = xp.concatenate(
@@ -110,3 +139,25 @@ def _release_pose(semantics: LeafSemantics, world: World, place: Int32[Array, " 
     support = support_height(surfaces, goal[:, :2], half[:, :2], usable, outline_of(task, turn, held))
     height = xp.maximum(goal[:, 2], support + half[:, 2])
     return xp.concatenate([goal[:, :2], height[:, None], turn], axis=-1)
+
+
+def _dropped(
+    task: Task,
+    start: Float32[Array, "S 7"],
+    goal: Float32[Array, "S 3"],
+    share: Float32[Array, " S"],
+    held: Int[Array, " S"],
+) -> Float32[Array, "S 3"]:
+    """Return where the way from `start` to `goal` ends: after a `share` below 1, on the table below or the nearest one, as
+    deep as the floor, so that it rests on what is there."""
+    xp = namespace(goal)
+    reach = xp.asarray(np.array([thing.reach for thing in task.objects], np.float32))[held]
+    middles = np.array([table.position[:2] for table in task.tables], np.float32)[None]
+    halves = np.array([table.size[:2] for table in task.tables], np.float32)[None] / 2
+    room = xp.maximum(halves - reach[:, None, None], np.float32(0))
+    point = (start[:, :2] + share[:, None] * (goal[:, :2] - start[:, :2]))[:, None]
+    over = xp.clip(point, middles - room, middles + room)
+    away = xp.sum((over - point) ** 2, axis=-1)
+    nearest = xp.take_along_axis(over, xp.argmin(away, axis=1)[:, None, None], axis=1)[:, 0]
+    landing = xp.concatenate([nearest, xp.full_like(goal[:, :1], task.floor)], axis=1)
+    return xp.where((share < 1)[:, None], landing, goal)

@@ -127,7 +127,7 @@ def _check_faults(task: Task, fail: Fail) -> None:
     if faults is None:
         return
     for name in faults.objects:
-        if name not in task.instances:
+        if name not in task.kinds:
             fail("faults.objects", f"there is no object '{name}'", f"use some of {', '.join(task.kinds)}")
     for first, second in (("slip", "jam"), ("drop", "jam"), ("move", "take")):
         total = getattr(faults, first) + getattr(faults, second)

@@ -1,0 +1,130 @@
+"""How a command may go: each has variants, numbered from 0, of which the first is without faults.
+
+The continuous error of a `place` stands in the table as NUM_ERRORS joint quasi-random draws of x, y and turn. They are the
+first points of Sobol's sequence in three dimensions, unscrambled, in the middles of sixteenths, mapped by the quantile of
+the normal distribution and scaled to a variance of 1 in each dimension.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from statistics import NormalDist
+
+import numpy as np
+from jaxtyping import Float32, Int32
+
+from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.mjx_env.skills import Mishaps
+from bt_jax.mjx_env.world import Array, namespace
+from bt_jax.tasks import Faults, Task
+from bt_jax.tasks.faults import FAULTS
+
+__all__ = ["FRACTIONS", "JAMS", "NUM_ERRORS", "SLIPS", "Variants", "affected", "bit", "num_errors", "unit_errors"]
+
+NUM_ERRORS = 16
+WORKS, JAMS, SLIPS = 0, 1, 2  # variants of every command but `place`, which has its errors, then jams, then drops
+FRACTIONS = (0.2, 0.5, 0.8)  # of the way, after which what is carried may drop
+
+SOBOL = (
+    (0, 8, 12, 4, 6, 14, 10, 2, 3, 11, 15, 7, 5, 13, 9, 1),
+    (0, 8, 4, 12, 6, 14, 2, 10, 5, 13, 1, 9, 3, 11, 7, 15),
+    (0, 8, 4, 12, 10, 2, 14, 6, 15, 7, 11, 3, 5, 13, 1, 9),
+)
+
+
+def bit(fault: str) -> int:
+    """Return the bit that stands for a fault, a key of `tasks.faults.FAULTS`, where episodes count which ones happened."""
+    return 1 << list(FAULTS).index(fault)
+
+
+def affected(task: Task) -> np.ndarray:
+    """Return to which of `Task.kinds` faults happen, bool[kinds]."""
+    chosen = () if task.faults is None else task.faults.objects
+    return np.array([not chosen or kind in chosen for kind in task.kinds], bool)
+
+
+def num_errors(faults: Faults | None) -> int:
+    """Return how many variants of a `place` let go of the object over the goal or near it."""
+    return NUM_ERRORS if faults is not None and (faults.place_spread or faults.turn_spread) else 1
+
+
+@functools.cache
+def unit_errors() -> Float32[np.ndarray, "16 3"]:
+    """Return the quasi-random draws of a normal distribution in three dimensions."""
+    quantiles = [NormalDist().inv_cdf((i + 0.5) / NUM_ERRORS) for i in range(NUM_ERRORS)]
+    points = np.array(quantiles)[np.array(SOBOL).T]
+    return (points / points.std(axis=0)).astype(np.float32)
+
+
+@dataclasses.dataclass(frozen=True)
+class Variants:
+    """The variants of all commands of a vocabulary, side by side in the columns of the transition table: those of the first
+    command, then those of the second, and so on. Without faults, every command has one."""
+
+    semantics: LeafSemantics
+
+    @functools.cached_property
+    def classes(self) -> Int32[np.ndarray, " commands"]:
+        """What decides with which other commands one shares its fate: open_gripper, close_gripper, `pick` of each of
+        `Task.kinds`, then `place` of each of them."""
+        task = self.semantics.task
+        kinds = [task.kinds.index(task.thing(name).part or name) for name in self.semantics.names]
+        picks = [2 + kind for kind in kinds]
+        places = [2 + len(task.kinds) + kinds[name] for name in self.semantics.place_name]
+        return np.array([0, 1, *picks, *places], np.int32)
+
+    @functools.cached_property
+    def counts(self) -> Int32[np.ndarray, " commands"]:
+        """How many variants each command has."""
+        semantics, faults = self.semantics, self.semantics.task.faults
+        if faults is None:
+            return np.ones(len(semantics.commands), np.int32)
+        of_place = num_errors(faults) + 1 + len(FRACTIONS)
+        return np.repeat(np.array([2, 3, of_place], np.int32), [2, semantics.num_picks, len(semantics.places)])
+
+    @functools.cached_property
+    def first(self) -> Int32[np.ndarray, " commands"]:
+        """The column of the first variant of each command."""
+        return (np.cumsum(self.counts) - self.counts).astype(np.int32)
+
+    @functools.cached_property
+    def command(self) -> Int32[np.ndarray, " columns"]:
+        """The command of each column."""
+        return np.repeat(np.arange(len(self.counts), dtype=np.int32), self.counts)
+
+    @functools.cached_property
+    def bits(self) -> Int32[np.ndarray, " columns"]:
+        """The fault that happens in each column, as a bit (see `bit`)."""
+        variant = np.arange(len(self.command)) - self.first[self.command]
+        mishaps = self.mishaps(self.command, variant.astype(np.int32))
+        found = np.where(mishaps.jams, bit("jam"), 0) | np.where(mishaps.slips, bit("slip"), 0)
+        found |= np.where(mishaps.share < 1, bit("drop"), 0)
+        return (found | np.where(mishaps.error.any(axis=1), bit("misplace"), 0)).astype(np.int32)
+
+    def mishaps(
+        self, command: Int32[Array, " S"], variant: Int32[Array, " S"], unit: Float32[Array, "S 3"] | None = None
+    ) -> Mishaps:
+        """Return what goes wrong in a variant of each of S commands. `unit`: draws of a normal distribution instead of the
+        quasi-random ones, where the object is not dropped."""
+        xp, semantics, faults = namespace(command), self.semantics, self.semantics.task.faults or Faults()
+        errors = num_errors(faults)
+        is_place = command >= 2 + semantics.num_picks
+        is_pick = (command >= 2) & ~is_place
+        fall = variant - errors - 1  # index of the fraction
+        drops = is_place & (fall >= 0)
+        arrives = is_place & (variant < errors)
+        fractions = xp.asarray(np.array(FRACTIONS, np.float32))[xp.clip(fall, 0, len(FRACTIONS) - 1)]
+        if unit is None:
+            unit = xp.asarray(unit_errors())[xp.minimum(variant, NUM_ERRORS - 1)]
+        turn_spread = math.radians(faults.turn_spread)
+        spread = np.array([[faults.place_spread, faults.place_spread, turn_spread]], np.float32)
+        strays = np.tile(affected(semantics.task), 2)[np.maximum(self.classes - 2, 0)]
+        missed = arrives & xp.asarray(strays)[command]
+        return Mishaps(
+            slips=is_pick & (variant == SLIPS),
+            jams=xp.where(is_place, variant == errors, variant == JAMS),
+            share=xp.where(drops, fractions, np.float32(1)),
+            error=xp.where(missed[:, None], unit * spread, np.float32(0)),
+        )

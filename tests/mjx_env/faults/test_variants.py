@@ -1,0 +1,118 @@
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.stats import qmc
+
+from bt_jax.behaviors import gene_pool
+from bt_jax.mjx_env.faults.variants import FRACTIONS, NUM_ERRORS, SLIPS, SOBOL, Variants, bit, unit_errors
+from bt_jax.mjx_env.physics.kinematic import Kinematic
+from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.mjx_env.skills import act
+from bt_jax.tasks import Faults, load_task, with_faults
+from bt_jax.tasks.faults import PRESETS
+from tests.helpers.samples import PARTS, random_commands, walk
+
+HARSH = PRESETS["harsh"]
+
+
+@functools.cache
+def harsh(task_name, faults=HARSH):
+    task = with_faults(load_task(task_name), faults)
+    return LeafSemantics(task, gene_pool(task))
+
+
+@functools.cache
+def walked(task_name):
+    semantics = harsh(task_name)
+    return walk(semantics, Kinematic(semantics.task), seed=1, count=10, steps=5)[0]
+
+
+def test_the_errors_are_the_first_points_of_sobol_with_the_moments_of_a_normal_distribution():
+    ours = {tuple(point) for point in np.array(SOBOL).T.tolist()}
+    theirs = qmc.Sobol(3, scramble=False).random(NUM_ERRORS) * NUM_ERRORS
+    assert ours == {tuple(point) for point in theirs.astype(int).tolist()}
+    np.testing.assert_allclose(unit_errors().mean(axis=0), 0, atol=1e-6)
+    np.testing.assert_allclose(unit_errors().std(axis=0), 1, atol=1e-6)
+
+
+@pytest.mark.parametrize("task_name", ["stack3", PARTS])
+def test_without_faults_every_command_is_one_column(task_name):
+    task = load_task(task_name)
+    semantics = LeafSemantics(task, gene_pool(task))
+    count = np.arange(len(semantics.commands))
+    variants = Variants(semantics)
+    np.testing.assert_array_equal(variants.first, count)
+    np.testing.assert_array_equal(variants.command, count)
+    assert not variants.bits.any()
+
+
+@pytest.mark.parametrize("task_name", ["stack3", PARTS])
+def test_columns_stand_for_all_variants_of_all_commands(task_name):
+    semantics = harsh(task_name)
+    variants, picks = Variants(semantics), semantics.num_picks
+    names = {0: set()}
+    for column, command in enumerate(variants.command):
+        names.setdefault(command, set()).add(variants.bits[column])
+    assert names[0] == names[1] == {0, bit("jam")}
+    assert all(names[2 + k] == {0, bit("jam"), bit("slip")} for k in range(picks))
+    places = range(2 + picks, len(semantics.commands))
+    assert all(names[place] == {bit("misplace"), bit("jam"), bit("drop")} for place in places)
+    assert set(variants.counts[2 + picks :]) == {NUM_ERRORS + 1 + len(FRACTIONS)}
+
+
+@pytest.mark.parametrize("task_name", ["stack3", PARTS])
+def test_what_goes_wrong_changes_only_what_it_is_about(task_name):
+    semantics, world = harsh(task_name), walked(task_name)
+    variants, rng = Variants(semantics), np.random.default_rng(0)
+    command = random_commands(semantics, world, rng)
+    variant = rng.integers(variants.counts[command]).astype(np.int32)
+    mishaps = variants.mishaps(command, variant)
+    plain, found = act(semantics, world, command), act(semantics, world, command, mishaps)
+    assert mishaps.jams.any()
+    assert mishaps.slips.any()
+    assert (mishaps.share < 1).any()
+    for name in ("poses", "held", "gripper_open"):
+        np.testing.assert_array_equal(getattr(found.world, name)[mishaps.jams], getattr(world, name)[mishaps.jams])
+    assert (found.world.held[mishaps.slips] == -1).all()
+    assert not found.world.gripper_open[mishaps.slips].any()
+    dropped = mishaps.share < 1
+    assert (found.world.held[dropped] == -1).all()
+    assert not found.world.gripper_open[dropped].any()
+    tops = [(t.position[:2], np.array(t.size[:2]) / 2) for t in semantics.task.tables]
+    for row in np.flatnonzero(dropped):
+        xy = found.poses[row, world.held[row], :2]
+        assert any((np.abs(xy - middle) <= half + 1e-6).all() for middle, half in tops)
+    wrong = np.flatnonzero(mishaps.error.any(axis=1))
+    off = (found.poses - plain.poses)[wrong, world.held[wrong], :2]
+    np.testing.assert_allclose(off, mishaps.error[wrong, :2], atol=1e-6)
+    right = ~mishaps.jams & ~mishaps.slips & ~dropped & ~mishaps.error.any(axis=1)
+    np.testing.assert_array_equal(found.poses[right], plain.poses[right])
+
+
+def test_faults_happen_to_the_objects_that_are_named():
+    semantics = harsh("stack3", Faults(slip=0.1, place_spread=0.01, objects=("GreenBox",)))
+    variants = Variants(semantics)
+    for place, behavior in enumerate(semantics.places):
+        command = np.array([2 + semantics.num_picks + place], np.int32)
+        off = variants.mishaps(command, np.array([3], np.int32)).error.any()
+        assert off == (behavior.object == "GreenBox")
+
+
+def test_jax_does_the_same():
+    semantics, world = harsh("stack3"), walked("stack3")
+    variants, rng = Variants(semantics), np.random.default_rng(0)
+    command = random_commands(semantics, world, rng)
+    variant = rng.integers(variants.counts[command]).astype(np.int32)
+    ours = act(semantics, world, command, variants.mishaps(command, variant))
+
+    @jax.jit
+    def on_device(world, command, variant):
+        return act(semantics, world, command, variants.mishaps(command, variant))
+
+    theirs = on_device(*jax.tree.map(jnp.asarray, (world, command, variant)))
+    for a, b in zip(jax.tree.leaves(ours), jax.tree.leaves(theirs), strict=True):
+        np.testing.assert_allclose(a, b, atol=2e-6)
+    assert SLIPS in variant
