@@ -40,7 +40,7 @@ NODES, MAX_NODES = 8, 16  # of the random trees, and room for them
 LAYOUTS = 10
 SETTLED = (1024, 4096)  # problems that are settled without trees, at most
 NEAR = 0.002  # metres by which the final distances of two engines may differ
-STAGES = ("collision", "constraints", "solver")  # scopes of one step in `mjx_env.physics.mjx`
+STAGES = ("collision", "constraints", "solver")  # scopes of one step in `mjx_env.physics.mjx_model`
 TOP = 8  # lines of a profile
 
 
@@ -200,9 +200,9 @@ def table(job: Job, physics: Physics, way: str) -> None:
 
 def mjx_rollout(job: Job) -> None:
     """Every transition of every episode simulated by MJX, all on the device."""
-    settle = settle_fn(job.semantics.task, implementation=job.implementation)
+    physics = make_physics(job.semantics.task, "mjx", implementation=job.implementation)
     for size in job.fitting():
-        evaluator = RolloutEvaluator(job.semantics, settle, batch=size)
+        evaluator = RolloutEvaluator(job.semantics, physics, batch=size)
         run = functools.partial(evaluator, job.some_trees(size), *job.starts(size))
         seconds, compiling, _ = timed(job, run)
         speed(f"MJX {job.implementation}, rollout", size, seconds, compiling)

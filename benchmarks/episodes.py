@@ -105,10 +105,8 @@ def main(arguments: Arguments) -> None:
         first = perf_counter() - began
         mjx_fitness = table("(c) mjx, transition table", mjx)
         rows[-2]["compile [s]"] = first - rows[-2]["seconds"]
-        from bt_jax.mjx_env.physics.mjx import settle_fn
-
         batch = some[: arguments.rollout]
-        rollout = RolloutEvaluator(semantics, settle_fn(task), batch=len(batch))
+        rollout = RolloutEvaluator(semantics, mjx, batch=len(batch))
         began = perf_counter()
         rollout(trees[batch], layouts)
         first, began = perf_counter() - began, perf_counter()

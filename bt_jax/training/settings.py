@@ -29,8 +29,7 @@ class Settings:
     implementation: Literal["jax", "warp"] = "jax"
     """of mjx; warp is meant for NVIDIA GPUs and was run only once, on a CPU"""
     evaluator: Evaluator = "table"
-    """table: simulate each distinct transition once; rollout: simulate every transition, in one compiled loop (mjx or
-    kinematic)"""
+    """table: simulate each distinct transition once; rollout: simulate every transition of every episode"""
     layouts: int = 1
     """layouts K in which every individual of a run is measured; its fitness is the mean"""
     test_layouts: int = 100

@@ -33,7 +33,7 @@ from bt_jax.training.bar import GenerationBar, is_interactive
 from bt_jax.training.baseline import evolvable
 from bt_jax.training.checkpoint import Checkpoint
 from bt_jax.training.goals import goals_of, measured
-from bt_jax.training.levels import make_level, make_settle
+from bt_jax.training.levels import make_level
 from bt_jax.training.result import EXPLAINED, Failures, Result, Test
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.settings import CONFIRMED, CONFIRMING, UNSEEN, Settings
@@ -73,11 +73,7 @@ class Training:
         table = TableEvaluator(semantics, self.level, batch=batch, memory=int(settings.memory * GB), trace=learns)
         self.table = table.table
         use_table = settings.evaluator == "table"
-        self.evaluator = (
-            table
-            if use_table
-            else RolloutEvaluator(semantics, make_settle(task, self.level, settings), batch=batch, trace=learns)
-        )
+        self.evaluator = table if use_table else RolloutEvaluator(semantics, self.level, batch=batch, trace=learns)
         self.layouts = concatenate(
             [sample_layouts(task, config.seed + run, settings.layouts) for run in range(config.runs)]
         )

@@ -12,6 +12,8 @@ import numpy as np
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, Control, Kind, Tree, check_names, gene_pool
+from bt_jax.encoding.arrays import Trees, encode_all
+from bt_jax.encoding.walk import prefix
 from bt_jax.mjx_env.episodes.pages import Pages
 from bt_jax.mjx_env.episodes.table import TransitionTable
 from bt_jax.mjx_env.physics.kinematic import Kinematic
@@ -19,7 +21,7 @@ from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.skills import Released, act, settled_world
-from bt_jax.mjx_env.world import World, concatenate, take
+from bt_jax.mjx_env.world import World, concatenate, namespace, take
 from bt_jax.tasks import Task, load_task
 from tests.helpers.strategies import ATOMS, SUBTASKS
 
@@ -44,6 +46,16 @@ def random_trees(seed: int, leaves: Sequence[Behavior], count: int, *, most_leav
     """Trees of 1 to `most_leaves` leaves; the first is a single leaf."""
     rng = np.random.default_rng(seed)
     return [leaves[0], *(random_tree(rng, leaves, int(rng.integers(1, most_leaves + 1))) for _ in range(count - 1))]
+
+
+def mixed_trees(semantics: LeafSemantics, seed: int, count: int, num_nodes: int) -> Trees:
+    """Half of them from genes alone, which act; half from all leaves, which often fail."""
+    leaves = semantics.vocabulary.leaves
+    genes = [leaf for leaf in leaves if leaf.name == "move"]
+    found = random_trees(seed, genes, count, most_leaves=6) + random_trees(seed + 1, leaves, count, most_leaves=8)
+    found = [tree for tree in found if len(prefix(tree)) <= num_nodes]
+    rng = np.random.default_rng(seed)
+    return encode_all([found[i] for i in rng.permutation(len(found))[:count]], semantics.vocabulary, num_nodes)
 
 
 @functools.cache
@@ -152,3 +164,15 @@ def assert_same(a, b) -> None:
     """Two pytrees with equal arrays."""
     for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True):
         np.testing.assert_array_equal(x, y)
+
+
+@dataclasses.dataclass(frozen=True)
+class SometimesBroken(Kinematic):
+    """Physics that diverges if an object is let go in the kit; NumPy or JAX."""
+
+    def settle(self, kits, poses, present):
+        xp, settled = namespace(poses), super().settle(kits, poses, present)
+        near = xp.abs(poses[..., :2] - kits[:, :1, :2]).max(axis=-1) < np.float32(0.19)
+        bad = (near & present).any(axis=1)
+        poses = xp.where(bad[:, None, None], np.float32(np.nan), settled.poses)
+        return dataclasses.replace(settled, poses=poses, ok=~bad)

@@ -193,6 +193,13 @@ def test_physics_that_fails_costs_the_individual_and_the_evolution_goes_on(monke
     assert result.fitness > WORST_FITNESS
 
 
+def test_a_run_with_rollouts_in_the_c_engine_is_the_run_with_the_table():
+    config, settings = dataclasses.replace(CONFIG, generations=2), Settings(backend="mujoco", test_layouts=10)
+    by_table = run(config, settings)[1]
+    for ours, theirs in zip(run(config, dataclasses.replace(settings, evaluator="rollout"))[1], by_table, strict=True):
+        assert_same(ours.population, theirs.population)
+
+
 def test_one_broken_layout_is_enough():
     training = Training(TASK, CONFIG, dataclasses.replace(QUICK, layouts=2))
     trees = training.evolution.ask(None)

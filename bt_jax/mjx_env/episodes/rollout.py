@@ -1,6 +1,6 @@
-"""Episodes without a table: tick, skills and settling of a whole batch in one compiled loop.
+"""Episodes without a table: every transition of every episode is simulated.
 
-Every episode is simulated in full, so this is the way for skills with noise and for big batches on a GPU; with
+This is the way where chance is continuous, so that no transition comes twice, and for big batches on a GPU. With
 deterministic skills it gives what the table gives, more slowly.
 """
 
@@ -9,26 +9,17 @@ from __future__ import annotations
 import functools
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import lax
-from jaxtyping import Array, Int32
+from jaxtyping import Int32
 
-from bt_jax._util.compile_cache import kept_jit
 from bt_jax.encoding.arrays import Trees
-from bt_jax.encoding.tick import JumpTable, Status, jump_table, tick_trees
-from bt_jax.mjx_env.episodes.evaluator import (
-    Evaluation,
-    all_layouts,
-    evaluation,
-    in_batches,
-)
+from bt_jax.mjx_env.episodes.evaluator import Evaluation, all_layouts, evaluation, in_batches
 from bt_jax.mjx_env.episodes.fitness import target_misses
-from bt_jax.mjx_env.episodes.rules import Ending, Tally, count_tick, fresh_tally, resolve, used_up
-from bt_jax.mjx_env.outcomes import command_of, subgoals_of
-from bt_jax.mjx_env.physics.protocol import SettleFn
+from bt_jax.mjx_env.episodes.rollout_compiled import rollout
+from bt_jax.mjx_env.episodes.rollout_host import HostRollout
+from bt_jax.mjx_env.episodes.rules import Ending, Tally
+from bt_jax.mjx_env.physics.protocol import CompiledPhysics, Physics
 from bt_jax.mjx_env.semantics import LeafSemantics
-from bt_jax.mjx_env.skills import act, reach, settled_world
 from bt_jax.mjx_env.world import World, take
 
 __all__ = ["RolloutEvaluator"]
@@ -37,14 +28,18 @@ __all__ = ["RolloutEvaluator"]
 class RolloutEvaluator:
     """Evaluate populations by simulating every transition of every episode.
 
-    `settle` is a level as a pure JAX function: `Kinematic(task).settle` or `mjx.settle_fn(task)`. With `trace`, evaluations
-    say what each leaf has returned.
+    Physics that compiled loops can call run in one (see `rollout_compiled`), others in a loop on the host (`HostRollout`).
+    With `trace`, evaluations say what each leaf has returned.
     """
 
-    def __init__(self, semantics: LeafSemantics, settle: SettleFn, *, batch: int, trace: bool = False) -> None:
-        self.semantics, self.batch = semantics, batch
+    def __init__(self, semantics: LeafSemantics, physics: Physics, *, batch: int, trace: bool = False) -> None:
+        self.semantics, self.batch, self.trace = semantics, batch, trace
         self.num_broken = 0  # episodes whose simulation diverged
-        self._rollout = functools.partial(_rollout, semantics, settle, trace)
+        self._rollout = (
+            functools.partial(_compiled, semantics, physics, trace)
+            if isinstance(physics, CompiledPhysics)
+            else HostRollout(semantics, physics, trace=trace)
+        )
 
     def __call__(self, trees: Trees, layouts: World, which: Int32[np.ndarray, "P K"] | None = None) -> Evaluation:
         """Run P trees [P, N] in K layouts each: rows `which` of the layouts (NumPy), or all of them."""
@@ -54,9 +49,8 @@ class RolloutEvaluator:
         return result
 
     def _run(self, layouts: World, trees: Trees, starts: Int32[np.ndarray, "P K"]) -> Evaluation:
-        tree = jnp.repeat(jnp.arange(starts.shape[0]), starts.shape[1])
-        start = jax.tree.map(jnp.asarray, take(layouts, starts.reshape(-1)))
-        world, tally = jax.device_get(self._rollout(trees, tree, start))
+        tree = np.repeat(np.arange(starts.shape[0], dtype=np.int32), starts.shape[1])
+        world, tally = self._rollout(trees, tree, take(layouts, starts.reshape(-1)))
         return evaluation(
             self.semantics.task,
             trees,
@@ -67,37 +61,13 @@ class RolloutEvaluator:
         )
 
 
-@kept_jit(static_argnames=("semantics", "settle", "trace"))
-def _rollout(
-    semantics: LeafSemantics, settle: SettleFn, trace: bool, trees: Trees, tree: Int32[Array, " E"], world: World
+def _compiled(
+    semantics: LeafSemantics,
+    physics: CompiledPhysics,
+    trace: bool,
+    trees: Trees,
+    tree: Int32[np.ndarray, " E"],
+    start: World,
 ) -> tuple[World, Tally]:
-    task = semantics.task
-    jumps: JumpTable = jump_table(trees)
-    rows = jnp.arange(tree.shape[0])
-
-    def one_tick(carry):
-        world, tally = carry
-        outcomes, exhausted = semantics.outcomes(world), used_up(tally, task.episode)
-
-        def look_up(token):
-            return resolve(outcomes[0][rows, token], outcomes[1][rows, token], exhausted)
-
-        ticked = tick_trees(jumps, look_up, tree=tree, trace=trace)
-        command, going = command_of(ticked.noted), tally.ending == Ending.OPEN
-        running = going & (ticked.status == Status.RUNNING)
-        world = reach(world, jnp.where(going, subgoals_of(ticked.noted), 0))
-        # Episodes that do nothing in this tick close an already closed gripper, or open an empty one: no motion.
-        idle = jnp.where(world.gripper_open, 0, 1)
-        released = act(semantics, world, jnp.where(running, command, idle))
-        moved = (released.box >= 0)[:, None] & released.present
-        settled = settle(released.world.kits, released.poses, moved)
-        after = settled_world(task, released, settled.poses)
-        broken = running & ~settled.ok
-        acts = running & settled.ok
-        world = jax.tree.map(
-            lambda new, old: jnp.where(acts.reshape((-1,) + (1,) * (new.ndim - 1)), new, old), after, world
-        )
-        return world, count_tick(tally, ticked.status, command, broken, task.episode, ticked.trace)
-
-    start = (world, fresh_tally(tree.shape[0], trace_nodes=trees.num_nodes if trace else None))
-    return lax.while_loop(lambda carry: jnp.any(carry[1].ending == Ending.OPEN), one_tick, start)
+    """Return states (NumPy) and tally at the ends of E episodes: trees `tree` from states `start`."""
+    return jax.device_get(rollout(semantics, physics.stepper, trace, trees, tree, start))

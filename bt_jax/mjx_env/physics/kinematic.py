@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Float32
 
-from bt_jax.mjx_env.physics.protocol import Settled
+from bt_jax.mjx_env.physics.protocol import AtOnce, Settled
 from bt_jax.mjx_env.surfaces import (
     Outlines,
     Surfaces,
@@ -35,6 +35,11 @@ class Kinematic:
     task: Task
     name: str = "kinematic"
     description: str = "no dynamics, objects drop to their support and topple if they have none"
+
+    @property
+    def stepper(self) -> AtOnce:
+        """See `CompiledPhysics.stepper`."""
+        return AtOnce(self.settle)
 
     def settle(
         self, kits: Float32[Array, "S T 3"], poses: Float32[Array, "S B 7"], present: Bool[Array, "S B"]

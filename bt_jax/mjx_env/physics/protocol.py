@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import jax
+import jax.numpy as jnp
 from jaxtyping import Bool, Float32, Int32
 
 from bt_jax.mjx_env.world import Array
 
-__all__ = ["QUIET_STEPS", "Physics", "SettleFn", "Settled"]
+__all__ = ["QUIET_STEPS", "AtOnce", "CompiledPhysics", "Physics", "SettleFn", "Settled", "Stepper"]
 
 QUIET_STEPS = 4
 
@@ -64,3 +65,68 @@ class Physics(Protocol):
         depends on nothing but the problem.
         """
         ...
+
+
+@runtime_checkable
+class Stepper(Protocol):
+    """A backend as pure functions of JAX arrays, for compiled loops: W problems are stepped together, and each is over when
+    it rests, whatever the others do. A motion is a pytree whose leaves have W rows."""
+
+    @property
+    def lanes(self) -> int | None:
+        """How many problems are best stepped together; None where any number is."""
+        ...
+
+    def begin(
+        self, kits: Float32[jax.Array, "W T 3"], poses: Float32[jax.Array, "W B 7"], present: Bool[jax.Array, "W B"]
+    ) -> Any:
+        """Return motions that begin as those of `Physics.settle` do; they rest at once where nothing is present."""
+        ...
+
+    def step(self, motion: Any) -> Any:
+        """Return the motions one physics step later; what those do that rest means nothing."""
+        ...
+
+    def rests(self, motion: Any) -> Bool[jax.Array, " W"]:
+        """Return which motions are over; one whose numbers are all 0 is."""
+        ...
+
+    def settled(self, motion: Any) -> Settled:
+        """Return where the motions have come to."""
+        ...
+
+
+@runtime_checkable
+class CompiledPhysics(Physics, Protocol):
+    """A backend that compiled loops can call."""
+
+    @property
+    def stepper(self) -> Stepper:
+        """The same physics, step by step. Equal ones must compile to the same code."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class AtOnce:
+    """`Stepper` of a backend whose problems are solved in one go."""
+
+    settle: SettleFn
+    lanes: int | None = None
+
+    def begin(
+        self, kits: Float32[jax.Array, "W T 3"], poses: Float32[jax.Array, "W B 7"], present: Bool[jax.Array, "W B"]
+    ) -> Settled:
+        """See `Stepper.begin`."""
+        return self.settle(kits, poses, present)
+
+    def step(self, motion: Settled) -> Settled:
+        """See `Stepper.step`."""
+        return motion
+
+    def rests(self, motion: Settled) -> Bool[jax.Array, " W"]:
+        """See `Stepper.rests`."""
+        return jnp.ones(motion.ok.shape, bool)
+
+    def settled(self, motion: Settled) -> Settled:
+        """See `Stepper.settled`."""
+        return motion

@@ -67,10 +67,10 @@ class Settler:
 
     def settle(self, released: Released) -> tuple[Float32[np.ndarray, "S B 7"], Bool[np.ndarray, " S"]]:
         """Return the poses of all boxes at rest (metres, world; quaternion wxyz), and False where the simulation
-        diverged."""
-        poses, ok = released.poses.copy(), np.ones(len(released.box), bool)
+        diverged, or was to begin with a pose that is not finite."""
+        poses, ok = released.poses.copy(), np.isfinite(released.poses).all(axis=(1, 2))
         near = self._neighbours(released)
-        rows = np.flatnonzero(near.any(axis=1))
+        rows = np.flatnonzero(near.any(axis=1) & ok)
         self.asked += len(rows)
         if rows.size:
             start, kits, present = released.poses[rows], released.world.kits[rows], released.present[rows]

@@ -9,7 +9,6 @@ import pytest
 
 from bt_jax.behaviors import FIRST_LEAF, Behavior, Control
 from bt_jax.encoding.arrays import encode_all
-from bt_jax.encoding.walk import prefix
 from bt_jax.mjx_env.episodes.codes import NOT_COMPUTED
 from bt_jax.mjx_env.episodes.evaluator import MANY, TableEvaluator
 from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS
@@ -22,19 +21,9 @@ from bt_jax.mjx_env.physics.mujoco import MujocoPhysics
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.world import take
 from bt_jax.tasks import load_task
-from tests.helpers.samples import PARTS, assert_same, followed, random_trees, semantics_of
+from tests.helpers.samples import PARTS, SometimesBroken, assert_same, followed, mixed_trees, semantics_of
 
 NODES, BATCH, LAYOUTS = 32, 100, 3
-
-
-def trees_for(semantics, seed, count):
-    """Half of them from genes alone, which act; half from all leaves, which often fail."""
-    leaves = semantics.vocabulary.leaves
-    genes = [leaf for leaf in leaves if leaf.name == "move"]
-    found = random_trees(seed, genes, count, most_leaves=6) + random_trees(seed + 1, leaves, count, most_leaves=8)
-    found = [tree for tree in found if len(prefix(tree)) <= NODES]
-    rng = np.random.default_rng(seed)
-    return encode_all([found[i] for i in rng.permutation(len(found))[:count]], semantics.vocabulary, NODES)
 
 
 @functools.cache
@@ -45,9 +34,9 @@ def table_evaluator(task_name, subgoal_reward=None):
 
 def both_agree(task_name, count, layouts, subgoal_reward=None):
     semantics = semantics_of(task_name, subgoal_reward=subgoal_reward)
-    trees, starts = trees_for(semantics, 10, count), sample_layouts(semantics.task, 5, layouts)
+    trees, starts = mixed_trees(semantics, 10, count, NODES), sample_layouts(semantics.task, 5, layouts)
     by_table = table_evaluator(task_name, subgoal_reward)(trees, starts)
-    by_rollout = RolloutEvaluator(semantics, Kinematic(semantics.task).settle, batch=BATCH)(trees, starts)
+    by_rollout = RolloutEvaluator(semantics, Kinematic(semantics.task), batch=BATCH)(trees, starts)
     assert_same(by_table, by_rollout)
     assert by_table.values.shape == (count, layouts)
     assert set(by_table.ending.ravel()) == {Ending.SUCCESS, Ending.FAILURE, Ending.TIMEOUT}
@@ -65,9 +54,9 @@ def test_the_table_and_the_rollout_agree(task_name):
 def test_the_table_and_the_rollout_agree_on_parts_and_turns(task_name):
     """But for the last digit of sines and cosines, which may decide to which side something falls."""
     semantics = semantics_of(task_name)
-    trees, starts = trees_for(semantics, 10, BATCH), sample_layouts(semantics.task, 5, 2)
+    trees, starts = mixed_trees(semantics, 10, BATCH, NODES), sample_layouts(semantics.task, 5, 2)
     by_table = table_evaluator(task_name)(trees, starts)
-    by_rollout = RolloutEvaluator(semantics, Kinematic(semantics.task).settle, batch=BATCH)(trees, starts)
+    by_rollout = RolloutEvaluator(semantics, Kinematic(semantics.task), batch=BATCH)(trees, starts)
     same = (by_table.ending == by_rollout.ending) & (by_table.misses.met == by_rollout.misses.met).all(axis=-1)
     assert np.mean(same & (np.abs(by_table.values - by_rollout.values) < 1)) > 0.99
     assert by_table.misses.met.any(axis=(0, 1)).sum() >= len(semantics.task.targets) / 2
@@ -89,7 +78,7 @@ def test_the_table_and_the_rollout_agree_on_many_trees(task_name):
 def test_the_order_in_which_trees_are_met_does_not_matter():
     semantics = semantics_of("stack3")
     evaluator = table_evaluator("stack3")
-    trees, starts = trees_for(semantics, 20, BATCH), sample_layouts(semantics.task, 6, LAYOUTS)
+    trees, starts = mixed_trees(semantics, 20, BATCH, NODES), sample_layouts(semantics.task, 6, LAYOUTS)
     forward = evaluator(trees, starts)
     fresh = TableEvaluator(semantics, Kinematic(semantics.task), batch=BATCH)
     order = np.random.default_rng(0).permutation(BATCH)
@@ -101,7 +90,7 @@ def test_the_order_in_which_trees_are_met_does_not_matter():
 
 def test_those_that_wait_go_on_by_themselves():
     semantics = semantics_of("stack3")
-    trees, layouts = trees_for(semantics, 30, 2 * MANY), sample_layouts(semantics.task, 8, 1)
+    trees, layouts = mixed_trees(semantics, 30, 2 * MANY, NODES), sample_layouts(semantics.task, 8, 1)
     together, apart = (
         TableEvaluator(semantics, Kinematic(semantics.task), batch=batch)(trees, layouts)
         for batch in (2 * MANY, MANY // 2)
@@ -111,16 +100,16 @@ def test_those_that_wait_go_on_by_themselves():
 
 def test_physics_gives_the_same_whatever_was_asked_before():
     semantics = semantics_of("stack3")
-    trees, starts = trees_for(semantics, 30, BATCH), sample_layouts(semantics.task, 7, 1)
+    trees, starts = mixed_trees(semantics, 30, BATCH, NODES), sample_layouts(semantics.task, 7, 1)
     one, other = (TableEvaluator(semantics, MujocoPhysics(semantics.task), batch=BATCH) for _ in range(2))
-    other(trees_for(semantics, 40, BATCH), starts)
+    other(mixed_trees(semantics, 40, BATCH, NODES), starts)
     assert_same(one(trees, starts), other(trees, starts))
 
 
 def test_rows_of_layouts_can_be_chosen():
     semantics = semantics_of("stack3")
     evaluator = table_evaluator("stack3")
-    trees, starts = trees_for(semantics, 20, BATCH), sample_layouts(semantics.task, 6, LAYOUTS)
+    trees, starts = mixed_trees(semantics, 20, BATCH, NODES), sample_layouts(semantics.task, 6, LAYOUTS)
     whole = evaluator(trees, starts)
     which = np.random.default_rng(1).integers(0, LAYOUTS, (BATCH, LAYOUTS)).astype(np.int32)
     chosen = evaluator(trees, starts, which)
@@ -187,7 +176,7 @@ def test_the_table_grows():
 def test_a_full_table_begins_again_with_the_same_results(task_name, count, memory):
     """With 1 byte there is room for one episode only."""
     semantics, layouts = semantics_of(task_name), sample_layouts(load_task(task_name), 12, LAYOUTS)
-    trees = trees_for(semantics, 50, count)
+    trees = mixed_trees(semantics, 50, count, NODES)
     make = functools.partial(TableEvaluator, semantics, Kinematic(semantics.task), batch=BATCH, trace=True)
     expected, small = make()(trees, layouts), make(memory=memory)
     for _ in range(2):
@@ -199,7 +188,7 @@ def test_a_full_table_begins_again_with_the_same_results(task_name, count, memor
 @pytest.mark.parametrize(("task_name", "memory"), [("stack3", MEMORY), ("restack", 1)])
 def test_leaves_that_no_tree_uses_are_not_computed(task_name, memory, monkeypatch):
     semantics, layouts = semantics_of(task_name), sample_layouts(load_task(task_name), 14, LAYOUTS)
-    trees = trees_for(semantics, 60, 30)
+    trees = mixed_trees(semantics, 60, 30, NODES)
     make = functools.partial(TableEvaluator, semantics, Kinematic(semantics.task), batch=10, trace=True)
     expected = make()(trees, layouts)
     monkeypatch.setattr("bt_jax.mjx_env.episodes.table.FEW_TOKENS", 0)
@@ -245,18 +234,6 @@ def test_the_table_stays_within_its_memory():
     assert memory / 4 < most < 3 / 4 * memory
     np.testing.assert_array_equal(table.ids(starts), np.arange(500))
     np.testing.assert_array_equal(followed(table, np.arange(500, dtype=np.int32), np.full(500, 2, np.int32)), UNKNOWN)
-
-
-@dataclasses.dataclass(frozen=True)
-class SometimesBroken(Kinematic):
-    """Physics that diverges if a box is let go in the kit."""
-
-    def settle(self, kits, poses, present):
-        settled = super().settle(kits, poses, present)
-        bad = (np.abs(poses[..., :2] - kits[:, :1, :2]).max(axis=-1) < 0.19).any(axis=1)
-        return dataclasses.replace(
-            settled, poses=np.where(bad[:, None, None], np.float32(np.nan), settled.poses), ok=~bad
-        )
 
 
 def test_a_simulation_that_diverges_costs_one_individual_and_no_more():

@@ -77,4 +77,4 @@ def test_a_trace_changes_nothing_else_and_the_rollout_gives_the_same(trees, layo
     plain = TableEvaluator(SEMANTICS, kinematic, batch=COUNT)(trees, layouts)
     assert plain.trace is None
     assert_same(dataclasses.replace(evaluated, trace=None), plain)
-    assert_same(evaluated, RolloutEvaluator(SEMANTICS, kinematic.settle, batch=COUNT, trace=True)(trees, layouts))
+    assert_same(evaluated, RolloutEvaluator(SEMANTICS, kinematic, batch=COUNT, trace=True)(trees, layouts))

@@ -33,7 +33,7 @@ def data():
 
 @pytest.mark.parametrize(("name", "shape"), [("efc_J", (ROWS, DOFS)), ("efc_D", (ROWS,)), ("efc_aref", (ROWS,))])
 def test_constraints_lie_in_impl(data, name, shape):
-    assert hasattr(data._impl, name), f"MJX keeps {name} elsewhere: see `_advance` in physics/mjx.py"
+    assert hasattr(data._impl, name), f"MJX keeps {name} elsewhere: see `_advance` in physics/mjx_model.py"
     assert getattr(data._impl, name).shape == shape, f"{name} has another layout: see `solve` in physics/newton.py"
 
 

@@ -1,0 +1,134 @@
+"""Rollouts in one compiled loop.
+
+Every lane holds an episode. Physics steps all lanes together until enough of them rest; these finish their tick and begin
+the next one, while the others go on settling from where they are. A lane whose episode has ended takes the next episode. So
+a lane waits neither for the longest settling of a tick nor for the longest episode of the batch.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Bool, Int8, Int32, UInt8
+
+from bt_jax._util.compile_cache import kept_jit
+from bt_jax.encoding.arrays import Trees
+from bt_jax.encoding.tick import JumpTable, Status, jump_table, tick_trees
+from bt_jax.mjx_env.episodes.rules import Ending, Tally, count_tick, fresh_tally, resolve, select, used_up
+from bt_jax.mjx_env.outcomes import command_of, subgoals_of
+from bt_jax.mjx_env.physics.protocol import Stepper
+from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.mjx_env.skills import Released, act, reach, settled_world
+from bt_jax.mjx_env.world import Array, World
+
+__all__ = ["rollout"]
+
+SHARE = 8  # lanes go on to their next tick once at least one in so many of them waits for it
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _Lanes:
+    """W episodes, each in the middle of a tick: the tree has been ticked, and what it has moved is settling."""
+
+    episode: Int32[Array, " W"]  # the number of episodes where none is left
+    world: World  # before anything has moved
+    tally: Tally  # of the ticks before
+    status: Int8[Array, " W"]  # that the tree has returned
+    command: Int32[Array, " W"]  # that runs where that is RUNNING
+    trace: UInt8[Array, "W N"] | None
+    released: Released
+    motion: Any
+
+
+@kept_jit(static_argnames=("semantics", "stepper", "trace"))
+def rollout(
+    semantics: LeafSemantics, stepper: Stepper, trace: bool, trees: Trees, tree: Int32[Array, " E"], start: World
+) -> tuple[World, Tally]:
+    """Return states and tally at the ends of E episodes: trees `tree` from states `start`."""
+    jumps, episodes = jump_table(trees), tree.shape[0]
+    width = min(stepper.lanes or episodes, episodes)
+    fresh = jax.tree.map(jnp.asarray, fresh_tally(width, trace_nodes=trees.num_nodes if trace else None))
+
+    def begun(episode: Int32[Array, " W"]) -> World:
+        return jax.tree.map(lambda leaf: leaf[jnp.minimum(episode, episodes - 1)], start)
+
+    def ticked(episode: Int32[Array, " W"], world: World, tally: Tally) -> _Lanes:
+        return _ticked(semantics, stepper, jumps, tree[jnp.minimum(episode, episodes - 1)], episode, world, tally)
+
+    def body(carry: tuple[_Lanes, Array, tuple[World, Tally]]) -> tuple[_Lanes, Array, tuple[World, Tally]]:
+        lanes, taken, ends = carry
+        motion = _settle_some(stepper, lanes.motion, lanes.episode < episodes)
+        rests, lanes = stepper.rests(motion), dataclasses.replace(lanes, motion=motion)
+        world, tally = _finished(semantics, stepper, lanes)
+        ended = rests & ((tally.ending != Ending.OPEN) | (lanes.episode >= episodes))
+        where = jnp.where(ended, lanes.episode, episodes)  # out of range: dropped
+        ends = jax.tree.map(lambda every, new: every.at[where].set(new, mode="drop"), ends, (world, tally))
+        order = jnp.cumsum(ended.astype(jnp.int32)) - 1
+        episode = jnp.where(ended, jnp.minimum(taken + order, episodes), lanes.episode)
+        following = ticked(episode, _where(ended, begun(episode), world), select(ended, fresh, tally))
+        taken = jnp.minimum(taken + ended.sum(dtype=jnp.int32), episodes)
+        return _where(rests, following, lanes), taken, ends
+
+    # Lanes begin as if their episodes had just ended: all zeros is a motion at rest.
+    nobody = jnp.full(width, episodes, jnp.int32)
+    lanes = dataclasses.replace(jax.tree.map(jnp.zeros_like, ticked(nobody, begun(nobody), fresh)), episode=nobody)
+    tallies = jax.tree.map(lambda leaf: jnp.zeros((episodes, *leaf.shape[1:]), leaf.dtype), fresh)
+    carry = (lanes, jnp.int32(0), (start, tallies))
+    return lax.while_loop(lambda carry: (carry[1] == 0) | jnp.any(carry[0].episode < episodes), body, carry)[2]
+
+
+def _settle_some(stepper: Stepper, motion: Any, live: Bool[Array, " W"]) -> Any:
+    """Return the motions once enough of the `live` ones rest."""
+
+    def too_few(motion: Any) -> Bool[Array, ""]:
+        waits = live & stepper.rests(motion)
+        return SHARE * waits.sum() < live.sum()
+
+    return lax.while_loop(too_few, stepper.step, motion)
+
+
+def _ticked(
+    semantics: LeafSemantics,
+    stepper: Stepper,
+    jumps: JumpTable,
+    tree: Int32[Array, " W"],
+    episode: Int32[Array, " W"],
+    world: World,
+    tally: Tally,
+) -> _Lanes:
+    """Tick every tree in its state, carry out the command that runs, and let go."""
+    outcomes, exhausted = semantics.outcomes(world), used_up(tally, semantics.task.episode)
+    rows = jnp.arange(tree.shape[0])
+
+    def look_up(token: Int32[Array, " W"]) -> Int32[Array, " W"]:
+        return resolve(outcomes[0][rows, token], outcomes[1][rows, token], exhausted)
+
+    ticked = tick_trees(jumps, look_up, tree=tree, trace=tally.trace is not None)
+    command = command_of(ticked.noted)
+    world = reach(world, subgoals_of(ticked.noted))
+    # Episodes that do nothing in this tick close an already closed gripper, or open an empty one: no motion.
+    idle = jnp.where(world.gripper_open, 0, 1)
+    released = act(semantics, world, jnp.where(ticked.status == Status.RUNNING, command, idle))
+    moved = (released.box >= 0)[:, None] & released.present
+    motion = stepper.begin(released.world.kits, released.poses, moved)
+    return _Lanes(episode, world, tally, ticked.status, command, ticked.trace, released, motion)
+
+
+def _finished(semantics: LeafSemantics, stepper: Stepper, lanes: _Lanes) -> tuple[World, Tally]:
+    """Return states and tally after the ticks of all lanes; of those that still settle they mean nothing."""
+    settled = stepper.settled(lanes.motion)
+    sane = settled.ok & jnp.isfinite(settled.poses).all(axis=(1, 2))
+    running = lanes.status == Status.RUNNING
+    world = _where(running & sane, settled_world(semantics.task, lanes.released, settled.poses), lanes.world)
+    rules = semantics.task.episode
+    return world, count_tick(lanes.tally, lanes.status, lanes.command, running & ~sane, rules, lanes.trace)
+
+
+def _where(condition: Bool[Array, " W"], yes: Any, no: Any) -> Any:
+    """Return a pytree with the rows of one where a condition holds, and those of the other elsewhere."""
+    return jax.tree.map(lambda a, b: jnp.where(condition.reshape(-1, *[1] * (a.ndim - 1)), a, b), yes, no)
