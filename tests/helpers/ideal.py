@@ -98,7 +98,7 @@ class IdealSkills:
     def __init__(self, semantics: LeafSemantics, settler: Settler, world: World, *, polls: int = 3) -> None:
         self.semantics, self.settler, self.world = semantics, settler, world
         self.polls, self.left = polls, 0
-        self.committed, self.reason = False, ""
+        self.committed, self.reason, self.fault = False, "", ""
         self.action: Behavior | None = None
         self.started: list[Behavior] = []
         self.cancelled: list[Behavior | None] = []

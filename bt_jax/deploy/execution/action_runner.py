@@ -25,6 +25,7 @@ class Skills(Protocol):
     """How actions are carried out; one at a time, never waiting."""
 
     reason: str  # why the last attempt failed
+    fault: str  # the name in `tasks.faults.FAULTS` of what went wrong with it, "" for anything else
 
     @property
     def committed(self) -> bool:
@@ -74,8 +75,8 @@ class ActionRunner:
         if status == Status.RUNNING:
             self.cancel(now, f"took longer than {limit:g} s")
         elif self.action is not None:
-            reason = self.skills.reason if status == Status.FAILURE else ""
-            self._end(status.name, reason)
+            failed = status == Status.FAILURE
+            self._end(status.name, self.skills.reason if failed else "", self.skills.fault if failed else "")
             self.rest_at = now + self.limits.settle
         else:
             if status == Status.FAILURE:
@@ -139,12 +140,13 @@ class ActionRunner:
                 return f"{action} was broken off {count} times: {self.reasons[action]}"
         return ""
 
-    def _end(self, event: str, reason: str) -> None:
+    def _end(self, event: str, reason: str, fault: str = "") -> None:
         """End the attempt; it counts as failed until the tree finds its action done."""
         assert self.action is not None
         if reason:
             self.reasons[self.action] = reason
         counts = self.broken_off if event == "CANCELLED" else self.failures
         counts[self.action] = counts.get(self.action, 0) + 1
-        self.log.write("action", time=self.link.now(), action=str(self.action), event=event, reason=reason)
+        name, now = str(self.action), self.link.now()
+        self.log.write("action", time=now, action=name, event=event, reason=reason, fault=fault)
         self.action = None

@@ -94,8 +94,7 @@ class Handling:
         self.committed = True
         tcp = self.moves.robot.forward(arm, self.moves.link.arm(arm).commanded)
         carried = Carried(arm, box, carried_pose(tcp, pose, self.task.thing(box)))
-        size = self.moves.width(carried)
-        self.moves.link.grip(arm, size - self.moves.grasp.overclose, self.moves.grasp.force)
+        self.moves.grip(carried)
         self.moves.carried[arm] = carried
         yield from self.moves.fingers(arm)
         failure = self.moves.closed_on(arm, carried)
@@ -105,11 +104,11 @@ class Handling:
             del self.moves.carried[arm]
             yield from self.moves.fingers(arm)
             yield from self.moves.straight(arm, reach.line[::-1])
-            raise Failed(failure)
+            raise failure
         yield from self.moves.straight(arm, reach.line[::-1])
-        if not self.moves.holds(arm, size):
+        if not self.moves.holds(arm, self.moves.width(carried)):
             self._avoid[box] = arm
-            raise Failed(f"{box} slipped out of the {arm} fingers")
+            raise Failed(f"{box} slipped out of the {arm} fingers", "slip")
         self._avoid.pop(box, None)
         return False
 
@@ -150,13 +149,27 @@ class Handling:
         if moved:
             return True
         self.committed = True
-        self.moves.release(carried)
-        del self.moves.carried[arm]
-        self.moves.known[carried.box] = self.moves.robot.forward(arm, self.moves.link.arm(arm).commanded) * carried.pose
-        yield from self.moves.fingers(arm, at_least=self.moves.around(arm, self.moves.width(carried)))
+        jammed = yield from self._let_go(arm)
         yield from self.moves.straight(arm, reach.line[::-1])
         self.committed = False
+        if jammed is not None:
+            raise jammed
         return False
+
+    def _let_go(self, arm: str) -> Generator[None, None, Failed | None]:
+        """Open the fingers around what an arm holds. Return what went wrong where they do not open, told to hold it again:
+        the arm then takes it along, and knows that it does."""
+        carried = self.moves.carried[arm]
+        self.moves.release(carried)
+        try:
+            yield from self.moves.fingers(arm, at_least=self.moves.around(arm, self.moves.width(carried)))
+        except Failed as jammed:
+            self.moves.grip(carried)
+            yield from self.moves.fingers(arm)
+            return jammed
+        del self.moves.carried[arm]
+        self.moves.known[carried.box] = self.moves.robot.forward(arm, self.moves.link.arm(arm).commanded) * carried.pose
+        return None
 
     def _hand_over(self, box: str, arm: str, goal: Goal) -> Routine:
         """Set the box down where an arm that reaches its place can pick it, for the tree to have it picked again."""

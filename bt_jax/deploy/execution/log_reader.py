@@ -75,6 +75,7 @@ class _Action(TypedDict):
     action: str
     event: str
     reason: str
+    fault: NotRequired[str]  # of the end of an attempt
 
 
 class _Motion(TypedDict):

@@ -39,7 +39,12 @@ NOWHERE: Poses = MappingProxyType({})
 
 
 class Failed(Exception):
-    """The attempt is over; the message says why."""
+    """The attempt is over; the message says why. `fault` is the name in `tasks.faults.FAULTS` of what went wrong, "" for
+    anything else."""
+
+    def __init__(self, message: str, fault: str = "") -> None:
+        super().__init__(message)
+        self.fault = fault
 
 
 class Movements:
@@ -140,7 +145,7 @@ class Movements:
         while (state := self.link.arm(arm)).moving or state.motion != motion:
             lost = "" if held is None else self._lost(arm, held)
             if lost:
-                raise Failed(lost)
+                raise Failed(lost, "drop")
             if self._shifted(watch, aim):
                 self.link.halt(arm)
                 while self.link.arm(arm).moving:
@@ -184,7 +189,7 @@ class Movements:
             if at_least is not None and opening >= at_least:
                 return
             if not now - began <= self.grasp.patience:
-                raise Failed(f"the {arm} fingers do not move as they should; calibrate the gripper")
+                raise Failed(f"the {arm} fingers do not move as they should; calibrate the gripper", "jam")
 
     def found(self, name: str) -> Routine:
         """Wait until something is seen, with the arms out of the camera's way if it is not.
@@ -209,6 +214,10 @@ class Movements:
         """Return how far apart the fingers are that hold an object as it is carried, m."""
         return grip_width(self.things[carried.box], carried.pose)
 
+    def grip(self, carried: Carried) -> None:
+        """Begin to close the fingers around an object."""
+        self.link.grip(carried.arm, self.width(carried) - self.grasp.overclose, self.grasp.force)
+
     def release(self, carried: Carried) -> None:
         """Begin to open the fingers that hold an object, no wider than its neighbours allow."""
         opening = self.robot.arm(carried.arm).gripper.opening
@@ -219,18 +228,20 @@ class Movements:
         """Return how far apart fingers must be to pass over something of this width, m."""
         return min(width + self.grasp.fit, self.robot.arm(arm).gripper.opening - self.grasp.nothing)
 
-    def closed_on(self, arm: str, carried: Carried) -> str:
-        """Return what fingers that rest have closed on, in words, if it is not what they were to grasp; else ""."""
+    def closed_on(self, arm: str, carried: Carried) -> Failed | None:
+        """Return what fingers that rest have closed on if it is not what they were to grasp; else None."""
         state, box = self.link.arm(arm), carried.box
         if self.holds(arm, self.width(carried)):
-            return ""
+            return None
         ends = (0.0, state.grip_target)  # some grippers close as far as they can
         if any(abs(state.opening - end) <= self.grasp.nothing for end in ends):
-            return f"the {arm} fingers closed on nothing"
+            return Failed(f"the {arm} fingers closed on nothing", "slip")
         wide = f"{1000 * state.opening:.0f} mm"
         if state.opening >= self.robot.arm(arm).gripper.opening - self.grasp.nothing:
-            return f"the {arm} fingers did not close: they are still {wide} apart; look at the gripper"
-        return f"the {arm} fingers closed on something {wide} wide that is not {box}: something unknown is there"
+            return Failed(f"the {arm} fingers did not close: they are still {wide} apart; look at the gripper", "jam")
+        return Failed(
+            f"the {arm} fingers closed on something {wide} wide that is not {box}: something unknown is there"
+        )
 
     def forget_lost(self) -> None:
         """Keep, of what was grasped, what is held or still between the fingers by their readings."""

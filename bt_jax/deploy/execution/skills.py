@@ -39,7 +39,7 @@ class RobotSkills:
         motion: MotionSettings | None = None,
         background: PlanningProcess | None = None,
     ) -> None:
-        self.link, self.reason = link, ""
+        self.link, self.reason, self.fault = link, "", ""
         self._moves = Movements(
             robot,
             task,
@@ -114,7 +114,7 @@ class RobotSkills:
             self._end()
             return Status.SUCCESS
         except (Failed, Unplannable, Rejected) as failed:
-            self.reason = str(failed)
+            self.reason, self.fault = str(failed), failed.fault if isinstance(failed, Failed) else ""
             self._halt()
             return Status.FAILURE
 
@@ -131,7 +131,7 @@ class RobotSkills:
         return any(planner.can_reach(arm, tcp) for arm in self.link.arms for tcp in planner.grasps(arm, name, pose))
 
     def _begin(self, routine: Routine) -> None:
-        self.reason, self._handling.committed, self._routine = "", False, routine
+        self.reason, self.fault, self._handling.committed, self._routine = "", "", False, routine
 
     def _end(self) -> None:
         self._routine, self._handling.committed = None, False

@@ -320,3 +320,38 @@ def test_arms_that_a_stop_left_with_a_box_come_home_without_it_or_with_it(link, 
         assert all(np.abs(link.joints[each] - YUMI.home[each]).max() < 0.06 for each in YUMI.arm_names)
         assert keep or link.boxes[box].translation[2] == height, "it was let go of where it was"
         assert min(heights) > heights[0] - 0.005, "first up, then home"
+
+
+def test_fingers_that_do_not_open_take_along_what_they_hold(link, skills, monkeypatch):
+    """What the robot believes to hold stays what it holds, so that the tree places it again."""
+    assert carried_out(skills, link, PICK) == Status.SUCCESS
+    with monkeypatch.context() as jammed:
+        jammed.setattr(FollowingLink, "_move_fingers", lambda self, arm: None)
+        assert carried_out(skills, link, PLACE, seconds=120) == Status.FAILURE
+    assert skills.fault == "jam"
+    assert skills.grasped == {"left": "YellowBox"}
+    assert link.boxes["YellowBox"].translation[2] > 0.08
+    assert carried_out(skills, link, PLACE, seconds=180) == Status.SUCCESS, skills.reason
+    goal = link.boxes[TASK.kits[0].name].apply([0, 0, 0.022])
+    assert np.linalg.norm(link.boxes["YellowBox"].translation - goal) < 0.0015
+
+
+def test_an_attempt_that_fails_says_which_fault_it_was(link, skills):
+    gone = once(lambda: skills.committed, lambda: link.boxes.update(YellowBox=at(0.25, -0.3)))
+    assert carried_out(skills, link, PICK, each=gone) == Status.FAILURE
+    assert skills.fault == "slip"
+    assert carried_out(skills, link, PICK, seconds=120) == Status.SUCCESS, skills.reason
+
+    def fall():
+        del link.held[next(iter(link.held))]
+        link.boxes["YellowBox"] = at(0.3, 0.1)
+
+    lost = once(lambda: link.time > started + 1, fall)
+    started = link.time
+    assert carried_out(skills, link, PLACE, seconds=started + 60, each=lost) == Status.FAILURE
+    assert skills.fault == "drop", skills.reason
+    link.hidden.add(TASK.kits[0].name)
+    assert carried_out(skills, link, PICK, seconds=started + 180) == Status.SUCCESS
+    assert carried_out(skills, link, PLACE, seconds=started + 240) == Status.FAILURE
+    assert "not seen" in skills.reason
+    assert skills.fault == ""
