@@ -122,7 +122,7 @@ def _advance(
     return lax.while_loop(some_go_on, one_tick, (state, tally, nothing))
 
 
-_jump_table = kept_jit(jump_table, small=lambda trees, _: trees.tokens.shape[0] <= FEW_TREES)
+_jump_table = kept_jit(jump_table, small=lambda trees, *_: trees.tokens.shape[0] <= FEW_TREES)
 
 
 class _Ends(NamedTuple):
