@@ -18,6 +18,7 @@ from bt_jax.mjx_env.episodes.fitness import target_misses
 from bt_jax.mjx_env.episodes.rollout_compiled import rollout
 from bt_jax.mjx_env.episodes.rollout_host import HostRollout
 from bt_jax.mjx_env.episodes.rules import Ending, Tally
+from bt_jax.mjx_env.faults.fates import Fates
 from bt_jax.mjx_env.physics.protocol import CompiledPhysics, Physics
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.world import World, take
@@ -41,16 +42,23 @@ class RolloutEvaluator:
             else HostRollout(semantics, physics, trace=trace)
         )
 
-    def __call__(self, trees: Trees, layouts: World, which: Int32[np.ndarray, "P K"] | None = None) -> Evaluation:
-        """Run P trees [P, N] in K layouts each: rows `which` of the layouts (NumPy), or all of them."""
+    def __call__(
+        self,
+        trees: Trees,
+        layouts: World,
+        which: Int32[np.ndarray, "P K"] | None = None,
+        fates: Fates | None = None,
+    ) -> Evaluation:
+        """Run P trees [P, N] in K layouts each: rows `which` of the layouts (NumPy), or all of them. Where things go wrong,
+        row i of the `fates` (NumPy) belongs to row i of the layouts."""
         starts = all_layouts(trees, layouts) if which is None else which
-        result = in_batches(functools.partial(self._run, layouts), self.batch, trees, starts)
+        result = in_batches(functools.partial(self._run, layouts, fates), self.batch, trees, starts)
         self.num_broken += int(np.sum(result.ending == Ending.BROKEN))
         return result
 
-    def _run(self, layouts: World, trees: Trees, starts: Int32[np.ndarray, "P K"]) -> Evaluation:
-        tree = np.repeat(np.arange(starts.shape[0], dtype=np.int32), starts.shape[1])
-        world, tally = self._rollout(trees, tree, take(layouts, starts.reshape(-1)))
+    def _run(self, layouts: World, fates: Fates | None, trees: Trees, starts: Int32[np.ndarray, "P K"]) -> Evaluation:
+        tree, rows = np.repeat(np.arange(starts.shape[0], dtype=np.int32), starts.shape[1]), starts.reshape(-1)
+        world, tally = self._rollout(trees, tree, take(layouts, rows), None if fates is None else fates[rows])
         return evaluation(
             self.semantics.task,
             trees,
@@ -68,6 +76,7 @@ def _compiled(
     trees: Trees,
     tree: Int32[np.ndarray, " E"],
     start: World,
+    fates: Fates | None,
 ) -> tuple[World, Tally]:
-    """Return states (NumPy) and tally at the ends of E episodes: trees `tree` from states `start`."""
-    return jax.device_get(rollout(semantics, physics.stepper, trace, trees, tree, start))
+    """Return states and tally (NumPy) at the ends of E episodes: trees `tree` from states `start`."""
+    return jax.device_get(rollout(semantics, physics.stepper, trace, trees, tree, start, fates))

@@ -19,10 +19,12 @@ from bt_jax._util.compile_cache import kept_jit
 from bt_jax.encoding.arrays import Trees
 from bt_jax.encoding.tick import JumpTable, Status, jump_table, tick_trees
 from bt_jax.mjx_env.episodes.rules import Ending, Tally, count_tick, fresh_tally, resolve, select, used_up
+from bt_jax.mjx_env.faults.fates import Fates, between_ticks, carry_out
+from bt_jax.mjx_env.faults.variants import Variants
 from bt_jax.mjx_env.outcomes import command_of, subgoals_of
 from bt_jax.mjx_env.physics.protocol import Stepper
 from bt_jax.mjx_env.semantics import LeafSemantics
-from bt_jax.mjx_env.skills import Released, act, reach, settled_world
+from bt_jax.mjx_env.skills import Released, reach, settled_world
 from bt_jax.mjx_env.world import Array, World
 
 __all__ = ["rollout"]
@@ -47,36 +49,44 @@ class _Lanes:
 
 @kept_jit(static_argnames=("semantics", "stepper", "trace"))
 def rollout(
-    semantics: LeafSemantics, stepper: Stepper, trace: bool, trees: Trees, tree: Int32[Array, " E"], start: World
+    semantics: LeafSemantics,
+    stepper: Stepper,
+    trace: bool,
+    trees: Trees,
+    tree: Int32[Array, " E"],
+    start: World,
+    fates: Fates | None,
 ) -> tuple[World, Tally]:
-    """Return states and tally at the ends of E episodes: trees `tree` from states `start`."""
+    """Return states and tally at the ends of E episodes: trees `tree` from states `start`, each with its fate if things go
+    wrong."""
     jumps, episodes = jump_table(trees), tree.shape[0]
     width = min(stepper.lanes or episodes, episodes)
     fresh = jax.tree.map(jnp.asarray, fresh_tally(width, trace_nodes=trees.num_nodes if trace else None))
 
-    def begun(episode: Int32[Array, " W"]) -> World:
-        return jax.tree.map(lambda leaf: leaf[jnp.minimum(episode, episodes - 1)], start)
+    def of(episode: Int32[Array, " W"], every: Any) -> Any:
+        return jax.tree.map(lambda leaf: leaf[jnp.minimum(episode, episodes - 1)], every)
 
     def ticked(episode: Int32[Array, " W"], world: World, tally: Tally) -> _Lanes:
-        return _ticked(semantics, stepper, jumps, tree[jnp.minimum(episode, episodes - 1)], episode, world, tally)
+        own_tree, own_fates = of(episode, (tree, fates))
+        return _ticked(semantics, stepper, jumps, own_tree, own_fates, episode, world, tally)
 
     def body(carry: tuple[_Lanes, Array, tuple[World, Tally]]) -> tuple[_Lanes, Array, tuple[World, Tally]]:
         lanes, taken, ends = carry
         motion = _settle_some(stepper, lanes.motion, lanes.episode < episodes)
         rests, lanes = stepper.rests(motion), dataclasses.replace(lanes, motion=motion)
-        world, tally = _finished(semantics, stepper, lanes)
+        world, tally = _finished(semantics, stepper, lanes, of(lanes.episode, fates))
         ended = rests & ((tally.ending != Ending.OPEN) | (lanes.episode >= episodes))
         where = jnp.where(ended, lanes.episode, episodes)  # out of range: dropped
         ends = jax.tree.map(lambda every, new: every.at[where].set(new, mode="drop"), ends, (world, tally))
         order = jnp.cumsum(ended.astype(jnp.int32)) - 1
         episode = jnp.where(ended, jnp.minimum(taken + order, episodes), lanes.episode)
-        following = ticked(episode, _where(ended, begun(episode), world), select(ended, fresh, tally))
+        following = ticked(episode, _where(ended, of(episode, start), world), select(ended, fresh, tally))
         taken = jnp.minimum(taken + ended.sum(dtype=jnp.int32), episodes)
         return _where(rests, following, lanes), taken, ends
 
     # Lanes begin as if their episodes had just ended: all zeros is a motion at rest.
     nobody = jnp.full(width, episodes, jnp.int32)
-    lanes = dataclasses.replace(jax.tree.map(jnp.zeros_like, ticked(nobody, begun(nobody), fresh)), episode=nobody)
+    lanes = dataclasses.replace(jax.tree.map(jnp.zeros_like, ticked(nobody, of(nobody, start), fresh)), episode=nobody)
     tallies = jax.tree.map(lambda leaf: jnp.zeros((episodes, *leaf.shape[1:]), leaf.dtype), fresh)
     carry = (lanes, jnp.int32(0), (start, tallies))
     return lax.while_loop(lambda carry: (carry[1] == 0) | jnp.any(carry[0].episode < episodes), body, carry)[2]
@@ -97,6 +107,7 @@ def _ticked(
     stepper: Stepper,
     jumps: JumpTable,
     tree: Int32[Array, " W"],
+    fates: Fates | None,
     episode: Int32[Array, " W"],
     world: World,
     tally: Tally,
@@ -113,20 +124,23 @@ def _ticked(
     world = reach(world, subgoals_of(ticked.noted))
     # Episodes that do nothing in this tick close an already closed gripper, or open an empty one: no motion.
     idle = jnp.where(world.gripper_open, 0, 1)
-    released = act(semantics, world, jnp.where(ticked.status == Status.RUNNING, command, idle))
+    doing = jnp.where(ticked.status == Status.RUNNING, command, idle)
+    released = carry_out(Variants(semantics), world, doing, fates, tally.ticks)
     moved = (released.box >= 0)[:, None] & released.present
     motion = stepper.begin(released.world.kits, released.poses, moved)
     return _Lanes(episode, world, tally, ticked.status, command, ticked.trace, released, motion)
 
 
-def _finished(semantics: LeafSemantics, stepper: Stepper, lanes: _Lanes) -> tuple[World, Tally]:
+def _finished(semantics: LeafSemantics, stepper: Stepper, lanes: _Lanes, fates: Fates | None) -> tuple[World, Tally]:
     """Return states and tally after the ticks of all lanes; of those that still settle they mean nothing."""
-    settled = stepper.settled(lanes.motion)
+    task, settled = semantics.task, stepper.settled(lanes.motion)
     sane = settled.ok & jnp.isfinite(settled.poses).all(axis=(1, 2))
     running = lanes.status == Status.RUNNING
-    world = _where(running & sane, settled_world(semantics.task, lanes.released, settled.poses), lanes.world)
-    rules = semantics.task.episode
-    return world, count_tick(lanes.tally, lanes.status, lanes.command, running & ~sane, rules, lanes.trace)
+    world = _where(running & sane, settled_world(task, lanes.released, settled.poses), lanes.world)
+    tally = count_tick(lanes.tally, lanes.status, lanes.command, running & ~sane, task.episode, lanes.trace)
+    if fates is not None:
+        world = _where(tally.ending == Ending.OPEN, between_ticks(world, task, fates, lanes.tally.ticks), world)
+    return world, tally
 
 
 def _where(condition: Bool[Array, " W"], yes: Any, no: Any) -> Any:

@@ -7,17 +7,19 @@ import operator
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Int32
+from jaxtyping import Bool, Int, Int32
 
 from bt_jax._util.compile_cache import kept_jit
 from bt_jax.encoding.arrays import Trees
 from bt_jax.encoding.tick import JumpTable, Status, Ticked, jump_table, tick_trees
 from bt_jax.mjx_env.episodes.rules import Ending, Tally, count_tick, fresh_tally, resolve, used_up
+from bt_jax.mjx_env.faults.fates import Fates, between_ticks, carry_out, something_happens
+from bt_jax.mjx_env.faults.variants import Variants
 from bt_jax.mjx_env.outcomes import command_of, subgoals_of
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.physics.settler import Settler
 from bt_jax.mjx_env.semantics import LeafSemantics
-from bt_jax.mjx_env.skills import act, reach, settled_world
+from bt_jax.mjx_env.skills import reach, settled_world
 from bt_jax.mjx_env.world import Array, World, take
 
 __all__ = ["HostRollout"]
@@ -35,9 +37,11 @@ class HostRollout:
 
     def __init__(self, semantics: LeafSemantics, physics: Physics, *, trace: bool = False) -> None:
         self.semantics, self.trace = semantics, trace
-        self.settler = Settler(semantics.task, physics)
+        self.settler, self._variants = Settler(semantics.task, physics), Variants(semantics)
 
-    def __call__(self, trees: Trees, tree: Int32[np.ndarray, " E"], start: World) -> tuple[World, Tally]:
+    def __call__(
+        self, trees: Trees, tree: Int32[np.ndarray, " E"], start: World, fates: Fates | None = None
+    ) -> tuple[World, Tally]:
         """Return states and tally (NumPy) at the ends of E episodes: trees `tree` from states `start`."""
         look_up = _LookUp(self.semantics, trees)
         fresh = fresh_tally(tree.size, trace_nodes=trees.num_nodes if self.trace else None)
@@ -45,29 +49,46 @@ class HostRollout:
         for first in range(0, tree.size, ROWS):
             rows = np.arange(first, min(first + ROWS, tree.size))
             while rows.size:
-                now = jax.tree.map(operator.itemgetter(rows), ends)
-                after = self._tick(look_up, tree[rows], *now)
+                world, tally = jax.tree.map(operator.itemgetter(rows), ends)
+                after = self._tick(look_up, tree[rows], world, tally, None if fates is None else fates[rows])
                 for every, new in zip(jax.tree.leaves(ends), jax.tree.leaves(after), strict=True):
                     every[rows] = new
                 rows = rows[after[1].ending == Ending.OPEN]
         return ends
 
-    def _tick(self, look_up: _LookUp, tree: Int32[np.ndarray, " n"], world: World, tally: Tally) -> tuple[World, Tally]:
+    def _tick(
+        self, look_up: _LookUp, tree: Int32[np.ndarray, " n"], world: World, tally: Tally, fates: Fates | None
+    ) -> tuple[World, Tally]:
         """Return states and tally one tick later."""
-        rules = self.semantics.task.episode
+        semantics = self.semantics
+        rules = semantics.task.episode
         ticked = look_up.tick(tree, world, used_up(tally, rules), trace=self.trace)
         command, broken = command_of(ticked.noted), np.zeros(tree.size, bool)
         world = reach(world, subgoals_of(ticked.noted))
         running = np.flatnonzero(ticked.status == Status.RUNNING)
         if running.size:
-            released = act(self.semantics, take(world, running), command[running])
+            own, tick = None if fates is None else fates[running], tally.ticks[running]
+            released = carry_out(self._variants, take(world, running), command[running], own, tick)
             poses, ok = self.settler.settle(released)
             broken[running] = ~ok
-            after = settled_world(self.semantics.task, released, poses)
-            world = jax.tree.map(np.array, world)
-            for every, new in zip(jax.tree.leaves(world), jax.tree.leaves(after), strict=True):
-                every[running[ok]] = new[ok]
-        return world, count_tick(tally, ticked.status, command, broken, rules, ticked.trace)
+            world = _replaced(world, running[ok], settled_world(semantics.task, released, poses), ok)
+        after = count_tick(tally, ticked.status, command, broken, rules, ticked.trace)
+        if fates is not None:
+            rows = np.flatnonzero((after.ending == Ending.OPEN) & something_happens(fates, tally.ticks))
+            world = _replaced(
+                world, rows, between_ticks(take(world, rows), semantics.task, fates[rows], tally.ticks[rows])
+            )
+        return world, after
+
+
+def _replaced(
+    world: World, rows: Int[np.ndarray, " n"], new: World, chosen: Bool[np.ndarray, " m"] | slice = slice(None)
+) -> World:
+    """Return the states with those at `rows` replaced by the `chosen` ones of new states."""
+    world = jax.tree.map(np.array, world)
+    for every, some in zip(jax.tree.leaves(world), jax.tree.leaves(new), strict=True):
+        every[rows] = some[chosen]
+    return world
 
 
 class _LookUp:

@@ -13,10 +13,11 @@ from jaxtyping import Bool, Float32, Float64, Int8, Int16, Int32
 
 from bt_jax.mjx_env.faults.events import ALL_SEEN, SPOTS, brings, hides, moves, person_acts, sight_changes, takes
 from bt_jax.mjx_env.faults.variants import FRACTIONS, JAMS, NUM_ERRORS, SLIPS, Variants, affected, num_errors
+from bt_jax.mjx_env.skills import Released, act
 from bt_jax.mjx_env.world import Array, World, namespace
 from bt_jax.tasks import Faults, Task
 
-__all__ = ["Fates", "between_ticks", "drawn", "sample_fates"]
+__all__ = ["Fates", "between_ticks", "carry_out", "drawn", "sample_fates", "something_happens"]
 
 FATES = 1 << 22  # what keeps their keys apart from those of layouts
 
@@ -85,6 +86,22 @@ def drawn(
     if fates.unit is None:
         return variant, None
     return variant, fates.unit[rows, tick, xp.maximum(of_class - 2 - fates.unit.shape[2], 0)]
+
+
+def carry_out(
+    variants: Variants, world: World, command: Int32[Array, " E"], fates: Fates | None, tick: Int32[Array, " E"]
+) -> Released:
+    """Carry out the command that each episode runs in its tick, counted from 0, as its fate wants it."""
+    if fates is None:
+        return act(variants.semantics, world, command)
+    variant, unit = drawn(fates, variants, tick, command)
+    return act(variants.semantics, world, command, variants.mishaps(command, variant, unit))
+
+
+def something_happens(fates: Fates, tick: Int32[Array, " E"]) -> Bool[Array, " E"]:
+    """Return in which episodes `between_ticks` may change anything."""
+    rows = np.arange(tick.shape[0])
+    return (fates.person[rows, tick] > 0) | (fates.sight[rows, tick] > 0)
 
 
 def between_ticks(world: World, task: Task, fates: Fates, tick: Int32[Array, " E"]) -> World:

@@ -9,9 +9,13 @@ import pytest
 from bt_jax.mjx_env.episodes.evaluator import TableEvaluator
 from bt_jax.mjx_env.episodes.rollout import RolloutEvaluator
 from bt_jax.mjx_env.episodes.rules import Ending
+from bt_jax.mjx_env.faults.fates import sample_fates
 from bt_jax.mjx_env.physics.factory import make_physics
 from bt_jax.mjx_env.physics.protocol import AtOnce, CompiledPhysics
 from bt_jax.mjx_env.scene.layouts import sample_layouts
+from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.tasks import load_task, with_faults
+from bt_jax.tasks.faults import PRESETS
 from tests.helpers.samples import SometimesBroken, assert_same, mixed_trees, semantics_of
 
 NODES, COUNT, LAYOUTS = 32, 60, 3
@@ -35,9 +39,9 @@ def test_rollouts_in_the_c_engine_are_those_of_the_table(task_name):
 @pytest.mark.slow
 def test_rollouts_in_mjx_are_those_of_the_table():
     """But for what the table simulates without the objects that take no part."""
-    semantics, trees, layouts = episodes("stack3")
+    semantics, trees, layouts = episodes("stack3", 20)
     physics = make_physics(semantics.task, "mjx")
-    evaluators = [kind(semantics, physics, batch=COUNT) for kind in (TableEvaluator, RolloutEvaluator)]
+    evaluators = [kind(semantics, physics, batch=20) for kind in (TableEvaluator, RolloutEvaluator)]
     by_table, by_rollout = (evaluate(trees, layouts) for evaluate in evaluators)
     same = (by_table.ending == by_rollout.ending) & (by_table.solved == by_rollout.solved)
     assert np.mean(same & (np.abs(by_table.values - by_rollout.values) < 5)) > 0.98
@@ -112,6 +116,21 @@ def test_no_episode_is_lost_or_held_up_and_one_that_diverges_costs_no_other(leve
     assert set(found.ending.ravel()) == {Ending.SUCCESS, Ending.FAILURE, Ending.TIMEOUT, Ending.BROKEN}
     assert evaluator.num_broken == np.sum(found.ending == Ending.BROKEN)
     assert isinstance(level(semantics.task), CompiledPhysics) == (level is InLanes)
+
+
+@pytest.mark.slow
+def test_chance_is_the_same_on_the_host_and_in_a_compiled_loop():
+    """But for the last digit of sines and cosines, which may decide to which side something falls."""
+    task = with_faults(load_task("stack3"), PRESETS["harsh"])
+    semantics = LeafSemantics(task, semantics_of("stack3").vocabulary)
+    trees = mixed_trees(semantics, 10, COUNT, NODES)
+    layouts, fates = sample_layouts(task, 5, LAYOUTS), sample_fates(task, 5, layouts=LAYOUTS, draws=1, continuous=True)
+    levels = OnHost(task), InLanes(task)
+    host, compiled = (RolloutEvaluator(semantics, level, batch=COUNT)(trees, layouts, None, fates) for level in levels)
+    assert np.mean((host.ending == compiled.ending) & (np.abs(host.values - compiled.values) < 1)) > 0.98
+    calm = RolloutEvaluator(semantics, levels[0], batch=COUNT)(trees, layouts)
+    assert np.mean(host.values == calm.values) < 0.6
+    assert (host.ticks.max(), calm.ticks.max()) == (task.episode.max_ticks, task.episode.max_ticks)
 
 
 @pytest.mark.parametrize("backend", ["mujoco", pytest.param("mjx", marks=pytest.mark.slow)])
