@@ -172,7 +172,7 @@ def states() -> list[dict[str, Any]]:
         worlds = jax.tree.map(lambda leaf: np.repeat(leaf, FULL, axis=0), worlds)
         table.ids(dataclasses.replace(worlds, kits=worlds.kits + np.float32(1e-4) * starts[:, None, None]))
         table.learn(starts, np.zeros(FULL, np.int32))  # which leads to the same state
-        tokens, commands = len(semantics.vocabulary), table.num_commands
+        tokens, commands = len(semantics.vocabulary), table.num_columns
         rows.append(
             {
                 "task": task.name,

@@ -21,9 +21,11 @@ from jaxtyping import Bool, Float32, Int8, Int32, UInt8
 from bt_jax._util.compile_cache import kept_jit
 from bt_jax.encoding.arrays import Trees
 from bt_jax.encoding.tick import JumpTable, Status, jump_table, tick_trees
+from bt_jax.mjx_env.episodes.columns import Chances, Extent, tick_of
 from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS, Misses, fitness
 from bt_jax.mjx_env.episodes.rules import Ending, Tally, count_tick, fresh_tally, is_solved, resolve, select, used_up
 from bt_jax.mjx_env.episodes.table import BROKEN, MEMORY, UNKNOWN, Known, TableFullError, TransitionTable
+from bt_jax.mjx_env.faults.fates import Fates
 from bt_jax.mjx_env.outcomes import command_of, subgoals_of
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.semantics import LeafSemantics
@@ -58,6 +60,7 @@ class Evaluation:
     trace: UInt8[np.ndarray, "P K N"] | None = (
         None  # what each leaf returned, where asked for (see `encoding.tick.Ticked`)
     )
+    struck: Int32[np.ndarray, "P K"] | None = None  # faults that happened, as bits, in a task that has any
 
     @property
     def fitness(self) -> Float32[np.ndarray, " P"]:
@@ -67,26 +70,25 @@ class Evaluation:
 
 
 class _Asked(NamedTuple):
-    """What E episodes wait for: where a command leads from a state, or, with the command behind the last, what leaves return
-    in it. The command is -1 where an episode does not wait."""
+    """What E episodes wait for: where a column leads from a state, or, with the column behind the last, what leaves return
+    in it. The column is -1 where an episode does not wait."""
 
     state: Int32[Array, " E"]
-    command: Int32[Array, " E"]
+    column: Int32[Array, " E"]
 
 
-@kept_jit(static_argnames=("rules", "num_commands", "num_ticked"))
+@kept_jit(static_argnames=("rules", "columns"))
 def _advance(
     table: JumpTable,
     tree: Int32[Array, " E"],
     state: Int32[Array, " E"],
     tally: Tally,
     known: Known,
+    chances: Chances | None,
     rules: Episode,
-    num_commands: int,
-    num_ticked: int,
+    columns: Extent,
 ) -> tuple[Int32[Array, " E"], Tally, _Asked]:
-    """Tick until every episode has ended or waits. Return states, tally, and what the episodes wait for. The last
-    `num_ticked` of the commands are subgoals that the tree ticks."""
+    """Tick until every episode has ended or waits. Return states, tally, and what the episodes wait for."""
 
     def one_tick(carry):
         state, tally, _ = carry
@@ -95,28 +97,40 @@ def _advance(
         def look_up(token):
             return resolve(*known.outcomes(state, token), exhausted)
 
-        def follow(now, asked, goes, command):
-            goes, after = goes & (asked.command < 0), known.following.at(now, command)
+        def follow(now, asked, goes, column):
+            goes, after = goes & (asked.column < 0), known.following.at(now, column)
             missing = goes & (after == UNKNOWN)
-            asked = _Asked(jnp.where(missing, now, asked.state), jnp.where(missing, command, asked.command))
+            asked = _Asked(jnp.where(missing, now, asked.state), jnp.where(missing, column, asked.column))
             return jnp.where(goes & (after >= 0), after, now), asked, after
 
         ticked = tick_trees(table, look_up, tree=tree, trace=tally.trace is not None)
         command, subgoals = command_of(ticked.noted), subgoals_of(ticked.noted)
         going, now = tally.ending == Ending.OPEN, state
         unread = going & (ticked.noted < 0)  # NOT_COMPUTED is among what was noted
-        asked = _Asked(jnp.where(unread, state, -1), jnp.where(unread, num_commands, -1))
-        for i in range(num_ticked):
-            subgoal = jnp.full_like(command, num_commands - num_ticked + i)
+        asked = _Asked(jnp.where(unread, state, -1), jnp.where(unread, columns.num, -1))
+        for i in range(columns.num_ticked):
+            subgoal = jnp.full_like(command, columns.subgoals + i)
             now, asked, _ = follow(now, asked, going & (subgoals >> i & 1 == 1), subgoal)
-        now, asked, after = follow(now, asked, going & (ticked.status == Status.RUNNING), command)
-        counted = count_tick(tally, ticked.status, command, after == BROKEN, rules, ticked.trace)
-        goes_on = asked.command < 0
+        column, struck = command, None
+        if chances is not None:
+            column = chances.column(command, tick_of(tally, chances.fates))
+            struck = chances.struck(column, command)
+        now, asked, after = follow(now, asked, going & (ticked.status == Status.RUNNING), column)
+        counted = count_tick(tally, ticked.status, command, after == BROKEN, rules, ticked.trace, struck)
+        if chances is not None:
+            goes = going & (counted.ending == Ending.OPEN)
+            for happens, column, fault in chances.between(columns, tick_of(tally, chances.fates)):
+                before = now
+                now, asked, _ = follow(now, asked, goes & happens, column)
+                found = jnp.where(now != before, fault, 0)
+                assert counted.struck is not None
+                counted = dataclasses.replace(counted, struck=counted.struck | found)
+        goes_on = asked.column < 0
         return jnp.where(goes_on, now, state), select(goes_on, counted, tally), asked
 
     def some_go_on(carry):
         _, tally, asked = carry
-        return jnp.any((tally.ending == Ending.OPEN) & (asked.command < 0))
+        return jnp.any((tally.ending == Ending.OPEN) & (asked.column < 0))
 
     nothing = _Asked(jnp.full_like(state, -1), jnp.full_like(state, -1))
     return lax.while_loop(some_go_on, one_tick, (state, tally, nothing))
@@ -150,16 +164,25 @@ class TableEvaluator:
         """Transitions whose simulation diverged."""
         return self.table.num_broken
 
-    def __call__(self, trees: Trees, layouts: World, which: Int32[np.ndarray, "P K"] | None = None) -> Evaluation:
-        """Run P trees [P, N] in K layouts each: rows `which` of the layouts (NumPy), or all of them."""
+    def __call__(
+        self,
+        trees: Trees,
+        layouts: World,
+        which: Int32[np.ndarray, "P K"] | None = None,
+        fates: Fates | None = None,
+    ) -> Evaluation:
+        """Run P trees [P, N] in K layouts each: rows `which` of the layouts (NumPy), or all of them. `fates`: one for each
+        of the layouts, of which the same one may stand there several times; nothing goes wrong without them."""
         starts = all_layouts(trees, layouts) if which is None else which
-        return in_batches(functools.partial(self._run, layouts), self.batch, trees, starts)
+        return in_batches(functools.partial(self._run, layouts, fates), self.batch, trees, starts)
 
-    def _run(self, layouts: World, trees: Trees, starts: Int32[np.ndarray, "P K"]) -> Evaluation:
+    def _run(self, layouts: World, fates: Fates | None, trees: Trees, starts: Int32[np.ndarray, "P K"]) -> Evaluation:
         tree = np.repeat(np.arange(starts.shape[0], dtype=np.int32), starts.shape[1])
         self.table.use(np.asarray(trees.tokens))
-        fresh = fresh_tally(starts.size, trace_nodes=trees.num_nodes if self.trace else None)
-        ends = self._ends(_jump_table(trees), tree, layouts, starts.reshape(-1), fresh)
+        has_faults = self.table.semantics.task.faults is not None
+        nodes = trees.num_nodes if self.trace else None
+        fresh = fresh_tally(starts.size, trace_nodes=nodes, has_faults=has_faults)
+        ends = self._ends(_jump_table(trees), tree, layouts, fates, starts.reshape(-1), fresh)
         return evaluation(
             self.table.semantics.task,
             trees,
@@ -174,6 +197,7 @@ class TableEvaluator:
         jumps: JumpTable,
         tree: Int32[np.ndarray, " E"],
         layouts: World,
+        fates: Fates | None,
         start: Int32[np.ndarray, " E"],
         fresh: Tally,
     ) -> _Ends:
@@ -185,7 +209,7 @@ class TableEvaluator:
             was_empty = self.table.num_states == 0
             try:
                 padded = rows if rows.size == tree.size else np.resize(rows, tree.size)  # some of them several times
-                found = self._walked(jumps, tree[padded], layouts, start[padded], fresh)
+                found = self._walked(jumps, tree[padded], layouts, fates, start[padded], fresh)
             except TableFullError:
                 if was_empty and rows.size == 1:
                     raise
@@ -201,46 +225,48 @@ class TableEvaluator:
         jumps: JumpTable,
         tree: Int32[np.ndarray, " E"],
         layouts: World,
+        fates: Fates | None,
         start: Int32[np.ndarray, " E"],
         fresh: Tally,
     ) -> _Ends:
         """Run E episodes from layouts `start`. Raise TableFullError."""
         used, each = np.unique(start, return_inverse=True)
         first = self.table.ids(take(layouts, used))[each]
-        state, tally = self._finish(jumps, tree, first, fresh)
+        chances = self.table.columns.chances(None if fates is None else fates[start], start.size)
+        state, tally = self._finish(jumps, tree, first, fresh, chances)
         state = np.asarray(state)
         return _Ends(tally, self.table.misses(state), self.table.reached(state))
 
     def _finish(
-        self, jumps: JumpTable, tree: Int32[np.ndarray, " E"], state: Int32[Array, " E"], tally: Tally
+        self,
+        jumps: JumpTable,
+        tree: Int32[np.ndarray, " E"],
+        state: Int32[Array, " E"],
+        tally: Tally,
+        chances: Chances | None,
     ) -> tuple[Int32[Array, " E"], Tally]:
         """Return states and tally of all episodes at their ends. Where many have ended, the others go on by themselves."""
         few = tree.size // FEW if tree.size >= MANY else 0
-        table = self.table
+        table, chances_here = self.table, jax.device_put(chances)
+        columns = table.columns.extent
         while True:
-            state, tally, asked = _advance(
-                jumps,
-                tree,
-                state,
-                tally,
-                table.known,
-                table.semantics.task.episode,
-                table.num_commands,
-                table.semantics.num_ticked,
-            )
-            at, command = map(np.asarray, asked)
-            rows = np.flatnonzero(command >= 0)
+            rules = table.semantics.task.episode
+            state, tally, asked = _advance(jumps, tree, state, tally, table.known, chances_here, rules, columns)
+            at, column = map(np.asarray, asked)
+            rows = np.flatnonzero(column >= 0)
             if not rows.size:
                 return state, tally
-            missing = np.unique(at[rows].astype(np.int64) * (table.num_commands + 1) + command[rows])
-            states, commands = (part.astype(np.int32) for part in np.divmod(missing, table.num_commands + 1))
-            unread = commands == table.num_commands
+            missing = np.unique(at[rows].astype(np.int64) * (columns.num + 1) + column[rows])
+            states, wanted = (part.astype(np.int32) for part in np.divmod(missing, columns.num + 1))
+            unread = wanted == columns.num
             table.complete(states[unread])
-            table.learn(states[~unread], commands[~unread])
+            table.learn(states[~unread], wanted[~unread])
             if rows.size <= few:
                 rows = np.resize(rows, few)  # some of them several times
                 whole = jax.tree.map(np.array, (state, tally))
-                part = self._finish(jumps, tree[rows], *jax.tree.map(operator.itemgetter(rows), whole))
+                now, so_far = jax.tree.map(operator.itemgetter(rows), whole)
+                own = None if chances is None else chances.of(rows)
+                part = self._finish(jumps, tree[rows], now, so_far, own)
                 for leaf, ended in zip(jax.tree.leaves(whole), jax.tree.leaves(part), strict=True):
                     leaf[rows] = ended
                 return whole
@@ -287,6 +313,7 @@ def evaluation(
     misses = Misses(*(leaf.reshape(*shape, -1) for leaf in (misses.distance, misses.turn, misses.met)))
     subgoals_missed = (~reached).sum(axis=-1, dtype=np.int32)
     trace = None if tally.trace is None else np.asarray(tally.trace).reshape(*shape, -1)
+    struck = None if tally.struck is None else np.asarray(tally.struck).reshape(shape)
     nodes = np.asarray(trees.sizes)[:, :1].astype(np.int32)
     turned = any(target.turn is not None for target in task.targets)  # otherwise all turns are 0
     values = fitness(
@@ -298,4 +325,4 @@ def evaluation(
         ending=ending,
     )
     solved = is_solved(ending, misses.met)
-    return Evaluation(values, ending, ticks, misses, subgoals_missed, solved, reached, trace)
+    return Evaluation(values, ending, ticks, misses, subgoals_missed, solved, reached, trace, struck)

@@ -45,13 +45,15 @@ class Tally:
     runs: Int32[Array, " E"]  # ticks in a row, up to the last one, in which it ran
     ending: Int8[Array, " E"]
     trace: UInt8[Array, "E N"] | None = None  # where asked for, of all ticks so far (see `encoding.tick.Ticked`)
+    struck: Int32[Array, " E"] | None = None  # faults that happened, as bits (see `faults.variants.bit`)
 
 
-def fresh_tally(count: int, *, trace_nodes: int | None = None) -> Tally:
+def fresh_tally(count: int, *, trace_nodes: int | None = None, has_faults: bool = False) -> Tally:
     """Return the tally of episodes that have not begun (NumPy), with a trace of that many nodes if asked for."""
     zeros = np.zeros(count, np.int32)
     trace = None if trace_nodes is None else np.zeros((count, trace_nodes), np.uint8)
-    return Tally(zeros, zeros, zeros + np.int32(NO_COMMAND), zeros, np.zeros(count, np.int8), trace)
+    struck = zeros if has_faults else None
+    return Tally(zeros, zeros, zeros + np.int32(NO_COMMAND), zeros, np.zeros(count, np.int8), trace, struck)
 
 
 def used_up(tally: Tally, rules: Episode) -> Int32[Array, " E"]:
@@ -75,9 +77,11 @@ def count_tick(
     broken: Bool[Array, " E"],
     rules: Episode,
     trace: UInt8[Array, "E N"] | None = None,
+    struck: Int32[Array, " E"] | None = None,
 ) -> Tally:
     """Return the tally after one tick in which the root returned `status`; `command` counts where that is RUNNING, and the
-    simulation of it diverged where `broken`. `trace` is that of the tick. Episodes that have ended stay as they are."""
+    simulation of it diverged where `broken`. `trace` and the faults that `struck` are those of the tick. Episodes that have
+    ended stay as they are."""
     xp = namespace(tally.ticks)
     zero, one = np.int32(0), np.int32(1)
     running = status == Status.RUNNING
@@ -90,7 +94,8 @@ def count_tick(
     ending = xp.where(status == Status.FAILURE, np.int8(Ending.FAILURE), ending)
     ending = xp.where(running & broken, np.int8(Ending.BROKEN), ending)
     traced = None if tally.trace is None or trace is None else tally.trace | trace
-    new = Tally(ticks, successes, xp.where(running, command, np.int32(NO_COMMAND)), runs, ending, traced)
+    faults = tally.struck if tally.struck is None or struck is None else tally.struck | xp.where(running, struck, zero)
+    new = Tally(ticks, successes, xp.where(running, command, np.int32(NO_COMMAND)), runs, ending, traced, faults)
     return select(tally.ending == Ending.OPEN, new, tally)
 
 

@@ -1,8 +1,10 @@
-"""The transition table: every distinct (state, command) is simulated once.
+"""The transition table: every distinct (state, command, variant) is simulated once.
 
-With deterministic skills an episode is a walk over (state, command) -> state. States get integer ids in the order in which
-they are met; those that differ only by which instance of a part is where are one. What leaves return in a state is computed
-when it gets its id; of a large vocabulary, only for leaves that trees use, and later for others once they are ticked there.
+With deterministic skills an episode is a walk over (state, command) -> state; where things go wrong, a command has several
+variants, and there are columns for what happens between two ticks (see `columns`). States get integer ids in the order in
+which they are met; those that differ only by which instance of a part is where are one. What leaves return in a state is
+computed when it gets its id; of a large vocabulary, only for leaves that trees use, and later for others once they are
+ticked there.
 Both live on the device, where `evaluator.TableEvaluator` walks over them; the states themselves stay on the host.
 
 The table takes a limited amount of memory. Once that is full it raises `TableFullError` and is to forget what it holds: what
@@ -22,14 +24,16 @@ from jaxtyping import Array, Bool, Int, Int32, UInt
 
 from bt_jax._util.compile_cache import kept_jit
 from bt_jax.mjx_env.episodes.codes import OutcomeCodes, TooManyOutcomesError
+from bt_jax.mjx_env.episodes.columns import Columns
 from bt_jax.mjx_env.episodes.fitness import Misses, target_misses
 from bt_jax.mjx_env.episodes.pages import MOST_CELLS, NOWHERE, UNKNOWN, Pages, SparseRows
 from bt_jax.mjx_env.interchange import in_order, interchangeable
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.physics.settler import Settler
 from bt_jax.mjx_env.semantics import LeafSemantics
-from bt_jax.mjx_env.skills import act, reach, settled_world
+from bt_jax.mjx_env.skills import settled_world
 from bt_jax.mjx_env.world import World, row_names, take, world_keys
+from bt_jax.tasks import Task
 
 __all__ = ["BROKEN", "MEMORY", "UNKNOWN", "Known", "TableFullError", "TransitionTable"]
 
@@ -55,7 +59,7 @@ class Known:
 
     codes: UInt[Array, "S V"]  # what each leaf returns in each state, as numbers of each leaf
     meanings: Int32[Array, "2 V K"]  # the outcomes that these stand for, in both layers of `LeafSemantics.outcomes`
-    following: Pages  # for each state and command the next state, or UNKNOWN, or BROKEN where the simulation diverged
+    following: Pages  # for each state and column the next state, or UNKNOWN, or BROKEN where the simulation diverged
 
     def outcomes(
         self, state: Int32[Array, " E"], token: Int32[Array, " E"]
@@ -71,19 +75,19 @@ class Known:
 class TransitionTable:
     """States, outcomes and transitions met so far, in at most `memory` bytes, the settler's solutions included, but never
     less than one episode takes. `swappable`: objects that nothing tells apart (see `interchangeable`).
-
-    The last commands, one for each subgoal that the tree has to tick, lead to the same state with that subgoal reached.
+    Where things happen to single instances, no objects are.
     """
 
     def __init__(self, semantics: LeafSemantics, physics: Physics, *, memory: int = MEMORY) -> None:
         self.semantics = semantics
         self.settler = Settler(semantics.task, physics, memory=memory // PARTS)
-        self.swappable = interchangeable(semantics)
+        self.columns = Columns(semantics)
+        self.swappable = () if _names_instances(semantics.task) else interchangeable(semantics)
         self.num_states = 0
         self.num_transitions = 0  # one that was forgotten and is simulated again counts again
         self.num_broken = 0
         self.num_restarts = 0
-        self.num_commands = len(semantics.commands) + semantics.num_ticked
+        self.num_columns = self.columns.extent.num
         self._capacities = self._growing(memory - memory // PARTS)
         self._ids: dict[bytes, int] = {}
         self._rows: _Rows | None = None
@@ -92,14 +96,14 @@ class TransitionTable:
         self._numbers = OutcomeCodes(len(semantics.vocabulary), _code_type(semantics))
         self._meanings = jax.device_put(self._numbers.meanings)
         self._codes = jax.device_put(np.zeros((capacity, len(semantics.vocabulary)), self._numbers.dtype))
-        self._following = SparseRows(self.num_commands, capacity)
+        self._following = SparseRows(self.num_columns, capacity)
 
     def _growing(self, memory: int) -> Iterator[int]:
         """Yield the capacities, in states, through which the table grows. While it is copied from one to the next, both take
         memory."""
         tokens = len(self.semantics.vocabulary)
         whole = memory // self._bytes_per_state
-        most = min(MOST_CELLS // tokens, SparseRows.most_states(self.num_commands))
+        most = min(MOST_CELLS // tokens, SparseRows.most_states(self.num_columns))
         capacity = max(min(FIRST_CAPACITY, whole), _states_of_an_episode(self.semantics) + BUCKETS[0])
         yield capacity
         while (larger := min(GROWTH * capacity, whole - capacity, most)) > capacity:
@@ -111,10 +115,11 @@ class TransitionTable:
         """How much memory the room for one state takes, host and device together."""
         task, tokens = self.semantics.task, len(self.semantics.vocabulary)
         boxes, kits, subgoals = len(task.objects), len(task.kits), len(task.subgoals)
-        name = NAME_BYTES + 4 * (2 + 3 * kits + 7 * boxes + subgoals)
-        row = 4 * (1 + 3 * kits + 7 * boxes + 2 * len(task.targets)) + len(task.targets) + 2 + subgoals
+        unseen = 0 if task.faults is None else boxes
+        name = NAME_BYTES + 4 * (2 + 3 * kits + 7 * boxes + subgoals + unseen)
+        row = 4 * (1 + 3 * kits + 7 * boxes + 2 * len(task.targets)) + len(task.targets) + 2 + subgoals + unseen
         code = np.dtype(_code_type(self.semantics)).itemsize
-        return name + row + code * tokens + SparseRows.bytes_per_state(self.num_commands)
+        return name + row + code * tokens + SparseRows.bytes_per_state(self.num_columns)
 
     @property
     def nbytes(self) -> int:
@@ -172,22 +177,21 @@ class TransitionTable:
             self._append(take(world, new[np.unique(ids[new], return_index=True)[1]]))
         return ids
 
-    def learn(self, states: Int32[np.ndarray, " n"], commands: Int32[np.ndarray, " n"]) -> None:
-        """Simulate the commands in the states, as one batch, and enter where they lead. The pairs must be distinct."""
-        subgoal = commands - len(self.semantics.commands)
-        acts, following = subgoal < 0, np.zeros(len(states), np.int32)
+    def learn(self, states: Int32[np.ndarray, " n"], columns: Int32[np.ndarray, " n"]) -> None:
+        """Simulate the columns in the states, as one batch, and enter where they lead. The pairs must be distinct."""
+        acts, following = columns < self.columns.extent.subgoals, np.zeros(len(states), np.int32)
         if acts.any():
-            following[acts] = self._simulated(states[acts], commands[acts])
-        if not acts.all():
-            following[~acts] = self.ids(reach(self.worlds(states[~acts]), np.int32(1) << subgoal[~acts]))
-        self._reserve_pages(states, commands)
+            following[acts] = self._simulated(states[acts], columns[acts])
+        for rows in self.columns.parts(columns):
+            following[rows] = self.ids(self.columns.happened(self.worlds(states[rows]), columns[rows]))
+        self._reserve_pages(states, columns)
         for part in _parts(len(states)):
-            entered = states[part.rows], commands[part.rows], following[part.rows]
+            entered = states[part.rows], columns[part.rows], following[part.rows]
             self._following.enter(*entered, size=part.size)
 
-    def _simulated(self, states: Int32[np.ndarray, " n"], commands: Int32[np.ndarray, " n"]) -> Int32[np.ndarray, " n"]:
+    def _simulated(self, states: Int32[np.ndarray, " n"], columns: Int32[np.ndarray, " n"]) -> Int32[np.ndarray, " n"]:
         """Return the ids of the states to which commands lead, or BROKEN."""
-        released = act(self.semantics, self.worlds(states), commands)
+        released = self.columns.released(self.worlds(states), columns)
         poses, ok = self.settler.settle(released)
         following = np.full(len(states), BROKEN, np.int32)
         if ok.any():
@@ -239,8 +243,8 @@ class TransitionTable:
         while states + BUCKETS[0] > self._codes.shape[0]:  # the last part is padded to a bucket
             self._grow()
 
-    def _reserve_pages(self, states: Int32[np.ndarray, " n"], commands: Int32[np.ndarray, " n"]) -> None:
-        while not self._following.has_room(states, commands):
+    def _reserve_pages(self, states: Int32[np.ndarray, " n"], columns: Int32[np.ndarray, " n"]) -> None:
+        while not self._following.has_room(states, columns):
             self._grow()
 
     def _grow(self) -> None:
@@ -270,7 +274,13 @@ def _lengthened(array: np.ndarray, length: int) -> np.ndarray:
 
 def _states_of_an_episode(semantics: LeafSemantics) -> int:
     """Return the most states that one episode can visit."""
-    return 1 + semantics.task.episode.max_ticks * (1 + semantics.num_ticked)
+    between = 0 if semantics.task.faults is None else 2
+    return 1 + semantics.task.episode.max_ticks * (1 + semantics.num_ticked + between)
+
+
+def _names_instances(task: Task) -> bool:
+    """Return whether faults happen to one instance of a part and not to another."""
+    return task.faults is not None and bool(task.faults.hide or task.faults.move or task.faults.take)
 
 
 def _code_type(semantics: LeafSemantics) -> type[np.unsignedinteger]:

@@ -30,6 +30,7 @@ __all__ = [
     "num_sight_events",
     "person_acts",
     "person_bits",
+    "sight_bits",
     "sight_changes",
     "takes",
 ]
@@ -75,6 +76,11 @@ def person_bits(task: Task) -> Int32[np.ndarray, " events"]:
     objects = len(task.objects)
     counts = [1, objects, SPOTS * objects, SPOTS * objects]
     return np.repeat(np.array([0, bit("take"), bit("move"), bit("take")], np.int32), counts)
+
+
+def sight_bits(task: Task) -> Int32[np.ndarray, " events"]:
+    """Return the fault to which each event of sight belongs, as a bit; that everything is in sight again is none."""
+    return np.repeat(np.array([0, bit("hide")], np.int32), [ALL_SEEN + 1, len(task.objects)])
 
 
 def is_away(world: World, task: Task) -> Bool[Array, "S B"]:

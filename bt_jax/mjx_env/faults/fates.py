@@ -12,12 +12,12 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int8, Int16, Int32
 
 from bt_jax.mjx_env.faults.events import ALL_SEEN, SPOTS, brings, hides, moves, person_acts, sight_changes, takes
-from bt_jax.mjx_env.faults.variants import FRACTIONS, JAMS, NUM_ERRORS, SLIPS, Variants, affected, num_errors
+from bt_jax.mjx_env.faults.variants import FRACTIONS, JAMS, SLIPS, Variants, affected, num_errors
 from bt_jax.mjx_env.skills import Released, act
 from bt_jax.mjx_env.world import Array, World, namespace
 from bt_jax.tasks import Faults, Task
 
-__all__ = ["Fates", "between_ticks", "carry_out", "drawn", "sample_fates", "something_happens"]
+__all__ = ["Fates", "between_ticks", "carry_out", "drawn", "nothing_wrong", "sample_fates", "something_happens"]
 
 FATES = 1 << 22  # what keeps their keys apart from those of layouts
 
@@ -75,6 +75,17 @@ def sample_fates(
     )
 
 
+def nothing_wrong(task: Task, count: int) -> Fates:
+    """Return fates (NumPy) of episodes in which nothing goes wrong."""
+    ticks, kinds = task.episode.max_ticks, len(task.kinds)
+    return Fates(
+        np.zeros((count, ticks, 2 + 2 * kinds), np.int8),
+        np.zeros((count, ticks), np.int16),
+        np.zeros((count, ticks), np.int8),
+        np.zeros((count, kinds), bool),
+    )
+
+
 def drawn(
     fates: Fates, variants: Variants, tick: Int32[Array, " E"], command: Int32[Array, " E"]
 ) -> tuple[Int32[Array, " E"], Float32[Array, "E 3"] | None]:
@@ -127,10 +138,9 @@ def _places(faults: Faults, number: np.ndarray, which: np.ndarray, heavy: np.nda
     """Return how places go, int[E, T, K]."""
     drops = np.maximum(faults.drop * chosen, faults.heavy_slip * heavy)[:, None]
     errors = num_errors(faults)
-    fall = errors + 1 + (which * len(FRACTIONS)).astype(int)
-    arrives = (which * errors).astype(int)
-    assert errors <= NUM_ERRORS
-    return np.where(number < faults.jam, errors, np.where(number < faults.jam + drops, fall, arrives))
+    falls = errors + 2 + (which * len(FRACTIONS)).astype(int)
+    strays = np.where(chosen, min(errors, 1) + (which * errors).astype(int), 0)
+    return np.where(number < faults.jam, errors + 1, np.where(number < faults.jam + drops, falls, strays))
 
 
 def _sights(faults: Faults, number: np.ndarray, thing: np.ndarray) -> Int8[np.ndarray, "E T"]:

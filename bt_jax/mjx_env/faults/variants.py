@@ -24,7 +24,7 @@ from bt_jax.tasks.faults import FAULTS
 __all__ = ["FRACTIONS", "JAMS", "NUM_ERRORS", "SLIPS", "Variants", "affected", "bit", "num_errors", "unit_errors"]
 
 NUM_ERRORS = 16
-WORKS, JAMS, SLIPS = 0, 1, 2  # variants of every command but `place`, which has its errors, then jams, then drops
+JAMS, SLIPS = 1, 2  # variants of every command but `place`, which has its errors, then jams, then drops
 FRACTIONS = (0.2, 0.5, 0.8)  # of the way, after which what is carried may drop
 
 SOBOL = (
@@ -46,8 +46,8 @@ def affected(task: Task) -> np.ndarray:
 
 
 def num_errors(faults: Faults | None) -> int:
-    """Return how many variants of a `place` let go of the object over the goal or near it."""
-    return NUM_ERRORS if faults is not None and (faults.place_spread or faults.turn_spread) else 1
+    """Return how many variants of a `place` let go of the object near the goal instead of over it."""
+    return NUM_ERRORS if faults is not None and (faults.place_spread or faults.turn_spread) else 0
 
 
 @functools.cache
@@ -81,7 +81,7 @@ class Variants:
         semantics, faults = self.semantics, self.semantics.task.faults
         if faults is None:
             return np.ones(len(semantics.commands), np.int32)
-        of_place = num_errors(faults) + 1 + len(FRACTIONS)
+        of_place = 1 + num_errors(faults) + 1 + len(FRACTIONS)
         return np.repeat(np.array([2, 3, of_place], np.int32), [2, semantics.num_picks, len(semantics.places)])
 
     @functools.cached_property
@@ -112,19 +112,17 @@ class Variants:
         errors = num_errors(faults)
         is_place = command >= 2 + semantics.num_picks
         is_pick = (command >= 2) & ~is_place
-        fall = variant - errors - 1  # index of the fraction
+        fall = variant - errors - 2  # index of the fraction
         drops = is_place & (fall >= 0)
-        arrives = is_place & (variant < errors)
+        strays = is_place & (variant >= 1) & (variant <= errors)
         fractions = xp.asarray(np.array(FRACTIONS, np.float32))[xp.clip(fall, 0, len(FRACTIONS) - 1)]
         if unit is None:
-            unit = xp.asarray(unit_errors())[xp.minimum(variant, NUM_ERRORS - 1)]
+            unit = xp.asarray(unit_errors())[xp.clip(variant - 1, 0, NUM_ERRORS - 1)]
         turn_spread = math.radians(faults.turn_spread)
         spread = np.array([[faults.place_spread, faults.place_spread, turn_spread]], np.float32)
-        strays = np.tile(affected(semantics.task), 2)[np.maximum(self.classes - 2, 0)]
-        missed = arrives & xp.asarray(strays)[command]
         return Mishaps(
             slips=is_pick & (variant == SLIPS),
-            jams=xp.where(is_place, variant == errors, variant == JAMS),
+            jams=xp.where(is_place, variant == errors + 1, variant == JAMS),
             share=xp.where(drops, fractions, np.float32(1)),
-            error=xp.where(missed[:, None], unit * spread, np.float32(0)),
+            error=xp.where(strays[:, None], unit * spread, np.float32(0)),
         )

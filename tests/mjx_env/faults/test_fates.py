@@ -66,7 +66,7 @@ def test_faults_are_as_frequent_as_the_task_says():
     rate((picks == SLIPS).mean(), 0.2, picks.size)
     rate((picks == JAMS).mean(), 0.1, picks.size)
     rate((fates.variant[..., :2] == JAMS).mean(), 0.1, fates.variant[..., :2].size)
-    rate((places == 1).mean(), 0.1, places.size)  # without spread there is one error, of nothing
+    rate((places == 1).mean(), 0.1, places.size)  # without spread there are no errors
     for i in range(len(FRACTIONS)):
         rate((places == 2 + i).mean(), 0.3 / len(FRACTIONS), places.size)
 
@@ -75,7 +75,7 @@ def test_errors_are_drawn_evenly():
     fates = sample_fates(changed(place_spread=0.01), 0, layouts=100, draws=2)
     places = fates.variant[..., 2 + KINDS :]
     for i in range(NUM_ERRORS):
-        rate((places == i).mean(), 1 / NUM_ERRORS, places.size)
+        rate((places == 1 + i).mean(), 1 / NUM_ERRORS, places.size)
     assert fates.unit is None
 
 
@@ -125,3 +125,4 @@ def test_only_the_named_objects_are_concerned():
     own = [i for i, thing in enumerate(task.objects) if thing.part == "Bolt"]
     assert set(np.unique(fates.sight).tolist()) == {0, ALL_SEEN, *(hides(i) for i in own)}
     assert set(np.nonzero(fates.heavy)[1].tolist()) == {bolt}
+    assert np.unique(np.nonzero(fates.variant[..., 2 + kinds :])[2]).tolist() == [bolt]
