@@ -31,6 +31,7 @@ SETTINGS: Mapping[str, str] = MappingProxyType(
         "robot_position": "place of the robot",
         "gripper_opening": "gripper",
         "finger_room": "room for the fingers",
+        "robot": "robot",
     }
 )
 LEVEL = 0.3  # heights that differ by less than this part of an object's height are the same level
@@ -50,10 +51,13 @@ class Words:
         if isinstance(node, ExtendedNode):
             return _extended(node)
         name, thing = node.name, self.named(node.object)
+        if name in ("approach", "reachable"):
+            what = self._near(node)
+            return f"Drive to {what}" if name == "approach" else f"Is {what} within reach?"
         if node.position is not None:
             where = self._where(node)
             texts = {"move": f"Put {thing} {where}", "place": f"Set down {thing} {where}", "at": f"Is {thing} {where}?"}
-            return texts[name]
+            return texts.get(name, f"Fetch {thing} and put it {where}")
         match name:
             case "pick":
                 return f"Pick up {thing}"
@@ -61,8 +65,6 @@ class Words:
                 return "Is the gripper empty?" if node.object == NOTHING else f"Is {thing} in the gripper?"
             case "gripper":
                 return f"Is the gripper {node.args[0]}?"
-            case "reachable":
-                return f"Is {thing} within reach?"
             case "clear" if self._is_part(node.object):
                 return f"Is there {thing} with nothing on it?"
             case "clear":
@@ -80,6 +82,8 @@ class Words:
     def statement(self, condition: Behavior) -> str:
         """Say a condition as a statement: "GreenBox is on top of YellowBox"."""
         name, thing = condition.name, self.named(condition.object)
+        if name == "reachable":
+            return f"{self._near(condition)} is within reach"
         if condition.position is not None:
             return f"{thing} is {self._where(condition)}"
         match name:
@@ -87,8 +91,6 @@ class Words:
                 return "the gripper is empty" if condition.object == NOTHING else f"{thing} is in the gripper"
             case "gripper":
                 return f"the gripper is {condition.args[0]}"
-            case "reachable":
-                return f"{thing} is within reach"
             case "clear" if self._is_part(condition.object):
                 return f"there is {thing} with nothing on it"
             case "clear":
@@ -144,6 +146,12 @@ class Words:
 
     def _is_part(self, name: object) -> bool:
         return name in self.task.instances and name not in self.task.object_names
+
+    def _near(self, node: Behavior) -> str:
+        """Say what a robot that drives is to reach: an object, a kit, or a place in a frame."""
+        if node.position is not None:
+            return f"the place at {_numbers(node.position)} cm from {node.object}"
+        return self.kit(str(node.object)) if node.object in self.task.kit_names else self.named(node.object)
 
     def _where(self, node: Behavior) -> str:
         return self.place(str(node.object), node.position or (0.0, 0.0, 0.0), str(node.frame), node.turn)

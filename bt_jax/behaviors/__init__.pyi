@@ -1,4 +1,4 @@
-from bt_jax.behaviors.names import check_names, subgoal_conditions
+from bt_jax.behaviors.names import check_names, is_spot, subgoal_conditions
 from bt_jax.behaviors.nodes import (
     EXTENDED,
     Control,
@@ -12,7 +12,7 @@ from bt_jax.behaviors.nodes import (
     not_reactive,
 )
 from bt_jax.behaviors.notation import CONTROLS, Parser, Token, parse_behavior
-from bt_jax.behaviors.pool import gene_pool
+from bt_jax.behaviors.pool import gene_pool, placing_gene
 from bt_jax.behaviors.symbols import CLOSED, NOTHING, OPEN, SIGNATURES, Argument, Behavior, Tree, expand
 from bt_jax.behaviors.vocabulary import FIRST_LEAF, Vocabulary
 
@@ -40,8 +40,10 @@ __all__ = [
     "check_names",
     "expand",
     "gene_pool",
+    "is_spot",
     "not_memoryless",
     "not_reactive",
     "parse_behavior",
+    "placing_gene",
     "subgoal_conditions",
 ]

@@ -4,7 +4,8 @@ time.
 This is the reference, in plain Python. The simulation computes the same for batches of states (`mjx_env.predicates`) with
 the constants of `GEOMETRY`, and a test compares both; the robot, the page and the demonstrations call these functions.
 Lengths are metres, z points up, and all poses are in one frame. `poses` holds those of the objects, the kits and the robot's
-frame, by name; what is not in it is not there.
+frame, by name; what is not in it is not there. Where the robot drives, its frame stays where it starts, and `poses[BASE]` is
+where it is now.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from bt_jax.tasks.task import Episode, Target, Task
 from bt_jax.tasks.things import Object, Vec2, Vec3
 
 __all__ = [
+    "BASE",
     "GEOMETRY",
     "Geometry",
     "Poses",
@@ -32,8 +34,11 @@ __all__ = [
     "is_clear",
     "is_graspable",
     "is_in_reach",
+    "is_loose",
+    "is_off_floor",
     "is_reachable",
     "is_upright",
+    "is_within_reach",
     "rests_on",
     "standing_extents",
     "taken_by",
@@ -41,6 +46,7 @@ __all__ = [
 ]
 
 Poses = Mapping[str, Pose]
+BASE = "robot/base"  # no name of a task has a slash
 
 UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -141,7 +147,17 @@ def is_reachable(thing: Object, height: float, lowest_top: float) -> bool:
 
 
 def is_in_reach(task: Task, poses: Poses, name: str) -> bool:
-    """Is an object where the gripper can go, not on the floor?"""
+    """Is an object where the gripper can go from where the robot is, and not on the floor?"""
+    return is_off_floor(task, poses, name) and is_within_reach(task, poses, poses[name].position)
+
+
+def is_within_reach(task: Task, poses: Poses, point: Vec3) -> bool:
+    """Is a point no farther from a robot that drives than its arm reaches? One that does not drive reaches all."""
+    return task.robot.base is None or math.dist(poses[BASE].position, point) <= task.robot.base.reach
+
+
+def is_off_floor(task: Task, poses: Poses, name: str) -> bool:
+    """Is an object not on the floor?"""
     over_robot = min(table.top for table in task.tables) - task.robot_position[2]
     lowest = poses[task.robot_frame].position[2] + over_robot
     return is_reachable(task.thing(name), poses[name].position[2], lowest)
@@ -206,7 +222,14 @@ def in_own_target(task: Task, poses: Poses, *, held: str | None = None) -> froze
 
 def can_be_taken(task: Task, poses: Poses, name: str, *, held: str | None = None) -> bool:
     """Can an open and empty gripper take an object: is it clear, within reach and graspable?"""
-    return is_clear(task, poses, name, held=held) and is_in_reach(task, poses, name) and is_graspable(task, poses, name)
+    return is_loose(task, poses, name, held=held) and is_in_reach(task, poses, name)
+
+
+def is_loose(task: Task, poses: Poses, name: str, *, held: str | None = None) -> bool:
+    """Can an open and empty gripper take an object once it is within reach: is it clear, graspable and not on the floor?"""
+    return (
+        is_clear(task, poses, name, held=held) and is_off_floor(task, poses, name) and is_graspable(task, poses, name)
+    )
 
 
 def taken_by(task: Task, poses: Poses, name: str, *, held: str | None = None) -> str | None:
@@ -216,7 +239,7 @@ def taken_by(task: Task, poses: Poses, name: str, *, held: str | None = None) ->
         return name if name in poses and can_be_taken(task, poses, name, held=held) else None
     done = in_own_target(task, poses, held=held)
     left = [one for one in task.instances[name] if one in poses and one not in done]
-    robot = poses[task.robot_frame].position[:2]
+    robot = poses[task.robot_frame if task.robot.base is None else BASE].position[:2]
     candidates = [one for one in left if can_be_taken(task, poses, one, held=held)]
     return min(
         candidates, key=lambda one: (math.dist(poses[one].position[:2], robot), *poses[one].position[:2]), default=None

@@ -12,25 +12,31 @@ from bt_jax.tasks.slots import fits, slot_position, slot_turn
 from bt_jax.tasks.task import Task
 from bt_jax.tasks.things import Object, Vec3
 
-__all__ = ["gene_pool"]
+__all__ = ["gene_pool", "placing_gene"]
 
 
 def gene_pool(task: Task) -> Vocabulary[Behavior]:
     """Return what evolution may use in a task.
 
-    These are gripper conditions and actions, a `reached` condition for each subgoal, and one `move` gene for each object or
-    part and each place (57 in the published scene). Places are beside and on top of every other object that can carry it,
-    and in the kits the slots that may take it and the grid of the task's gene settings: in kits without slots, and for what
-    no slot takes in all; each with every turn in which the object looks different there: of what stands on a square one,
-    if a target says how it is turned. An instance of a part has genes of its own, and is a frame, if a target or a subgoal
-    names it.
+    These are gripper conditions and actions, a `reached` condition for each subgoal, and one gene for each object or part
+    and each place (57 in the published scene): `move`, or `carry` where the robot drives. Places are beside and on top of
+    every other object that can carry it, and in the kits the slots that may take it and the grid of the task's gene
+    settings: in kits without slots, and for what no slot takes in all; each with every turn in which the object looks
+    different there: of what stands on a square one, if a target says how it is turned. An instance of a part has genes of
+    its own, and is a frame, if a target or a subgoal names it.
     """
     conditions = [Behavior("gripper", (OPEN,)), Behavior("gripper", (CLOSED,)), Behavior("holding", (NOTHING,))]
     conditions += [Behavior("reached", (subgoal.name,)) for subgoal in task.subgoals]
     actions = [Behavior("open_gripper"), Behavior("close_gripper")]
     named = _named(task)
-    genes = [Behavior("move", (name, *place)) for name in (*task.kinds, *named) for place in _places(task, name, named)]
+    gene = placing_gene(task)
+    genes = [Behavior(gene, (name, *place)) for name in (*task.kinds, *named) for place in _places(task, name, named)]
     return Vocabulary.of([*conditions, *actions, *genes])
+
+
+def placing_gene(task: Task) -> str:
+    """Return the name of the gene that puts an object at a place: `carry` where the robot drives, else `move`."""
+    return "move" if task.robot.base is None else "carry"
 
 
 Place = tuple[Vec3, str] | tuple[Vec3, str, float]  # position, frame, and a turn in degrees unless all are alike

@@ -3,6 +3,9 @@
 A behavior is a name with arguments, written as `pick(YellowBox)` or `at(GreenBox, (0, 0, 0.1), YellowBox)`. Positions are
 metres in the named frame and mean the centre of the object. Where a fourth argument follows, as in
 `at(Plate, (0, 0, 0.02), Tray, 90)`, the object is turned by so many degrees about the vertical of that frame.
+
+A robot that drives has `approach(YellowBox)` and, for a place in a frame, `approach(Tray, (0, 0, 0.02))`; both drive until
+what they name is within reach, as `reachable` of the same arguments says.
 """
 
 from __future__ import annotations
@@ -41,16 +44,18 @@ SIGNATURES: dict[str, Signature] = {
     "at": Signature(Kind.CONDITION, ("object", "position", "frame"), optional=("turn",)),
     "holding": Signature(Kind.CONDITION, ("object",)),
     "gripper": Signature(Kind.CONDITION, ("opening",)),
-    "reachable": Signature(Kind.CONDITION, ("object",)),
+    "reachable": Signature(Kind.CONDITION, ("object",), optional=("position",)),
     "clear": Signature(Kind.CONDITION, ("object",)),
     "reached": Signature(Kind.CONDITION, ("subgoal",)),
     "is_seen": Signature(Kind.CONDITION, ("object",)),
     "open_gripper": Signature(Kind.ACTION, (), cost=2.0),
     "close_gripper": Signature(Kind.ACTION, (), cost=2.0),
+    "approach": Signature(Kind.ACTION, ("object",), cost=30.0, optional=("position",)),
     "pick": Signature(Kind.ACTION, ("object",), cost=20.0),
     "place": Signature(Kind.ACTION, ("object", "position", "frame"), cost=20.0, optional=("turn",)),
     "look": Signature(Kind.ACTION, ("object",), cost=5.0),
     "move": Signature(Kind.GENE, ("object", "position", "frame"), cost=40.0, optional=("turn",)),
+    "carry": Signature(Kind.GENE, ("object", "position", "frame"), cost=100.0, optional=("turn",)),
     "subtask": Signature(Kind.GENE, ("name", "tree")),
 }
 
@@ -167,6 +172,8 @@ class Behavior:
                 return (Behavior("gripper", (OPEN,)), nothing)
             case "close_gripper":
                 return (Behavior("gripper", (CLOSED,)),)
+            case "approach":
+                return (Behavior("reachable", self.args),)
             case "pick":
                 return (Behavior("holding", self.args),)
             case "place":
@@ -177,16 +184,34 @@ class Behavior:
                 return ()
 
     @property
+    def within_reach(self) -> Behavior | None:
+        """The condition that what the action takes, or where it puts it, is within reach of an arm that drives; None for
+        other actions."""
+        if self.name == "pick":
+            return Behavior("reachable", self.args)
+        if self.name == "place" and self.frame is not None and self.position is not None:
+            return Behavior("reachable", (self.frame, self.position))
+        return None
+
+    @property
     def subtree(self) -> Tree | None:
-        """What a gene stands for, without genes in it (of `move`: paper, figure 1); None for other behaviors."""
+        """What a gene stands for, without genes in it; None for other behaviors. `move` is that of the paper, figure 1, and
+        `carry` the same with the drives that a pick and a place need."""
         if self.kind != Kind.GENE:
             return None
         if self.body is not None:
             return expand(self.body)
-        box = self.args[:1]
+        box, pick, place = self.args[:1], Behavior("pick", self.args[:1]), Behavior("place", self.args)
         opened = Control.fallback(Behavior("gripper", (OPEN,)), Behavior("open_gripper"))
-        held = Control.fallback(Behavior("holding", box), Control.sequence(opened, Behavior("pick", box)))
-        return Control.fallback(Behavior("at", self.args), Control.sequence(held, Behavior("place", self.args)))
+        driven = [_near(action) if self.name == "carry" else () for action in (pick, place)]
+        held = Control.fallback(Behavior("holding", box), Control.sequence(opened, *driven[0], pick))
+        return Control.fallback(Behavior("at", self.args), Control.sequence(held, *driven[1], place))
+
+
+def _near(action: Behavior) -> tuple[Tree, ...]:
+    """Return what drives to where an action is within reach."""
+    condition = action.within_reach
+    return () if condition is None else (Control.fallback(condition, Behavior("approach", condition.args)),)
 
 
 Tree = Node[Behavior]

@@ -76,7 +76,8 @@ class TrainArguments:
 
     name: Annotated[str | None, tyro.conf.Positional, unset("[TASK]")] = None
     """task that comes with the package: stack (default), stack3, pyramid, restack, kit4, kit6, kit9, kit12, towers, bolts,
-    fixture, or one at the scale of a YuMi: yumi_stack, yumi_kit4, yumi_bolts, ..."""
+    fixture; mobile_stack or mobile_kit, where the robot drives; or one at the scale of a YuMi: yumi_stack, yumi_kit4,
+    yumi_bolts, ..."""
     task: Annotated[Path | None, unset("PATH")] = None
     """a task of your own, a YAML file"""
     published: bool = False

@@ -36,7 +36,10 @@ def implies(a: Behavior, b: Behavior) -> bool:
 
 def undoes(action: Behavior, condition: Behavior, *, parts: Collection[str] = ()) -> bool:
     """Return whether carrying out an action makes a condition false, or may: it moves the object that the condition is
-    about, or the object in whose frame that one stands, or its postconditions exclude the condition."""
+    about, or the object in whose frame that one stands, it drives to something else than what is to be within reach, or its
+    postconditions exclude the condition."""
+    if condition.name == "reachable" and action.name == "approach":
+        return action.args != condition.args
     if condition.name == "at" and action.name in ("pick", "place"):
         return action.object == condition.frame or (
             action.object == condition.object and action.object not in parts and condition not in action.postconditions

@@ -25,7 +25,7 @@ def free_places(task: Task, names: Sequence[str]) -> dict[str, Target]:
     else on a table, in the robot's frame. It is the roomiest, the first of equals, and at least `genes.gap` and the room of
     a finger away from the other free places, from where objects may start, and from all targets. Objects that the others
     leave no place choose before them."""
-    moves = [gene for gene in gene_pool(task).leaves if gene.name == "move"] if names else []
+    moves = [gene for gene in gene_pool(task).leaves if gene.name in ("move", "carry")] if names else []
     order, found = list(names), _in_order(task, moves, names)
     for _ in range(len(names) - 1):
         first = [name for name in order if name not in found]

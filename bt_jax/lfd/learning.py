@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 from bt_jax._util.errors import UserError
-from bt_jax.behaviors import Behavior, Control, Kind, Tree
+from bt_jax.behaviors import Behavior, Control, Kind, Tree, placing_gene
 from bt_jax.encoding.walk import children, leaves
 from bt_jax.lfd.choice import with_chosen
 from bt_jax.lfd.clustering import NEEDED
@@ -66,8 +66,8 @@ class Lesson:
 
     @property
     def genes(self) -> tuple[Behavior, ...]:
-        """A `move` gene for each demonstrated place, and whatever other leaves the tree has."""
-        moves = [Behavior("move", place.args) for place in self.placements]
+        """A `move` or `carry` gene for each demonstrated place, and whatever other leaves the tree has."""
+        moves = [Behavior(placing_gene(self.task), place.args) for place in self.placements]
         return tuple(dict.fromkeys([*moves, *leaves(self.tree)]))
 
     @property
@@ -125,7 +125,8 @@ def learn(demonstrations: Demonstrations, task: Task, *, frames: Mapping[int, st
         constraints = orders(shown)
         check_acyclic(constraints, inferences)
         extra = preconditions(constraints, inferences, shown, [things[d] for d in subtask.demonstrations], parts=parts)
-        learnt.append(LearntSubtask(subtask, constraints, extra, plan(subtask.goal, extra=extra, parts=parts)))
+        tree = plan(subtask.goal, extra=extra, parts=parts, drives=task.robot.base is not None)
+        learnt.append(LearntSubtask(subtask, constraints, extra, tree))
     trees = tuple(one.tree for one in learnt)
     tree = trees[0] if len(trees) == 1 else _either(trees)
     return Lesson(task, demonstrations, inferences, tuple(map(tuple, steps)), tuple(learnt), tree)

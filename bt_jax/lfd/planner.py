@@ -14,6 +14,7 @@ from bt_jax.encoding.walk import leaves
 from bt_jax.lfd.conflicts import undoes
 from bt_jax.lfd.obstacles import Obstacles
 from bt_jax.tasks import Task
+from bt_jax.tasks.roadmap import roadmap
 
 __all__ = ["fold_moves", "plan", "plan_task"]
 
@@ -28,18 +29,20 @@ def plan(
     extra: Mapping[Behavior, tuple[Behavior, ...]] | None = None,
     obstacles: Obstacles | None = None,
     parts: Collection[str] = (),
+    drives: bool = False,
 ) -> Tree:
     """Return a tree that achieves all conditions of a goal, from wherever it is ticked.
 
     `actions` may be used besides those that the goal itself suggests (open and close the gripper, pick and place); `extra`
     are preconditions beyond the actions' own, for instance from `constraints.preconditions`. `obstacles` are those in a
     task's layouts: they are put out of the way, and the goal may ask for its subgoals and for objects to be clear. `parts`
-    are names that stand for any of several interchangeable objects.
+    are names that stand for any of several interchangeable objects. A robot that `drives` approaches what it picks up, and
+    where it places it.
     Deterministic: the cheapest action that achieves a condition is taken, the first of equals. Where a later part would undo
     an earlier condition, it is moved before it. Raise UserError if no action achieves a condition, if the parts undo each
     other in a circle, or if no place is free for an obstacle.
     """
-    planner = _Planner(tuple(actions), extra or {}, obstacles, parts)
+    planner = _Planner(tuple(actions), extra or {}, obstacles, parts, drives)
     if obstacles is not None:
         # clear(X) already holds while what was on X hangs in the gripper, so it is not what the tree checks.
         goal = [part for one in goal for part in (obstacles.needed(one) if one.name == "clear" else (one,))]
@@ -61,34 +64,36 @@ def plan_task(task: Task) -> Tree:
     if task.subgoal_reward == "seen":
         subgoals = [subgoal for subgoal in subgoals if every.needed(subgoal)]
     for wanted, obstacles in (([*subgoals, *targets], every), ([*subgoals, *targets], certain), (targets, certain)):
-        tree = plan([*wanted, *obstacles.anchored], obstacles=obstacles)
-        if _longest(tree) + task.episode.success_ticks <= task.episode.max_ticks:
+        tree = plan([*wanted, *obstacles.anchored], obstacles=obstacles, drives=task.robot.base is not None)
+        if _longest(task, tree) + task.episode.success_ticks <= task.episode.max_ticks:
             break
     return tree
 
 
-def _longest(tree: Tree) -> int:
-    """Return how many ticks a plan acts in at most: a pick and a placement for each place in it."""
-    return 2 * len({leaf for leaf in leaves(expand(tree)) if leaf.name == "place"})
+def _longest(task: Task, tree: Tree) -> int:
+    """Return how many ticks a plan acts in at most: a pick and a placement for each place in it, and two drives."""
+    drive = 0 if task.robot.base is None else roadmap(task).longest
+    return 2 * (1 + drive) * len({leaf for leaf in leaves(expand(tree)) if leaf.name == "place"})
 
 
 def fold_moves(tree: Tree) -> Tree:
-    """Replace every subtree that is what a `move` gene stands for by that gene, also where more has to hold before the
-    object is picked: then the gene follows that."""
+    """Replace every subtree that is what a `move` or `carry` gene stands for by that gene, also where more has to hold
+    before the object is picked: then the gene follows that."""
     if not isinstance(tree, Control):
         return tree
     first, last = tree.children[0], tree.children[-1]
     if isinstance(first, Behavior) and first.name == "at":
-        gene = Behavior("move", first.args)
-        if gene.subtree == tree:
-            return gene
-        if isinstance(last, Control) and gene.subtree == Control.fallback(
-            first, _control(last.kind, last.children[-2:])
-        ):
-            before = last.children[:-2]
-            if not before:  # the gene itself begins with the first condition
-                return Control.fallback(*tree.children[1:-1], gene)
-            tree = Control.fallback(*tree.children[:-1], Control(last.kind, (*before, gene)))
+        for gene, parts in ((Behavior("move", first.args), 2), (Behavior("carry", first.args), 3)):
+            if gene.subtree == tree:
+                return gene
+            if isinstance(last, Control) and gene.subtree == Control.fallback(
+                first, _control(last.kind, last.children[-parts:])
+            ):
+                before = last.children[:-parts]
+                if not before:  # the gene itself begins with the first condition
+                    return Control.fallback(*tree.children[1:-1], gene)
+                tree = Control.fallback(*tree.children[:-1], Control(last.kind, (*before, gene)))
+                break
     return _control(tree.kind, [fold_moves(child) for child in tree.children])
 
 
@@ -112,6 +117,7 @@ class _Planner:
     extra: Mapping[Behavior, tuple[Behavior, ...]]
     obstacles: Obstacles | None
     interchangeable: Collection[str]
+    drives: bool
     parts: dict[Behavior, _Part] = dataclasses.field(default_factory=dict)  # planned so far, by their condition
 
     def achieved(self, condition: Behavior, waiting: tuple[Behavior, ...]) -> _Part:
@@ -137,6 +143,8 @@ class _Planner:
         before = [*self.extra.get(action, ()), *(self.obstacles.needed(action) if self.obstacles else ())]
         # What the action itself needs of the gripper comes last: whatever else must hold first may use the gripper.
         needed = [other for other in (*before, *action.preconditions) if other.name not in GIVEN]
+        if self.drives and action.within_reach is not None:
+            needed.append(action.within_reach)
         return self.sequence(needed, waiting, action)
 
     def sequence(self, conditions: Iterable[Behavior], waiting: tuple[Behavior, ...], *then: Behavior) -> Tree | None:
@@ -251,6 +259,8 @@ def _suggested(condition: Behavior) -> list[Behavior]:
     match condition.name:
         case "at":
             return [Behavior("place", condition.args)]
+        case "reachable":
+            return [Behavior("approach", condition.args)]
         case "holding" if condition.object != "nothing":
             return [Behavior("pick", condition.args)]
         case "holding":

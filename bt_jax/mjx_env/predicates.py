@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float32
 
 from bt_jax.behaviors.geometry import GEOMETRY
+from bt_jax.mjx_env.driving import within_reach
 from bt_jax.mjx_env.surfaces import (
     Outlines,
     Surfaces,
@@ -27,12 +28,38 @@ from bt_jax.mjx_env.surfaces import (
 from bt_jax.mjx_env.world import Array, World, distances, frames, headings, namespace, rotate, to_world, uprightness
 from bt_jax.tasks import Target, Task
 
-__all__ = ["graspable", "in_own_target", "is_clear", "is_seen", "is_upright", "reachable", "stands_in", "turn_error"]
+__all__ = [
+    "graspable",
+    "in_own_target",
+    "is_clear",
+    "is_seen",
+    "is_upright",
+    "loose",
+    "off_floor",
+    "reachable",
+    "stands_in",
+    "turn_error",
+]
 
 
 def reachable(world: World, task: Task) -> Bool[Array, "S B"]:
-    """Return which objects the gripper reaches: those not below the lowest table's top, so not on the floor."""
+    """Return which objects the gripper reaches: those not on the floor and, where the robot drives, near enough to it."""
+    if task.robot.base is None:
+        return off_floor(world, task)
+    return off_floor(world, task) & within_reach(world, task, world.poses[..., :3])
+
+
+def off_floor(world: World, task: Task) -> Bool[Array, "S B"]:
+    """Return which objects are not below the lowest table's top, so not on the floor."""
     return world.poses[..., 2] > _least_heights(task)
+
+
+def loose(world: World, task: Task) -> Bool[Array, "S B"]:
+    """Return which objects the gripper may take as an instance of a part once they are within reach: those that are clear,
+    graspable, not on the floor, not held, and in no target of their own."""
+    objects = np.arange(len(task.objects), dtype=np.int8)
+    free = is_clear(world, task) & off_floor(world, task) & graspable(world, task)
+    return free & ~in_own_target(world, task) & (world.held[:, None] != objects[None])
 
 
 @functools.lru_cache(maxsize=16)

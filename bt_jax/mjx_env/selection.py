@@ -17,15 +17,18 @@ class Selection:
 
     tokens: np.ndarray  # int[m], ascending
     places: np.ndarray | slice  # of `LeafSemantics.places`, those that the leaves name
+    spots: np.ndarray | slice  # of `LeafSemantics.spots`, likewise
     groups: list[tuple[Tree, np.ndarray]]  # leaves with the same skeleton: it, and columns of its atoms [atoms, leaves]
     order: np.ndarray  # where to find each token when the groups stand side by side behind the control nodes
 
 
-def selection_of(places: np.ndarray | slice, groups: list[tuple[np.ndarray, Tree, np.ndarray]]) -> Selection:
+def selection_of(
+    places: np.ndarray | slice, spots: np.ndarray | slice, groups: list[tuple[np.ndarray, Tree, np.ndarray]]
+) -> Selection:
     """Return what computes groups of leaves: of each its tokens, its skeleton and the columns of its atoms."""
     tokens = np.concatenate([np.arange(FIRST_LEAF), *(own for own, _, _ in groups)])
     order = np.argsort(tokens)
-    return Selection(tokens[order], places, [(body, columns) for _, body, columns in groups], order)
+    return Selection(tokens[order], places, spots, [(body, columns) for _, body, columns in groups], order)
 
 
 def atoms_of(leaf: Tree) -> list[Behavior]:

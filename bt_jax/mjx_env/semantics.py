@@ -18,33 +18,48 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from typing import TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Int, Int32
+from jaxtyping import Bool, Float32, Int, Int32
 
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import (
     FIRST_LEAF,
     NOTHING,
     OPEN,
+    Argument,
     Behavior,
     ExtendedNode,
     Kind,
     Tree,
     Vocabulary,
     check_names,
+    is_spot,
     subgoal_conditions,
 )
 from bt_jax.encoding.interpret import DECORATED
 from bt_jax.encoding.tick import Status
+from bt_jax.mjx_env.driving import stations_near, within_reach
 from bt_jax.mjx_env.outcomes import ACTION, COMMAND_BITS, MAX_COMMANDS, MAX_SUBGOALS, SUBGOAL_BITS
-from bt_jax.mjx_env.predicates import graspable, in_own_target, is_clear, is_seen, is_upright, reachable, turn_error
+from bt_jax.mjx_env.predicates import (
+    graspable,
+    in_own_target,
+    is_clear,
+    is_seen,
+    is_upright,
+    loose,
+    off_floor,
+    reachable,
+    turn_error,
+)
 from bt_jax.mjx_env.selection import Selection, atoms_of, selection_of, skeleton
 from bt_jax.mjx_env.world import Array, World, distances, frames, namespace, to_world
 from bt_jax.tasks import Task
 
 __all__ = ["LeafSemantics", "holding_subgoals", "subgoals_by_sight", "taken_by"]
 
+Rows: TypeAlias = np.ndarray | slice
 ALL = slice(None)
 
 
@@ -53,8 +68,9 @@ class LeafSemantics:
     """What the leaves of a vocabulary mean in a task.
 
     Commands, the actions that the world can be asked for, are numbered: open_gripper, close_gripper, `pick` of each object
-    and each part, `look` for each of those `watched`, then `place` at each of the places (object, position, frame, turn)
-    that the leaves name. A name of a part means any of its instances; which one a `pick` takes, says `taken_by`.
+    and each part, `look` for each of those `watched`; where the robot drives, `approach` of each name, then of each of the
+    spots (a kit, or a position in a frame) that the leaves name; and `place` at each of the places (object, position, frame,
+    turn) that the leaves name. A name of a part means any of its instances; which one a `pick` takes, says `taken_by`.
     """
 
     task: Task
@@ -79,7 +95,24 @@ class LeafSemantics:
     def places(self) -> tuple[Behavior, ...]:
         """All distinct `at(object, position, frame)` that the leaves name, also inside genes."""
         atoms = [atom for leaf in self.vocabulary.leaves for atom in atoms_of(leaf)]
-        return tuple(dict.fromkeys(Behavior("at", atom.args) for atom in atoms if atom.position is not None))
+        return tuple(dict.fromkeys(Behavior("at", atom.args) for atom in atoms if atom.name in ("at", "place")))
+
+    @functools.cached_property
+    def spots(self) -> tuple[Behavior, ...]:
+        """All distinct `reachable(frame, position)` and `reachable(kit)` that the leaves name, also inside genes."""
+        atoms = [atom for leaf in self.vocabulary.leaves for atom in atoms_of(leaf)]
+        near = [atom for atom in atoms if atom.name in ("reachable", "approach") and is_spot(atom, self.task)]
+        return tuple(dict.fromkeys(Behavior("reachable", atom.args) for atom in near))
+
+    @functools.cached_property
+    def spot_frame(self) -> np.ndarray:
+        """Index of the frame of each spot in `task.frames`, int[m]."""
+        return np.array([self.task.frames.index(str(spot.object)) for spot in self.spots], int)
+
+    @functools.cached_property
+    def spot_position(self) -> np.ndarray:
+        """Position of each spot in its frame, float32[m, 3]."""
+        return np.array([spot.position or (0, 0, 0) for spot in self.spots], np.float32).reshape(-1, 3)
 
     @functools.cached_property
     def names(self) -> tuple[str, ...]:
@@ -138,9 +171,22 @@ class LeafSemantics:
     def commands(self) -> tuple[Behavior, ...]:
         """The action behind each command."""
         picks = [Behavior("pick", (name,)) for name in self.names]
+        drives = [Behavior("approach", args) for args in self.approached]
         places = [Behavior("place", place.args) for place in self.places]
         looks = [Behavior("look", (name,)) for name in self.watched]
-        return (Behavior("open_gripper"), Behavior("close_gripper"), *picks, *looks, *places)
+        return (Behavior("open_gripper"), Behavior("close_gripper"), *picks, *looks, *drives, *places)
+
+    @property
+    def first_place(self) -> int:
+        """The number of the first command that is a `place`; those after it are, too."""
+        return len(self.commands) - len(self.places)
+
+    @functools.cached_property
+    def approached(self) -> tuple[tuple[Argument, ...], ...]:
+        """What each drive is to: names, then spots; nothing where the robot does not drive."""
+        return (
+            () if self.task.robot.base is None else (*((name,) for name in self.names), *(s.args for s in self.spots))
+        )
 
     @functools.cached_property
     def conditions(self) -> tuple[Behavior, ...]:
@@ -148,6 +194,7 @@ class LeafSemantics:
         names = self.names
         return (
             *self.places,
+            *self.spots,
             *(Behavior("holding", (name,)) for name in (*names, NOTHING)),
             Behavior("gripper", (OPEN,)),
             Behavior("gripper", ("closed",)),
@@ -164,9 +211,10 @@ class LeafSemantics:
 
     @functools.cached_property
     def _named(self) -> dict[str, Int[np.ndarray, " n"]]:
-        """Columns of all conditions of the same name."""
-        each = np.array([condition.name for condition in self.conditions])
-        return {name: np.flatnonzero(each == name) for name in dict.fromkeys(each.tolist())}
+        """Columns of all conditions of the same name, but for those of places and spots."""
+        first = len(self.places) + len(self.spots)
+        each = np.array([condition.name for condition in self.conditions[first:]])
+        return {name: first + np.flatnonzero(each == name) for name in dict.fromkeys(each.tolist())}
 
     @functools.cached_property
     def _running(self) -> Int32[np.ndarray, " commands"]:
@@ -187,25 +235,31 @@ class LeafSemantics:
     @functools.cached_property
     def everything(self) -> Selection:
         """All tokens."""
-        return selection_of(slice(None), self._groups)
+        return selection_of(ALL, ALL, self._groups)
 
     def select(self, tokens: Int[np.ndarray, " m"]) -> Selection:
         """Return what computes the outcomes of some tokens without those of the others."""
         chosen = [(own, body, columns, np.isin(own, tokens)) for own, body, columns in self._groups]
         groups = [(own[here], body, columns[:, here]) for own, body, columns, here in chosen if here.any()]
         used = np.unique(np.concatenate([np.zeros(0, int), *(columns.ravel() for _, _, columns in groups)]))
-        num_places = len(self.places)
-        first = len(self.conditions) + len(self.commands) - num_places  # the column of the first place's command
+        conditions, num_places, num_spots = len(self.conditions), len(self.places), len(self.spots)
+        first = conditions + len(self.commands) - num_places  # the column of the first place's command
+        drives = first - num_spots  # and of the first spot's
         places = np.union1d(used[used < num_places], used[used >= first] - first)
-        kept = np.concatenate([places, np.arange(num_places, first), first + places])
-        return selection_of(places, [(own, body, np.searchsorted(kept, columns)) for own, body, columns in groups])
+        spots = [used[(start <= used) & (used < start + num_spots)] - start for start in (num_places, drives)]
+        near = np.union1d(*spots)
+        between = np.arange(num_places + num_spots, drives)
+        kept = np.concatenate([places, num_places + near, between, drives + near, first + places])
+        return selection_of(
+            places, near, [(own, body, np.searchsorted(kept, columns)) for own, body, columns in groups]
+        )
 
     def outcomes(self, world: World, selection: Selection | None = None) -> Int32[Array, "2 S m"]:
         """Return the outcome of every token, or of the selected ones, in every state (see `outcomes`). The second layer
         holds the outcomes once the command that is running in the first counts as failed."""
         xp = namespace(world.poses)
         chosen = self.everything if selection is None else selection
-        atoms = self._atom_outcomes(world, chosen.places)
+        atoms = self._atom_outcomes(world, chosen.places, chosen.spots)
         layers = []
         failed: list[Array | None] = [None] * len(chosen.groups)
         for _ in range(2):
@@ -240,12 +294,13 @@ class LeafSemantics:
             outcome = xp.where(outcome & 3 == proceed, after, outcome)
         return outcome
 
-    def _atom_outcomes(self, world: World, places: np.ndarray | slice = ALL) -> Int32[Array, "S A"]:
-        """Return the outcomes of all conditions, then of all commands, those at some of the places only. An action succeeds
-        if its postconditions hold, fails if its preconditions do not, and otherwise runs."""
+    def _atom_outcomes(self, world: World, places: Rows = ALL, spots: Rows = ALL) -> Int32[Array, "S A"]:
+        """Return the outcomes of all conditions, then of all commands, those at some of the places and spots only. An action
+        succeeds if its postconditions hold, fails if its preconditions do not, and otherwise runs."""
         xp = namespace(world.poses)
-        conditions, place_name = self._condition_values(world, places), self.place_name[places]
-        left_out = len(self.places) - len(place_name)
+        conditions, place_name = self._condition_values(world, places, spots), self.place_name[places]
+        first = len(place_name) + len(self.spot_frame[spots])
+        left_out = len(self.places) + len(self.spots) - first
         named = {name: self._named[name] - left_out for name in ("holding", "clear", "reachable")}
         named["is_seen"] = self._named.get("is_seen", np.zeros(0, int)) - left_out
         holding, can_hold = (conditions[:, named[name]] for name in ("holding", "clear"))
@@ -258,46 +313,59 @@ class LeafSemantics:
             can_pick = opened & self._any_left(world, free)
         at = conditions[:, : len(place_name)]
         seen = conditions[:, named["is_seen"]]
-        done = xp.concatenate([opened & empty, closed, holding, seen, at & empty], axis=1)
         always = xp.ones((conditions.shape[0], 2), bool)
         can_place = holding[:, place_name]
         if world.unseen is not None:
             can_place = can_place & self._frames_seen(world)[:, self.place_frame[places]]
+        near = xp.zeros((conditions.shape[0], 0), bool)
+        can_approach = near
+        if self.task.robot.base is not None:
+            near = xp.concatenate([conditions[:, named["reachable"]], conditions[:, len(place_name) : first]], axis=1)
+            can_approach = self._can_approach(world, spots)
+            goal = to_world(frames(world, self.task), self.place_frame[places], self.place_position[places])
+            can_place = can_place & within_reach(world, self.task, goal)
+        done = xp.concatenate([opened & empty, closed, holding, seen, near, at & empty], axis=1)
         if self.has_parts:  # an instance is not put where it is itself
             can_place = can_place & (world.held[:, None] != self.place_frame[places].astype(np.int8)[None])
-        possible = xp.concatenate([always, can_pick, xp.ones_like(seen), can_place], axis=1)
-        others = len(self.commands) - len(self.places)
-        running = np.concatenate([self._running[:others], self._running[others:][places]])[None]
+        possible = xp.concatenate([always, can_pick, xp.ones_like(seen), can_approach, can_place], axis=1)
+        placing = self.first_place
+        driving = placing - len(self.spots)
+        each = [self._running[:driving], self._running[driving:placing][spots], self._running[placing:][places]]
+        running = np.concatenate(each)[None]
         actions = xp.where(done, np.int32(Status.SUCCESS), xp.where(possible, running, np.int32(Status.FAILURE)))
         statuses = conditions.astype(np.int32)
         if self.num_ticked:
-            first = conditions.shape[1] - self.num_ticked
+            ticked = conditions.shape[1] - self.num_ticked
             bits = np.int32(1) << np.arange(SUBGOAL_BITS, SUBGOAL_BITS + self.num_ticked, dtype=np.int32)
-            new = xp.where(conditions[:, first:] & ~world.reached, bits[None], np.int32(0))
-            statuses = xp.concatenate([statuses[:, :first], statuses[:, first:] | new], axis=1)
+            new = xp.where(conditions[:, ticked:] & ~world.reached, bits[None], np.int32(0))
+            statuses = xp.concatenate([statuses[:, :ticked], statuses[:, ticked:] | new], axis=1)
         return xp.concatenate([statuses, actions], axis=1)
 
-    def _condition_values(self, world: World, places: np.ndarray | slice = ALL) -> Bool[Array, "S conditions"]:
+    def _condition_values(self, world: World, places: Rows = ALL, spots: Rows = ALL) -> Bool[Array, "S conditions"]:
         xp = namespace(world.poses)
         reached = world.reached | holding_subgoals(self.task, world) if self.num_ticked else world.reached
-        return xp.concatenate([self._scene_values(world, places), reached], axis=1)
+        return xp.concatenate([self._scene_values(world, places, spots), reached], axis=1)
 
-    def _scene_values(self, world: World, places: np.ndarray | slice = ALL) -> Bool[Array, "S conditions"]:
-        """Return the values of all conditions but `reached`, those at some of the places only."""
+    def _scene_values(self, world: World, places: Rows = ALL, spots: Rows = ALL) -> Bool[Array, "S conditions"]:
+        """Return the values of all conditions but `reached`, those at some of the places and spots only."""
         xp = namespace(world.poses)
         objects = np.arange(len(self.task.objects), dtype=np.int8)
         held = world.held[:, None] == objects[None]
         gripper = xp.stack([world.gripper_open, ~world.gripper_open], axis=1)
-        within, clear = reachable(world, self.task), is_clear(world, self.task)
+        clear = is_clear(world, self.task)
         if world.unseen is not None:
-            within, clear = within & is_seen(world), clear & is_seen(world)
+            clear = clear & is_seen(world)
+        near = []
+        if self.spots:
+            near = [within_reach(world, self.task, self.spot_points(world, spots)) & self._spots_seen(world, spots)]
         return xp.concatenate(
             [
                 self._at(world, places),
+                *near,
                 self.any_of(held),
                 (world.held < 0)[:, None],
                 gripper,
-                self.any_of(within),
+                self._reachable(world),
                 self.any_of(clear),
                 *([self.any_of(is_seen(world))[:, self._watched]] if self.watched else []),
             ],
@@ -314,6 +382,47 @@ class LeafSemantics:
         xp, others = namespace(world.poses), len(self.task.frames) - len(self.task.objects)
         return xp.concatenate([is_seen(world), xp.ones((world.held.shape[0], others), bool)], axis=1)
 
+    def _reachable(self, world: World) -> Bool[Array, "S names"]:
+        """Return for each name whether what it stands for is within reach: of a part, where the robot drives, an instance
+        that may be taken."""
+        if self.task.robot.base is None:
+            within = reachable(world, self.task)
+            return self.any_of(within if world.unseen is None else within & is_seen(world))
+        return self._any_meant(world, within_reach(world, self.task, world.poses[..., :3]))
+
+    def _can_approach(self, world: World, spots: Rows) -> Bool[Array, "S drives"]:
+        """Return which drives lead to a station from which the arm reaches what they approach."""
+        points = [world.poses[..., :3], self.spot_points(world, spots)]
+        things, of_spots = (stations_near(self.task, each).any(axis=-1) for each in points)
+        of_spots = of_spots & self._spots_seen(world, spots)
+        return namespace(world.poses).concatenate([self._any_meant(world, things), of_spots], axis=1)
+
+    def _spots_seen(self, world: World, spots: Rows) -> Bool[Array, "S m"]:
+        """Return of which spots it is known where their frames are."""
+        return self._frames_seen(world)[:, self.spot_frame[spots]]
+
+    def _any_meant(self, world: World, values: Bool[Array, "S B"]) -> Bool[Array, "S names"]:
+        """Return for each name whether the value is true of any object that a drive to it may be for: an object that is not
+        on the floor, an instance that may be taken."""
+        values = values if world.unseen is None else values & is_seen(world)
+        found = values & off_floor(world, self.task)
+        if not self.has_parts:
+            return found
+        parts = self.any_of(values & loose(world, self.task))[:, len(self.task.objects) :]
+        return namespace(values).concatenate([found, parts], axis=1)
+
+    def stations_of_name(self, world: World, name: Int32[Array, " S"]) -> Bool[Array, "S stations"]:
+        """Return from which stations the arm reaches what each state's name stands for, given as an index of `names`."""
+        xp, task = namespace(world.poses), self.task
+        meant = xp.asarray(self.members)[name] & off_floor(world, task) & is_seen(world)
+        if self.has_parts:
+            meant = meant & ((name < len(task.objects))[:, None] | loose(world, task))
+        return (stations_near(task, world.poses[..., :3]) & meant[..., None]).any(axis=1)
+
+    def spot_points(self, world: World, spots: Rows = ALL) -> Float32[Array, "S m 3"]:
+        """Return where spots are in the world."""
+        return to_world(frames(world, self.task), self.spot_frame[spots], self.spot_position[spots])
+
     def any_of(self, values: Bool[Array, "S B"]) -> Bool[Array, "S names"]:
         """Return for each name whether the value is true of any object that it stands for."""
         parts = self.members[len(self.task.objects) :]
@@ -321,7 +430,7 @@ class LeafSemantics:
             return values
         return namespace(values).concatenate([values, *(values[:, own].any(axis=1, keepdims=True) for own in parts)], 1)
 
-    def _at(self, world: World, places: np.ndarray | slice) -> Bool[Array, "S places"]:
+    def _at(self, world: World, places: Rows) -> Bool[Array, "S places"]:
         """Return whether what each of the places is for stands there, any instance of a part, and turned as it says."""
         xp = namespace(world.poses)
         name, frame = self.place_name[places], self.place_frame[places]
@@ -395,8 +504,8 @@ def taken_by(semantics: LeafSemantics, world: World, pick: Int32[Array, " S"]) -
     xp, task, count = namespace(world.poses), semantics.task, len(semantics.task.objects)
     if not semantics.has_parts or (xp is np and (pick < count).all()):
         return pick
-    x, y, _ = task.robot_position
-    away = (world.poses[..., 0] - np.float32(x)) ** 2 + (world.poses[..., 1] - np.float32(y)) ** 2
+    robot = np.array([task.robot_position[:2]], np.float32) if world.base is None else world.base
+    away = (world.poses[..., 0] - robot[:, :1]) ** 2 + (world.poses[..., 1] - robot[:, 1:]) ** 2
     free = is_clear(world, task) & reachable(world, task) & graspable(world, task)
     if world.unseen is not None:
         free = free & is_seen(world)

@@ -1,7 +1,8 @@
 """The idealized gripper: what a command does to a state before gravity and contacts take over, and after.
 
 `pick` takes the object rigidly and lifts it; `place` carries it over the pose and lowers it until it is there, or until it
-touches something, and lets go; `open_gripper` drops what is held; `look` moves nothing.
+touches something, and lets go; `open_gripper` drops what is held; `look` moves nothing. `approach` moves the base by one
+step, with what is held above it.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float32, Int, Int32
 
+from bt_jax.mjx_env.driving import drive, stations_near
 from bt_jax.mjx_env.semantics import LeafSemantics, subgoals_by_sight, taken_by, turn_error
 from bt_jax.mjx_env.surfaces import (
     fixed_surfaces,
@@ -63,7 +65,7 @@ def act(
     xp = namespace(world.poses)
     objects = np.arange(count, dtype=np.int8)[None]
     held = world.held[:, None] == objects
-    pick, place = command - 2, command - (2 + semantics.num_picks + len(semantics.watched))
+    pick, place = command - 2, command - semantics.first_place
     is_pick, is_place = (pick >= 0) & (pick < semantics.num_picks), place >= 0
     opens, closes = (command == 0) | is_place, (command == 1) | is_pick
     dropped = None
@@ -80,6 +82,16 @@ def act(
         carried = held & is_place[:, None]
         goal = _release_pose(semantics, world, xp.maximum(place, 0), mishaps)
         poses = xp.where(carried[..., None], goal[:, None], poses)
+    base = world.base
+    if semantics.approached:
+        assert base is not None
+        base = _driven(semantics, world, command - semantics.first_place + len(semantics.approached))
+        above = xp.concatenate([base, xp.full((len(base), 1), task.robot_position[2], np.float32)], axis=1)[:, None]
+        carried = xp.concatenate(
+            [above + lift[..., None] * np.array([0, 0, 1], np.float32), world.poses[..., 3:]], axis=-1
+        )
+        has_moved = (base != world.base).any(axis=1, keepdims=True)
+        poses = xp.where((held & has_moved)[..., None], carried, poses)
     held_after = xp.where(is_pick, taken, xp.where(opens, np.int8(-1), world.held))
     handled = xp.where(is_pick, taken.astype(np.int32), xp.where(opens, world.held.astype(np.int32), np.int32(-1)))
     after = dataclasses.replace(
@@ -87,8 +99,25 @@ def act(
         poses=poses,
         held=held_after.astype(np.int8),
         gripper_open=(world.gripper_open | (opens if dropped is None else opens & ~dropped)) & ~closes,
+        base=base,
     )
     return Released(after, poses, held_after[:, None] != objects, handled.astype(np.int32))
+
+
+def _driven(semantics: LeafSemantics, world: World, drive_to: Int32[Array, " S"]) -> Float32[Array, "S 2"]:
+    """Return where the base is after one step towards what each state's drive approaches, or where it was where the command
+    is no drive."""
+    task, xp, names = semantics.task, namespace(world.poses), len(semantics.names)
+    drives = (drive_to >= 0) & (drive_to < len(semantics.approached))
+    if xp is np and not drives.any():
+        return world.base
+    name, rows = xp.clip(drive_to, 0, names - 1), np.arange(len(drives))
+    near = semantics.stations_of_name(world, name)
+    if semantics.spots:
+        spot = xp.clip(drive_to - names, 0, len(semantics.spots) - 1)
+        points = semantics.spot_points(world)[rows, spot]
+        near = xp.where((drive_to < names)[:, None], near, stations_near(task, points[:, None])[:, 0])
+    return drive(task, world.base, near & drives[:, None])
 
 
 def reach(world: World, subgoals: Int32[Array, " S"]) -> World:

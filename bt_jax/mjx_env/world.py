@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int8, Int32, Shaped
 
-from bt_jax.behaviors.geometry import GEOMETRY
+from bt_jax.behaviors.geometry import BASE, GEOMETRY
 from bt_jax.behaviors.pose import Pose
 from bt_jax.tasks import Task
 
@@ -111,9 +111,13 @@ def frames(world: World, task: Task) -> Float32[Array, "*S F 7"]:
 
 
 def poses_by_name(world: World, task: Task, row: int = 0) -> dict[str, Pose]:
-    """Return the poses of all frames of the task in one state, as `behaviors.geometry` takes them."""
+    """Return the poses of all frames of the task in one state, and that of a base, as `behaviors.geometry` takes them."""
     poses = np.asarray(frames(take(world, slice(row, row + 1)), task))[0].tolist()
-    return dict(zip(task.frames, map(Pose.of, poses), strict=True))
+    named = dict(zip(task.frames, map(Pose.of, poses), strict=True))
+    if world.base is not None:
+        x, y = world.base[row].tolist()
+        named[BASE] = Pose((x, y, task.robot_position[2]))
+    return named
 
 
 def to_world(

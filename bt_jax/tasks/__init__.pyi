@@ -1,16 +1,19 @@
 from bt_jax.tasks.changes import with_faults, with_goal_of, with_subgoal, with_target, with_targets
 from bt_jax.tasks.faults import Faults, load_faults
 from bt_jax.tasks.files import load_task, task_from_dict, task_names, task_of_folder
+from bt_jax.tasks.robot import Base, Robot
 from bt_jax.tasks.task import Episode, GeneSettings, Layout, Subgoal, Target, Task, Weights
 from bt_jax.tasks.things import Kit, Object, Slot, Table
 
 __all__ = [
+    "Base",
     "Episode",
     "Faults",
     "GeneSettings",
     "Kit",
     "Layout",
     "Object",
+    "Robot",
     "Slot",
     "Subgoal",
     "Table",

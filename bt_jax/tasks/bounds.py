@@ -81,6 +81,7 @@ BOUNDS: Mapping[str, Bound] = MappingProxyType(
         "weights.failure": COST,
         "weights.subgoal": COST,
         "weights.turn": COST,
+        "weights.travel": COST,
         "robot_position": POSITION,
         "gripper_opening": _metres(0.005, 2.0),
         "finger_room": GAP,
@@ -96,6 +97,10 @@ BOUNDS: Mapping[str, Bound] = MappingProxyType(
         "faults.take_ticks": TICKS,
         "faults.heavy": CHANCE,
         "faults.heavy_slip": CHANCE,
+        "robot.base.reach": _metres(0.05, 5.0),
+        "robot.base.radius": _metres(0.01, 2.0),
+        "robot.base.step": _metres(0.05, 10.0),
+        "robot.base.stations": POSITION,
     }
 )
 

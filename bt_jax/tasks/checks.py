@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from types import MappingProxyType
 
 from bt_jax._util.errors import UserError
+from bt_jax.tasks.base_checks import check_base
 from bt_jax.tasks.bounds import out_of_bounds
 from bt_jax.tasks.kit_checks import check_kits
 from bt_jax.tasks.refusals import Fail, as_written, refusal
@@ -48,6 +49,7 @@ def check(task: Task, source: str, keys: Keys = NO_KEYS) -> None:
     _check_sizes(task, fail)
     check_targets(task, fail)
     _check_faults(task, fail)
+    check_base(task, fail)
 
 
 def check_support(task: Task, source: str) -> None:

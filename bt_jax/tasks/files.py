@@ -16,6 +16,7 @@ from bt_jax._util.decoding import decode
 from bt_jax._util.errors import UserError
 from bt_jax._util.json_files import read_json
 from bt_jax._util.yaml_files import read_yaml
+from bt_jax.tasks.base_checks import with_drives
 from bt_jax.tasks.checks import check, check_support
 from bt_jax.tasks.task import Task
 from bt_jax.tasks.written import WrittenTask, merged
@@ -38,6 +39,7 @@ EXAMPLES: Mapping[str, str] = MappingProxyType(
         "color": "[0.9, 0.7, 0.1]",
         "object": "YellowBox",
         "frame": "KittingBox",
+        "reach": "0.9",
         "conditions": "[clear(YellowBox)]",
         "tables": "[{name: Left, position: [-0.4, 0, 0.35], size: [0.6, 0.6, 0.7]}]",
         "targets": "[{object: YellowBox, position: [0, 0, 0.03], frame: KittingBox}]",
@@ -91,9 +93,10 @@ def task_from_dict(data: Any, *, source: str, kept: bool = False) -> Task:
         data["subgoals"] = [_subgoal(entry, source) for entry in data["subgoals"]]
     episode = data.get("episode")
     written = decode(_without_keywords(data), WrittenTask, source, examples=EXAMPLES)
-    task, keys = written.task(source, ticks_given=isinstance(episode, Mapping) and "max_ticks" in episode)
+    ticks_given = isinstance(episode, Mapping) and "max_ticks" in episode
+    task, keys = written.task(source, ticks_given=ticks_given)
     check(task, source, keys)
-    return task
+    return with_drives(task, ticks_given=ticks_given)
 
 
 def _without_keywords(data: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 from bt_jax._util.errors import UserError
 from bt_jax.tasks.faults import Faults
+from bt_jax.tasks.robot import STANDING, Robot
 from bt_jax.tasks.things import Kit, Object, Table, Vec3
 
 __all__ = [
@@ -95,8 +96,8 @@ class Episode:
 
 @dataclasses.dataclass(frozen=True)
 class Weights:
-    """Costs in the fitness (paper, equation 1): per metre of distance, per node, and per bad ending; and per radian of a
-    wrong turn."""
+    """Costs in the fitness (paper, equation 1): per metre of distance, per node, and per bad ending; per radian of a wrong
+    turn, and per metre that a base drives."""
 
     distance: float = 1000.0
     node: float = 10.0
@@ -104,6 +105,7 @@ class Weights:
     failure: float = 50.0
     subgoal: float = 500.0
     turn: float = 100.0
+    travel: float = 0.0
 
 
 SubgoalReward = Literal["seen", "ticked"]
@@ -143,6 +145,7 @@ class Task:
     gripper_opening: float = 0.2
     finger_room: float = 0.0
     faults: Faults | None = None
+    robot: Robot = STANDING
 
     @property
     def title(self) -> str:

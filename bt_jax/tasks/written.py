@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 from bt_jax._util.errors import UserError
 from bt_jax.tasks.faults import Faults, faults_of
+from bt_jax.tasks.robot import STANDING, Robot
 from bt_jax.tasks.slots import slot_position, slot_turn, slots_by_name
 from bt_jax.tasks.task import Episode, GeneSettings, Layout, Subgoal, SubgoalReward, Target, Task, Weights
 from bt_jax.tasks.things import Kit, Object, Shape, Slot, Table, Vec2, Vec3
@@ -90,6 +91,7 @@ class WrittenTask:
     gripper_opening: float = 0.2
     finger_room: float = 0.0
     faults: Faults | str | None = None
+    robot: Robot = STANDING
 
     def task(self, source: str, *, ticks_given: bool) -> tuple[Task, Keys]:
         """Return the task, with as many ticks as its targets and faults take unless they are given, and how the file names

@@ -9,6 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from bt_jax.behaviors import Behavior, Vocabulary, gene_pool
+from bt_jax.behaviors.driving import approached, is_near
 from bt_jax.behaviors.geometry import (
     can_be_taken,
     in_own_target,
@@ -18,6 +19,7 @@ from bt_jax.behaviors.geometry import (
     is_in_reach,
     is_reachable,
     is_upright,
+    is_within_reach,
     rests_on,
     taken_by,
     turn_error,
@@ -29,8 +31,9 @@ from bt_jax.mjx_env.predicates import in_own_target as batch_in_own_target
 from bt_jax.mjx_env.predicates import is_upright as batch_is_upright
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.semantics import taken_by as batch_taken_by
+from bt_jax.mjx_env.skills import act
 from bt_jax.mjx_env.world import poses_by_name
-from bt_jax.tasks import Episode, Object, Target, load_task
+from bt_jax.tasks import Base, Episode, Object, Robot, Target, load_task
 from tests.helpers.random_states import jittered, random_world
 from tests.helpers.samples import PARTS
 
@@ -38,6 +41,12 @@ MIXED, CUBES = load_task(PARTS), load_task("yumi_stack")
 ONE_OF_ITS_OWN = dataclasses.replace(
     MIXED, name="named instance", targets=(*MIXED.targets, Target("Bolt3", (0.13, 0.0, 0.0275), "TrayA"))
 )  # beside targets of its part
+DRIVING = dataclasses.replace(
+    MIXED,
+    name="driving",
+    robot_position=(0.0, 0.7, 0.9),
+    robot=Robot(Base(0.75, stations=((0.0, 0.65), (-0.65, -0.65)))),
+)
 SIDES = [(math.sqrt(0.5), 0.0, 0.0), (0.0, math.sqrt(0.5), 0.0), (0.0, 0.0, math.sqrt(0.5))]
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -49,10 +58,17 @@ def asked(task):
     genes = [leaf.args for leaf in gene_pool(task).leaves if leaf.name == "move"][:40]
     names = [Behavior(name, (one,)) for name in ("clear", "reachable", "pick", "holding") for one in task.instances]
     on_itself = [("Bolt", (0.0, 0.0, 0.02), "Bolt1")] if "Bolt" in task.instances else []
-    return tuple(dict.fromkeys([*names, *(Behavior("at", args) for args in [*targets, *genes, *on_itself])]))
+    near = []
+    if task.robot.base is not None:
+        genes = [leaf.args for leaf in gene_pool(task).leaves if leaf.name == "carry"][:40:5]
+        spots = [(name,) for name in (*task.instances, *task.kit_names)] + [(args[2], args[1]) for args in genes]
+        near = [Behavior(name, args) for args in spots for name in ("reachable", "approach")]
+        near += [Behavior("place", args) for args in genes]
+    return tuple(dict.fromkeys([*names, *(Behavior("at", args) for args in [*targets, *genes, *on_itself]), *near]))
 
 
-SEMANTICS = {task.name: LeafSemantics(task, Vocabulary.of(asked(task))) for task in (MIXED, ONE_OF_ITS_OWN, CUBES)}
+TASKS = (MIXED, ONE_OF_ITS_OWN, DRIVING, CUBES)
+SEMANTICS = {task.name: LeafSemantics(task, Vocabulary.of(asked(task))) for task in TASKS}
 
 
 def scalar_answers(task, world):
@@ -69,8 +85,23 @@ def scalar_answers(task, world):
         match leaf.name:
             case "clear":
                 found = any_of(name, lambda one: is_clear(task, poses, one, held=in_hand))
+            case "reachable" if task.robot.base is not None:
+                found = is_near(task, poses, name, leaf.position, held=in_hand)
             case "reachable":
                 found = any_of(name, lambda one: is_in_reach(task, poses, one))
+            case "approach":
+                base = approached(task, poses, name, leaf.position, held=in_hand)
+                found = Status.RUNNING if base else Status.FAILURE
+                if is_near(task, poses, name, leaf.position, held=in_hand):
+                    found = Status.SUCCESS
+                elif base:
+                    answers[f"driven to {leaf}"] = base
+            case "place":
+                place = tuple(poses[leaf.frame].apply(leaf.position).tolist())
+                can = in_hand in task.instances[name] and in_hand != leaf.frame and is_within_reach(task, poses, place)
+                found = Status.RUNNING if can else Status.FAILURE
+                if answers[str(Behavior("at", leaf.args))] and in_hand is None:
+                    found = Status.SUCCESS
             case "holding":
                 found = in_hand in task.instances[name]
             case "pick":
@@ -102,6 +133,10 @@ def batch_answers(task, world):
     semantics = SEMANTICS[task.name]
     outcomes = semantics.outcomes(world)[0, 0] & 3
     answers = {str(leaf): int(outcomes[semantics.vocabulary.token(leaf)]) for leaf in semantics.vocabulary.leaves}
+    for i, command in enumerate(semantics.commands):
+        if command.name == "approach" and answers[str(command)] == Status.RUNNING:
+            after = act(semantics, world, np.array([i], np.int32)).world
+            answers[f"driven to {command}"] = tuple(np.round(after.base[0].astype(float), 4).tolist())
     free_hand = dataclasses.replace(world, gripper_open=np.array([True]))
     outcomes = semantics.outcomes(free_hand)[0, 0] & 3
     for i, name in enumerate(semantics.names):
@@ -121,8 +156,8 @@ def batch_answers(task, world):
     return answers
 
 
-@pytest.mark.parametrize("task", [MIXED, ONE_OF_ITS_OWN, CUBES], ids=lambda task: task.name)
-@settings(max_examples=15)
+@pytest.mark.parametrize("task", TASKS, ids=lambda task: task.name)
+@settings(max_examples=10)
 @given(SEEDS)
 def test_the_simulation_means_the_same_in_random_states(task, seed):
     rng = np.random.default_rng(seed)

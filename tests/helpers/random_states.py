@@ -6,6 +6,7 @@ import numpy as np
 
 from bt_jax.mjx_env.world import World, snap
 from bt_jax.tasks import Task
+from bt_jax.tasks.roadmap import roadmap
 from bt_jax.tasks.support import kit_origin
 
 TILTS = (0.0, 0.0, 0.0, 0.0, 0.1, 0.5, np.pi / 2, np.pi)  # radians, about a horizontal axis
@@ -38,6 +39,7 @@ def random_world(rng: np.random.Generator, task: Task) -> World:
         held=np.array([max(held, -1)], np.int8),
         gripper_open=np.array([held < 0]),
         reached=np.zeros((1, len(task.subgoals)), bool),
+        base=None if task.robot.base is None else _somewhere(rng, task),
     )
 
 
@@ -57,6 +59,12 @@ def swapped(world, rng, groups):
     rows = np.arange(count)
     held = np.where(world.held < 0, -1, np.argsort(order, axis=1)[rows, world.held])
     return dataclasses.replace(world, poses=world.poses[rows[:, None], order], held=held.astype(np.int8))
+
+
+def _somewhere(rng: np.random.Generator, task: Task) -> np.ndarray:
+    """Any of the places where a base may be, float32[1, 2]."""
+    waypoints = np.array(roadmap(task).waypoints, np.float32)
+    return waypoints[rng.integers(len(waypoints))][None]
 
 
 def _turned(turn: float, tilt: float, about: float) -> np.ndarray:

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bt_jax._util.errors import UserError
-from bt_jax.behaviors import Behavior, Control
+from bt_jax.behaviors import Behavior, Control, placing_gene
 from bt_jax.behaviors.geometry import rests_on
 from bt_jax.encoding.arrays import violations
 from bt_jax.encoding.walk import leaves
@@ -68,7 +68,8 @@ def test_every_packaged_task_is_solved_by_its_plan(name):
 
 @pytest.mark.parametrize("name", [name for name in task_names() if name != "restack"])
 def test_where_nothing_is_in_the_way_a_plan_only_moves_boxes_to_their_targets(name):
-    moves = [Behavior("move", condition_of(target).args) for target in load_task(name).targets]
+    gene = placing_gene(load_task(name))
+    moves = [Behavior(gene, condition_of(target).args) for target in load_task(name).targets]
     assert plan_task(load_task(name)) == Control.sequence(*moves)
 
 

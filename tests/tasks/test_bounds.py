@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from bt_jax._util.errors import UserError
-from bt_jax.tasks import Faults, load_task, task_names
+from bt_jax.tasks import Base, Faults, Robot, load_task, task_names
 from bt_jax.tasks.bounds import BOUNDS, numbers, out_of_bounds
 from bt_jax.tasks.task import Target
 from bt_jax.tasks.things import Object, Slot
@@ -21,6 +21,7 @@ def test_every_number_of_a_task_has_a_bound():
         kits=(dataclasses.replace(task.kits[0], slots=(Slot("a1", (0.0, 0.0)),), grid=(1, 1)),),
         targets=(dataclasses.replace(task.targets[0], turn=90.0),),
         faults=Faults(),
+        robot=Robot(Base(0.9, stations=((0.0, 1.0),))),
     )
     assert {name for _, name, _ in numbers(task, "", "")} == set(BOUNDS)
 

@@ -17,6 +17,7 @@ from rich.console import Console
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
 from bt_jax.deploy.commands.arguments import MarkersArguments
+from bt_jax.deploy.execution.program import refuse_driving
 from bt_jax.deploy.perception.calibration import BOARD, SQUARE, charuco_board
 from bt_jax.deploy.perception.markers import MODULES, Marker, marker_image, task_markers
 from bt_jax.deploy.robot.arrays import Point
@@ -34,7 +35,7 @@ SIDES = {"right": "+X", "left": "-X", "up": "+Y", "down": "-Y", "front": "+Z", "
 
 def markers_command(arguments: MarkersArguments) -> int:
     """Write the sheets; the exit code is 0. Raise UserError."""
-    pages = list(sheet_pages(load_task(arguments.task), arguments.paper))
+    pages = list(sheet_pages(refuse_driving(load_task(arguments.task)), arguments.paper))
     document = io.BytesIO()
     with PdfPages(document) as pdf:
         for page in pages:

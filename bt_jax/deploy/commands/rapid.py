@@ -13,6 +13,7 @@ from rich.markup import escape
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
 from bt_jax.deploy.commands.arguments import DEFAULT_TASK, RapidArguments
+from bt_jax.deploy.execution.program import refuse_driving
 from bt_jax.deploy.link.rws import MODULE
 from bt_jax.deploy.link.settings import EGM_SPEED
 from bt_jax.deploy.planning.feasibility import check_scale, load_share
@@ -55,7 +56,7 @@ def rapid_command(arguments: RapidArguments, console: Console | None = None) -> 
     console = Console(highlight=False, soft_wrap=True) if console is None else console
     arguments.check()
     path = arguments.out / f"{MODULE}.mod"
-    text = rapid_module(load_task(arguments.task), gripper_mass=arguments.gripper_mass)
+    text = rapid_module(refuse_driving(load_task(arguments.task)), gripper_mass=arguments.gripper_mass)
     try:
         write_atomic(path, re.sub("\r?\n", "\r\n", text).encode("ascii"))  # lines end as controllers write them
     except OSError as error:

@@ -13,7 +13,7 @@ from rich.markup import escape
 
 from bt_jax._util.errors import UserError
 from bt_jax.deploy.commands.arguments import DEFAULT_TASK, TwinArguments
-from bt_jax.deploy.execution.program import load_program
+from bt_jax.deploy.execution.program import load_program, refuse_driving
 from bt_jax.deploy.execution.settings import Exit
 from bt_jax.deploy.link.settings import EGM_SPEED
 from bt_jax.deploy.perception.camera_file import save_camera
@@ -100,5 +100,5 @@ def _show(
 
 def _task(arguments: TwinArguments) -> Task:
     if arguments.source is None:
-        return load_task(arguments.task or DEFAULT_TASK)
+        return refuse_driving(load_task(arguments.task or DEFAULT_TASK))
     return load_program(arguments.source, arguments.task, otherwise=DEFAULT_TASK).task

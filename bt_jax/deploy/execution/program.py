@@ -13,7 +13,7 @@ from bt_jax.encoding.formats.text import one_line
 from bt_jax.encoding.walk import prefix
 from bt_jax.tasks import Task, load_task, task_of_folder
 
-__all__ = ["Program", "load_program"]
+__all__ = ["Program", "load_program", "refuse_driving"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,6 +24,7 @@ class Program:
     tree: Tree
 
     def __post_init__(self) -> None:
+        refuse_driving(self.task)
         for node in prefix(expand(self.tree)):
             if isinstance(node, Behavior):
                 check_names(node, self.task)
@@ -32,6 +33,13 @@ class Program:
     def digest(self) -> str:
         """SHA-256 of the tree in its text form, hexadecimal: equal for equal trees only."""
         return hashlib.sha256(one_line(self.tree).encode()).hexdigest()
+
+
+def refuse_driving(task: Task) -> Task:
+    """Return a task. Raise UserError if its robot drives."""
+    if task.robot.base is not None:
+        raise UserError(f"the robot of task {task.name} drives, and a YuMi does not; use a task without robot.base")
+    return task
 
 
 def load_program(source: Path, task: str | None = None, *, otherwise: str | None = None) -> Program:

@@ -9,12 +9,13 @@ import numpy as np
 from bt_jax.behaviors import Vocabulary
 from bt_jax.behaviors.geometry import (
     Poses,
-    can_be_taken,
     fingers_meet,
     in_own_target,
     is_at,
-    is_in_reach,
+    is_loose,
+    is_off_floor,
     is_upright,
+    is_within_reach,
     rests_on,
     standing_extents,
     turn_error,
@@ -67,19 +68,21 @@ def _why_missed(task: Task, playback: Playback, target: Target) -> str:
         return _why_not_there(task, puts[-1])
     if puts and _is_met(task, puts[-1].after, target):
         one = _carried(task, puts[-1])
-        if is_upright(task.thing(one), poses[one]) and is_in_reach(task, poses, one):
+        if is_upright(task.thing(one), poses[one]) and is_off_floor(task, poses, one):
             return f"{one} does not stay in its place"
     inside = [other for other in task.object_names if other != held and _is_inside(task, poses, target, other)]
     own = [other for other in inside if other in task.instances[name]]
     if own:
         return _why_not_right(task, poses, target, own[0])
     if held in task.instances[name]:
-        return f"{held} is still in the gripper"
+        place = _goal_of(poses, target)
+        far = _why_far(task, poses, f"the place of {held}", place, _approached(playback, target.frame))
+        return far or f"{held} is still in the gripper"
     if inside and target.slot:
         return f"{inside[0]} is in {target.slot}, where {name} should be put"
     if len(task.instances[name]) == 1:
-        return _why_elsewhere(task, poses, target, is_put=bool(puts))
-    return _why_none_is_left(task, poses, target, held)
+        return _why_elsewhere(task, playback, poses, target, is_put=bool(puts))
+    return _why_none_is_left(task, playback, poses, target, held)
 
 
 def _why_not_right(task: Task, poses: Poses, target: Target, one: str) -> str:
@@ -93,7 +96,20 @@ def _why_not_right(task: Task, poses: Poses, target: Target, one: str) -> str:
     return f"{one} is put somewhere else"
 
 
-def _why_elsewhere(task: Task, poses: Poses, target: Target, *, is_put: bool) -> str:
+def _approached(playback: Playback, *names: str) -> bool:
+    """Does the robot drive towards one of these, or towards a place in its frame?"""
+    commands = [tick.command for tick in playback.ticks if tick.command is not None]
+    return any(command.name == "approach" and command.object in names for command in commands)
+
+
+def _why_far(task: Task, poses: Poses, what: str, point: Vec3, is_approached: bool) -> str:
+    """Return that something is out of reach, or an empty text."""
+    if is_within_reach(task, poses, point):
+        return ""
+    return f"{what} is out of reach: {'the robot is still on its way' if is_approached else 'nothing approaches it'}"
+
+
+def _why_elsewhere(task: Task, playback: Playback, poses: Poses, target: Target, *, is_put: bool) -> str:
     """Return why the only object of a name is not near its target."""
     name = target.object
     trouble = _why_lost(task, poses, name)
@@ -104,15 +120,20 @@ def _why_elsewhere(task: Task, poses: Poses, target: Target, *, is_put: bool) ->
         return f"{name} stands in {kit} instead of {target.frame}"
     if is_put:
         return f"{name} is put somewhere else"
-    return _why_not_taken(task, poses, name) or f"{name} is never put anywhere"
+    far = _why_far(task, poses, name, poses[name].position, _approached(playback, name))
+    return _why_not_taken(task, poses, name) or far or f"{name} is never put anywhere"
 
 
-def _why_none_is_left(task: Task, poses: Poses, target: Target, held: str | None) -> str:
+def _why_none_is_left(task: Task, playback: Playback, poses: Poses, target: Target, held: str | None) -> str:
     """Return why no instance of a part is at a target."""
     part = target.object
     done = in_own_target(task, poses, held=held)
     left = [one for one in task.instances[part] if one not in done]
-    if any(can_be_taken(task, poses, one) for one in left):
+    loose = [one for one in left if is_loose(task, poses, one)]
+    far = [_why_far(task, poses, part, poses[one].position, _approached(playback, part, one)) for one in loose]
+    if loose and all(far):
+        return far[0]
+    if loose:
         return f"no {part} is put in {target.slot}" if target.slot else f"no {part} is put in its place"
     reasons = [reason for one in left if (reason := _why_lost(task, poses, one) or _why_not_taken(task, poses, one))]
     return f"no {part} is left to take{f': {reasons[0]}' if reasons else ''}"
@@ -120,7 +141,7 @@ def _why_none_is_left(task: Task, poses: Poses, target: Target, held: str | None
 
 def _why_lost(task: Task, poses: Poses, name: str) -> str:
     """Return what has happened to an object that can neither be taken nor count as in its place, or an empty text."""
-    if not is_in_reach(task, poses, name):
+    if not is_off_floor(task, poses, name):
         return f"{name} has fallen to the floor"
     return "" if is_upright(task.thing(name), poses[name]) else f"{name} has toppled"
 
@@ -146,10 +167,15 @@ def _is_inside(task: Task, poses: Poses, target: Target, name: str) -> bool:
     """Is the middle of an object at a target, seen from above, and not on something that is there?"""
     if name == target.frame:
         return False
-    goal, (x, y, z) = poses[target.frame].apply(target.position).tolist(), poses[name].position
+    goal, (x, y, z) = _goal_of(poses, target), poses[name].position
     half = standing_extents(task.thing(name), poses[name])[2]
     own = task.thing(target.object).height / 2
     return math.dist(goal[:2], (x, y)) < task.episode.tolerance and abs((z - half) - (goal[2] - own)) < own
+
+
+def _goal_of(poses: Poses, target: Target) -> Vec3:
+    x, y, z = poses[target.frame].apply(target.position).tolist()
+    return x, y, z
 
 
 def _kit_under(task: Task, poses: Poses, name: str) -> str | None:

@@ -93,7 +93,8 @@ def drawn(
     continuous the error in spreads, for `Variants.mishaps`."""
     xp, rows = namespace(tick), np.arange(tick.shape[0])
     of_class = xp.asarray(variants.classes)[command]
-    variant = fates.variant[rows, tick, of_class].astype(np.int32)
+    drawn_of_class = fates.variant[rows, tick, xp.maximum(of_class, 0)]
+    variant = xp.where(of_class < 0, np.int32(0), drawn_of_class.astype(np.int32))
     if fates.unit is None:
         return variant, None
     return variant, fates.unit[rows, tick, xp.maximum(of_class - 2 - fates.unit.shape[2], 0)]

@@ -68,12 +68,17 @@ class Variants:
     @functools.cached_property
     def classes(self) -> Int32[np.ndarray, " commands"]:
         """What decides with which other commands one shares its fate: open_gripper, close_gripper, `pick` of each of
-        `Task.kinds`, then `place` of each of them."""
+        `Task.kinds`, then `place` of each of them; -1 for the others, with which nothing goes wrong."""
         task = self.semantics.task
         kinds = [task.kinds.index(task.thing(name).part or name) for name in self.semantics.names]
         picks = [2 + kind for kind in kinds]
         places = [2 + len(task.kinds) + kinds[name] for name in self.semantics.place_name]
-        return np.array([0, 1, *picks, *places], np.int32)
+        return np.array([0, 1, *picks, *self._num_safe * [-1], *places], np.int32)
+
+    @property
+    def _num_safe(self) -> int:
+        """How many commands, between the picks and the places, neither grip nor let go."""
+        return self.semantics.first_place - 2 - self.semantics.num_picks
 
     @functools.cached_property
     def counts(self) -> Int32[np.ndarray, " commands"]:
@@ -82,7 +87,8 @@ class Variants:
         if faults is None:
             return np.ones(len(semantics.commands), np.int32)
         of_place = 1 + num_errors(faults) + 1 + len(FRACTIONS)
-        return np.repeat(np.array([2, 3, of_place], np.int32), [2, semantics.num_picks, len(semantics.places)])
+        each = [2, semantics.num_picks, self._num_safe, len(semantics.places)]
+        return np.repeat(np.array([2, 3, 1, of_place], np.int32), each)
 
     @functools.cached_property
     def first(self) -> Int32[np.ndarray, " commands"]:
@@ -110,8 +116,8 @@ class Variants:
         quasi-random ones, where the object is not dropped."""
         xp, semantics, faults = namespace(command), self.semantics, self.semantics.task.faults or Faults()
         errors = num_errors(faults)
-        is_place = command >= 2 + semantics.num_picks
-        is_pick = (command >= 2) & ~is_place
+        is_place = command >= semantics.first_place
+        is_pick = (command >= 2) & (command < 2 + semantics.num_picks)
         fall = variant - errors - 2  # index of the fraction
         drops = is_place & (fall >= 0)
         strays = is_place & (variant >= 1) & (variant <= errors)

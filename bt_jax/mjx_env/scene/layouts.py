@@ -1,4 +1,4 @@
-"""Where an episode starts: the kits on their tables, the objects on the others."""
+"""Where an episode starts: the kits on their tables, the objects on the others, a base where the task has it."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 
+from bt_jax.mjx_env.driving import start
 from bt_jax.mjx_env.scene.placement import draw_kit_table, draw_poses
 from bt_jax.mjx_env.semantics import subgoals_by_sight
 from bt_jax.mjx_env.world import World, snap
@@ -31,5 +32,6 @@ def sample_layouts(task: Task, seed: int | list[int], count: int) -> World:
         gripper_open=np.ones(count, bool),
         reached=np.zeros((count, len(task.subgoals)), bool),
         unseen=None if task.faults is None else np.zeros((count, len(task.objects)), bool),
+        base=start(task, count),
     )
     return dataclasses.replace(world, reached=subgoals_by_sight(task, world))

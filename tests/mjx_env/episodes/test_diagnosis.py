@@ -20,6 +20,8 @@ from tests.helpers.samples import PARTS
 IN_KIT = "move(YellowBox, (0, 0, 0.055), KittingBox)"
 ON_YELLOW = "move(GreenBox, (0, 0, 0.1), YellowBox)"
 
+FETCHED = "Fallback(holding(YellowBox), Sequence(Fallback(reachable(YellowBox), approach(YellowBox)), pick(YellowBox)))"
+
 
 def playback(task, text, layout=None):
     tree = parse_tree(text)
@@ -33,6 +35,12 @@ def playback(task, text, layout=None):
     ("name", "text", "reason"),
     [
         ("stack", f"Sequence({IN_KIT}, gripper(open))", "GreenBox is never put anywhere"),
+        ("mobile_stack", "pick(YellowBox)", "YellowBox is out of reach: nothing approaches it"),
+        (
+            "mobile_stack",
+            f"Sequence({FETCHED}, place(YellowBox, (0, 0, 0.052), KittingBox))",
+            "the place of YellowBox is out of reach: nothing approaches it",
+        ),
         ("stack", f"Sequence({IN_KIT}, pick(GreenBox))", "GreenBox is still in the gripper"),
         ("stack", f"Sequence({ON_YELLOW}, {IN_KIT})", "GreenBox stands on YellowBox and is not taken away"),
         ("restack", IN_KIT, "BlueBox stands on YellowBox and is not taken away"),
