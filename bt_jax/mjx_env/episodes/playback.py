@@ -11,6 +11,7 @@ from bt_jax.behaviors import Behavior, Tree, not_reactive
 from bt_jax.encoding.interpret import TreeMemory, TreeTick, tick_tree
 from bt_jax.encoding.tick import Status
 from bt_jax.encoding.walk import prefix
+from bt_jax.mjx_env.episodes.columns import Columns
 from bt_jax.mjx_env.episodes.fitness import Misses, fitness, subgoals_missed, target_misses
 from bt_jax.mjx_env.episodes.rules import (
     NO_COMMAND,
@@ -22,10 +23,13 @@ from bt_jax.mjx_env.episodes.rules import (
     resolve,
     used_up,
 )
+from bt_jax.mjx_env.faults.events import person_bits, sight_bits
+from bt_jax.mjx_env.faults.fates import Fates, between_ticks, drawn
+from bt_jax.mjx_env.faults.words import between_words, command_words
 from bt_jax.mjx_env.outcomes import command_of, subgoals_of
 from bt_jax.mjx_env.physics.settler import Settler
 from bt_jax.mjx_env.semantics import LeafSemantics
-from bt_jax.mjx_env.skills import act, reach, settled_world
+from bt_jax.mjx_env.skills import Mishaps, act, reach, settled_world
 from bt_jax.mjx_env.world import World
 
 __all__ = ["SECONDS_PER_TICK", "EpisodeState", "Playback", "Tick", "play"]
@@ -35,12 +39,15 @@ SECONDS_PER_TICK = 2.5  # on the clock of Timeouts, as in the published simulati
 
 @dataclasses.dataclass(frozen=True)
 class Tick:
-    """One tick and what it did. The worlds are batches of one state (NumPy)."""
+    """One tick and what it did. The worlds are batches of one state (NumPy). Where things go wrong, the next tick may begin
+    in another state than that in which this one has ended."""
 
     statuses: tuple[Status | None, ...]  # of each node in prefix order, None where it was not ticked
     command: Behavior | None  # the action that ran
     before: World
     after: World
+    mishaps: Mishaps | None = None  # of the action, a batch of one
+    troubles: tuple[str, ...] = ()  # what went wrong, in its course and between it and the next tick, for people
 
     @property
     def status(self) -> Status:
@@ -61,6 +68,7 @@ class Playback:
     misses: Misses  # [targets], at the end
     fitness: float
     solved: bool  # ended in SUCCESS with every target within the tolerance
+    struck: int = 0  # faults that happened, as bits (see `faults.variants.bit`)
 
     @property
     def final(self) -> World:
@@ -70,7 +78,8 @@ class Playback:
 
 @dataclasses.dataclass(frozen=True)
 class EpisodeState:
-    """A tree at work in a scene, between two ticks. Without a `tally`, it has not begun."""
+    """A tree at work in a scene, between two ticks. Without a `tally`, it has not begun. Without a `fate`, a batch of one,
+    nothing goes wrong."""
 
     semantics: LeafSemantics
     settler: Settler
@@ -78,6 +87,7 @@ class EpisodeState:
     world: World  # a batch of one state (NumPy)
     tally: Tally = dataclasses.field(default_factory=lambda: fresh_tally(1))
     memory: TreeMemory = dataclasses.field(default_factory=TreeMemory)
+    fate: Fates | None = None
 
     @property
     def ending(self) -> Ending:
@@ -91,20 +101,45 @@ class EpisodeState:
         if not reactive:  # ticked again after its SUCCESS, it would begin from the start
             rules = dataclasses.replace(rules, success_ticks=1)
         ticked, command, subgoals, again = self._ticked(exhausted=used_up(self.tally, rules), fails_once=not reactive)
-        after, sane = reach(self.world, subgoals), True
+        after, sane, number = reach(self.world, subgoals), True, np.array([command], np.int32)
+        mishaps, struck, troubles = None, np.zeros(1, np.int32), []
         if command != NO_COMMAND:
-            after, sane = _execute(self.semantics, self.settler, after, command)
+            if self.fate is not None:
+                mishaps, struck = self._mishaps(self.fate, number)
+                troubles.append(command_words(self.semantics.task, after, self.semantics.commands[command], mishaps))
+            after, sane = _execute(self.semantics, self.settler, after, number, mishaps)
         before = dataclasses.replace(self.tally, command=np.array([NO_COMMAND], np.int32)) if again else self.tally
-        tally = count_tick(
-            before,
-            np.array([ticked.status], np.int8),
-            np.array([command], np.int32),
-            np.array([not sane]),
-            rules,
-        )
+        status, broken = np.array([ticked.status], np.int8), np.array([not sane])
+        tally = count_tick(before, status, number, broken, rules, struck=struck)
+        world = after
+        if self.fate is not None and tally.ending[0] == Ending.OPEN:
+            world = between_ticks(after, self.semantics.task, self.fate, self.tally.ticks)
+            troubles += between_words(self.semantics.task, after, world)
+            tally = self._counted(self.fate, tally, after, world)
         ran = None if command == NO_COMMAND else self.semantics.commands[command]
-        following = dataclasses.replace(self, world=after, tally=tally, memory=ticked.memory)
-        return Tick(ticked.statuses, ran, self.world, after), following
+        following = dataclasses.replace(self, world=world, tally=tally, memory=ticked.memory)
+        return Tick(ticked.statuses, ran, self.world, after, mishaps, tuple(filter(None, troubles))), following
+
+    def _mishaps(self, fate: Fates, command: Int32[np.ndarray, "1"]) -> tuple[Mishaps, Int32[np.ndarray, "1"]]:
+        """Return what goes wrong with a command in this tick, and the faults that this is, as bits."""
+        columns, tick = Columns(self.semantics), self.tally.ticks
+        chances = columns.chances(fate, 1)
+        assert chances is not None
+        variant, unit = drawn(fate, columns.variants, tick, command)
+        struck = chances.struck(chances.column(command, tick), command)
+        return columns.variants.mishaps(command, variant, unit), struck
+
+    def _counted(self, fate: Fates, tally: Tally, before: World, after: World) -> Tally:
+        """Return the tally with the faults that happened between this tick and the next."""
+        task, tick, struck = self.semantics.task, self.tally.ticks, tally.struck
+        assert struck is not None
+        rows = np.zeros(1, int)
+        person, sight = fate.person[rows, tick], fate.sight[rows, tick]
+        if (before.poses != after.poses).any():
+            struck = struck | person_bits(task)[person]
+        if after.unseen is not None and before.unseen is not None and (before.unseen != after.unseen).any():
+            struck = struck | sight_bits(task)[sight]
+        return dataclasses.replace(tally, struck=struck)
 
     def _ticked(
         self, *, exhausted: Int32[np.ndarray, "1"], fails_once: bool
@@ -129,21 +164,32 @@ class EpisodeState:
         return tick_tree(self.tree, status_of, self.memory, time=time), running, subgoals, again
 
 
-def play(semantics: LeafSemantics, settler: Settler, tree: Tree, layout: World) -> Playback:
-    """Run a tree in a layout, a batch of one state (NumPy), to the end of the episode.
+def play(semantics: LeafSemantics, settler: Settler, tree: Tree, layout: World, fate: Fates | None = None) -> Playback:
+    """Run a tree in a layout, a batch of one state (NumPy), to the end of the episode, with a fate, a batch of one, if
+    things go wrong.
 
     Raises UserError if a leaf is not in the vocabulary of `semantics`.
     """
-    episode, ticks = EpisodeState(semantics, settler, tree, layout), []
+    tally = fresh_tally(1, has_faults=fate is not None)
+    episode, ticks = EpisodeState(semantics, settler, tree, layout, tally, fate=fate), []
     while episode.ending == Ending.OPEN:
         tick, episode = episode.tick()
         ticks.append(tick)
-    return _playback(semantics, tree, layout, ticks, episode.ending)
+    playback = _playback(semantics, tree, layout, ticks, episode.ending)
+    return (
+        playback if episode.tally.struck is None else dataclasses.replace(playback, struck=int(episode.tally.struck[0]))
+    )
 
 
-def _execute(semantics: LeafSemantics, settler: Settler, world: World, command: int) -> tuple[World, bool]:
+def _execute(
+    semantics: LeafSemantics,
+    settler: Settler,
+    world: World,
+    command: Int32[np.ndarray, "1"],
+    mishaps: Mishaps | None,
+) -> tuple[World, bool]:
     """Return the state once everything rests again; the same state and False where the simulation diverged."""
-    released = act(semantics, world, np.array([command], np.int32))
+    released = act(semantics, world, command, mishaps)
     poses, ok = settler.settle(released)
     if not ok[0]:
         return world, False
