@@ -3,24 +3,35 @@
 from __future__ import annotations
 
 import dataclasses
+import operator
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
+import jax
 import numpy as np
 import tyro
 
-from benchmarks._report import report
-from benchmarks.plain_episode import PlainEpisode
+from benchmarks._report import report, show
+from benchmarks.plain_episode import FaultyEpisode, PlainEpisode, mishaps_of
+from bt_jax.behaviors import Vocabulary
 from bt_jax.encoding.arrays import Trees, decode
 from bt_jax.gp.config import GPConfig
 from bt_jax.mjx_env.episodes.evaluator import TableEvaluator
 from bt_jax.mjx_env.episodes.rollout import RolloutEvaluator
+from bt_jax.mjx_env.faults.fates import sample_fates
+from bt_jax.mjx_env.faults.variants import Variants
 from bt_jax.mjx_env.physics.factory import make_physics
 from bt_jax.mjx_env.physics.kinematic import Kinematic
-from bt_jax.mjx_env.world import take
-from bt_jax.tasks import load_task
+from bt_jax.mjx_env.physics.protocol import Physics
+from bt_jax.mjx_env.semantics import LeafSemantics
+from bt_jax.mjx_env.world import World, take
+from bt_jax.tasks import Task, load_task, with_faults
+from bt_jax.tasks.faults import PRESETS, only
 from bt_jax.training.settings import Settings
 from bt_jax.training.training import Training
+
+FAULTS = ("slip", "jam", "misplace")  # of the preset harsh, that the plain alternative knows, too
 
 
 @dataclasses.dataclass(frozen=True)
@@ -119,14 +130,66 @@ def main(arguments: Arguments) -> None:
             note=f"{len(batch)} trees, scaled up; {np.mean(np.abs(fitness - mjx_fitness[batch]) < 5):.1%} as (c)",
         )
     table("(e) kinematic, transition table", Kinematic(task))
+    with_chance = stochastic(task, training.vocabulary, trees, layouts, some, arguments)
     report(
         "episodes",
         f"{count:,} distinct trees of one evolution ({arguments.generations} generations, task {task.name})",
         rows,
         out=arguments.out,
         agreement_a_b=float(agree.mean()),
+        with_chance=with_chance,
         steps_saved=float(rows[0]["physics steps"] - rows[1]["physics steps"]),
     )
+
+
+def stochastic(
+    task: Task, vocabulary: Vocabulary, trees: Trees, layouts: World, some: np.ndarray, arguments: Arguments
+) -> list[dict[str, Any]]:
+    """The same trees where commands slip, jam and miss, every episode with a fate of its own."""
+    task = with_faults(task, only(PRESETS["harsh"], *FAULTS))
+    semantics, count = LeafSemantics(task, vocabulary), trees.tokens.shape[0]
+    fates = sample_fates(task, 0, layouts=1, draws=count, continuous=True)
+    assert fates is not None
+    start = dataclasses.replace(take(layouts, np.zeros(count, int)), unseen=np.zeros((count, len(task.objects)), bool))
+    which = np.arange(count, dtype=np.int32)[:, None]
+    rows: list[dict[str, Any]] = []
+
+    def row(way: str, seconds: float, *, steps: float | None = None, **more: Any) -> None:
+        ratio = rows[0]["seconds"] / seconds if rows else 1.0
+        known = {"seconds": seconds, "compile [s]": more.pop("compiling", 0.0), "episodes/s": count / seconds}
+        rows.append({"with chance, by": way, **known, "ratio to (f)": ratio, "physics steps": steps, **more})
+
+    sample = some[: arguments.plain]
+    classes, mishaps = mishaps_of(Variants(semantics), fates[sample])
+    plain, expected = FaultyEpisode(task, classes), []
+    decoded = [decode(trees[i], vocabulary) for i in sample]
+    began = perf_counter()
+    for i, tree in enumerate(decoded):
+        plain.mishaps = jax.tree.map(operator.itemgetter(i), mishaps)
+        expected.append(plain.run(tree, take(layouts, 0)))
+    scale = count / len(sample)
+    seconds = (perf_counter() - began) * scale
+    row("(f) py_trees + MuJoCo, one by one", seconds, steps=plain.steps * scale, note=f"{len(sample)} trees, scaled up")
+
+    def rollout(way: str, physics: Physics, chosen: np.ndarray) -> np.ndarray:
+        evaluator = RolloutEvaluator(semantics, physics, batch=len(chosen))
+        times = []
+        for _ in range(2):
+            began = perf_counter()
+            found = evaluator(trees[chosen], start, which[chosen], fates)
+            times.append((perf_counter() - began) * count / len(chosen))
+        note = "" if len(chosen) == count else f"{len(chosen)} trees, scaled up"
+        row(way, times[1], compiling=(times[0] - times[1]) * len(chosen) / count, note=note)
+        return found.values[:, 0]
+
+    found = rollout("(g) mujoco, rollout", make_physics(task, "mujoco"), np.arange(count))
+    same = np.abs(found[sample] - np.array(expected)) < 5
+    rows[-1]["note"] = f"{np.mean(same):.1%} as (f)"
+    if arguments.mjx:
+        rollout("(h) mjx, rollout", make_physics(task, "mjx"), some[: arguments.rollout])
+    rollout("(i) kinematic, rollout", Kinematic(task), np.arange(count))
+    show("with chance: each episode its own", rows)
+    return rows
 
 
 def distinct_trees(training: Training) -> Trees:

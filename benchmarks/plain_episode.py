@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+
+import jax
 import mujoco
 import numpy as np
 from py_trees.common import Status as PyStatus
@@ -12,12 +15,14 @@ from bt_jax.encoding.tick import Status
 from bt_jax.encoding.walk import prefix
 from bt_jax.mjx_env.episodes.fitness import fitness
 from bt_jax.mjx_env.episodes.rules import Ending, count_tick, fresh_tally
+from bt_jax.mjx_env.faults.fates import Fates, drawn
+from bt_jax.mjx_env.faults.variants import Variants
 from bt_jax.mjx_env.scene.mjcf import compile_scene, timing
-from bt_jax.mjx_env.skills import LIFT
+from bt_jax.mjx_env.skills import LIFT, Mishaps
 from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Task
 
-__all__ = ["PlainEpisode"]
+__all__ = ["FaultyEpisode", "PlainEpisode", "mishaps_of"]
 
 QUIET, MAX_STEPS = 4, 400
 
@@ -45,7 +50,7 @@ class PlainEpisode:
         root = to_py_trees(tree, self.status, expand_genes=True)
         tally, command, broken = fresh_tally(1), np.zeros(1, np.int32), np.zeros(1, bool)
         while tally.ending[0] == Ending.OPEN:
-            self.pending = None
+            self.pending, self.tick = None, int(tally.ticks[0])
             root.tick_once()
             if self.pending is not None:
                 self.act(self.pending)
@@ -181,3 +186,49 @@ class PlainEpisode:
             if other != name and (abs(goal[:2] - self.position(other)[:2]) < half + self.sizes[other] / 2).all():
                 tops.append(self.position(other)[2] + self.sizes[other] / 2)
         return max(tops)
+
+
+class FaultyEpisode(PlainEpisode):
+    """Commands go wrong: they slip, jam or miss, as `mishaps` [ticks, classes] say (see `mishaps_of`)."""
+
+    def __init__(self, task: Task, classes: dict[tuple[str, str], int]) -> None:
+        super().__init__(task)
+        self.classes = classes
+        self.mishaps: Mishaps
+
+    def act(self, action: Behavior) -> None:
+        of_class = self.classes[action.name, action.object if action.name in ("pick", "place") else ""]
+        if self.mishaps.jams[self.tick, of_class]:
+            self.settle()
+        elif self.mishaps.slips[self.tick, of_class]:
+            self.gripper_open = False
+            self.settle()
+        else:
+            self.error = self.mishaps.error[self.tick, of_class]
+            super().act(action)
+
+    def release_position(self, action: Behavior) -> np.ndarray:
+        x, y, turn = self.error
+        quat = self.body_qpos(action.object)[3:]
+        mujoco.mju_mulQuat(quat, np.array([math.cos(turn / 2), 0, 0, math.sin(turn / 2)]), quat.copy())
+        goal = self.in_world(action.frame, action.position) + np.array([x, y, 0])
+        goal[2] = max(goal[2], self.highest_under(action.object, goal) + self.sizes[action.object] / 2)
+        return goal
+
+
+def mishaps_of(variants: Variants, fates: Fates) -> tuple[dict[tuple[str, str], int], Mishaps]:
+    """The class of each action, given by its name and its object, and what goes wrong with it [episodes, ticks, classes]."""
+    commands = variants.semantics.commands
+    classes = {
+        (command.name, command.object if command.args else ""): of_class
+        for command, of_class in zip(commands, variants.classes.tolist(), strict=True)
+    }
+    episodes, ticks, _ = fates.variant.shape
+    first = [list(variants.classes).index(of_class) for of_class in range(max(classes.values()) + 1)]
+    shape = (episodes, ticks, len(first))
+    command = np.broadcast_to(np.array(first, np.int32), shape)
+    tick = np.broadcast_to(np.arange(ticks, dtype=np.int32)[:, None], shape)
+    own = fates[np.repeat(np.arange(episodes), ticks * len(first))]
+    variant, unit = drawn(own, variants, tick.ravel(), command.ravel())
+    found = variants.mishaps(command.ravel(), variant, unit)
+    return classes, jax.tree.map(lambda leaf: leaf.reshape(*shape, *leaf.shape[1:]), found)
