@@ -22,6 +22,7 @@ from bt_jax.mjx_env.episodes.rules import Ending, Tally, count_tick, fresh_tally
 from bt_jax.mjx_env.faults.fates import Fates, between_ticks, carry_out
 from bt_jax.mjx_env.faults.variants import Variants
 from bt_jax.mjx_env.outcomes import command_of, subgoals_of
+from bt_jax.mjx_env.physics.neighbourhood import neighbours
 from bt_jax.mjx_env.physics.protocol import Stepper
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.skills import Released, reach, settled_world
@@ -126,8 +127,8 @@ def _ticked(
     idle = jnp.where(world.gripper_open, 0, 1)
     doing = jnp.where(ticked.status == Status.RUNNING, command, idle)
     released = carry_out(Variants(semantics), world, doing, fates, tally.ticks)
-    moved = (released.box >= 0)[:, None] & released.present
-    motion = stepper.begin(released.world.kits, released.poses, moved)
+    moves = neighbours(semantics.task, released).any(axis=1, keepdims=True)
+    motion = stepper.begin(released.world.kits, released.poses, released.present & moves)
     return _Lanes(episode, world, tally, ticked.status, command, ticked.trace, released, motion)
 
 

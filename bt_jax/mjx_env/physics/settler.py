@@ -9,21 +9,18 @@ meet what was left out, the whole scene is solved instead, so the reduction neve
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int, Int32
 
+from bt_jax.mjx_env.physics.neighbourhood import REACH, neighbours
 from bt_jax.mjx_env.physics.protocol import Physics
-from bt_jax.mjx_env.skills import LIFT, Released
-from bt_jax.mjx_env.world import POSITION_GRID, ROTATION_GRID, order_of_rows, row_names, snap, uprightness
-from bt_jax.tasks import Object, Task
+from bt_jax.mjx_env.skills import Released
+from bt_jax.mjx_env.world import POSITION_GRID, ROTATION_GRID, order_of_rows, row_names, snap
+from bt_jax.tasks import Task
 
 __all__ = ["Settler"]
 
-REACH = 0.87  # half the diagonal of a cube, in its edges, rounded up
-NEAR = 3.5  # radius of a cube's neighbourhood, in its edges
-TRAVEL = NEAR - 2 * REACH  # how far what is released may go before the neighbourhood is too small, in its heights
 STILL = 0.005  # an object that moved sideways by less than this part of its longest edge has stayed in place
 AWAY = 1000.0  # x of the first kit if it is on another table, metres; of the second twice as far, and so on
 MEMORY = 1 << 30  # bytes
@@ -51,9 +48,6 @@ class Settler:
         objects = self.task.objects
         self._sizes = np.array([thing.edge for thing in objects], np.float32)
         self._radii = np.array([REACH * thing.edge if thing.is_cube else thing.radius for thing in objects], np.float32)
-        self._near = np.array([[_near(thing, other) for other in objects] for thing in objects], np.float32)
-        self._halves = np.array([_level_halves(thing) for thing in objects], np.float32)
-        self._cubes = np.array([thing.is_cube for thing in objects])
         self._away = np.array([[[AWAY * (k + 1), 0, 0] for k in range(len(self.task.kits))]], np.float32)
         self._twins = _groups([thing.body for thing in objects])
         tables = self.task.tables
@@ -69,7 +63,7 @@ class Settler:
         """Return the poses of all boxes at rest (metres, world; quaternion wxyz), and False where the simulation
         diverged, or was to begin with a pose that is not finite."""
         poses, ok = released.poses.copy(), np.isfinite(released.poses).all(axis=(1, 2))
-        near = self._neighbours(released)
+        near = neighbours(self.task, released)
         rows = np.flatnonzero(near.any(axis=1) & ok)
         self.asked += len(rows)
         if rows.size:
@@ -86,26 +80,6 @@ class Settler:
                 whole = rows[far]
                 poses[whole], ok[whole], _ = self._solve(kits[far], start[far], present[far])
         return poses, ok
-
-    def _neighbours(self, released: Released) -> Bool[np.ndarray, "S B"]:
-        """Return the objects that may move: near the one that was let go, or, if one was taken, in touch with it."""
-        count = len(self.task.objects)
-        rows = np.arange(len(released.box))
-        box = np.maximum(released.box, 0)
-        size = self._sizes[box]
-        taken = released.world.held == released.box
-        here = released.poses[rows, box, :3].copy()
-        here[:, 2] -= np.where(taken, LIFT * size, 0).astype(np.float32)
-        offset = released.poses[..., :3] - here[:, None]
-        flat = np.linalg.norm(offset[..., :2], axis=-1)
-        near = released.present & (flat < self._near[box]) & (released.box >= 0)[:, None]
-        reach = (self._halves[box][:, None] + self._halves) * np.float32(1.05)
-        touches = (np.abs(offset) < reach).all(axis=-1) & (np.arange(count) != released.box[:, None])
-        tilted = np.abs(released.poses[..., 3]) < 0.999
-        if not self.task.all_cubes:
-            tilted = np.where(self._cubes, tilted, np.abs(uprightness(released.poses[..., 3:])) < 0.996)
-        loose = (touches | (near & tilted)).any(axis=1)
-        return near & (~taken | loose)[:, None]
 
     def _nearest_table(self, released: Released, rows: np.ndarray) -> Int[np.ndarray, " S"]:
         """Return the index of the table nearest to the handled box, for the given rows."""
@@ -167,20 +141,6 @@ class Settler:
         for group in self._twins:
             order[:, group] = np.array(group)[order_of_rows(records[:, group])]
         return order
-
-
-def _near(thing: Object, other: Object) -> float:
-    """Return how far, seen from above, another object may be from a released one to belong to its neighbourhood."""
-    if thing.is_cube and other.is_cube:
-        return NEAR * max(thing.edge, other.edge)
-    return thing.radius + other.radius + TRAVEL * max(thing.height, other.height)
-
-
-def _level_halves(thing: Object) -> tuple[float, float, float]:
-    """Return half the extents of an upright object in the widest turn; of a cube, half its edges."""
-    x, y, z = (edge / 2 for edge in thing.size)
-    across = x if thing.is_cube or thing.shape == "cylinder" else math.hypot(x, y)
-    return across, across, z
 
 
 def _records(poses: np.ndarray, present: np.ndarray) -> Int32[np.ndarray, "S B 7"]:
