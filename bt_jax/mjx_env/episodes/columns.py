@@ -78,6 +78,17 @@ class Chances:
             event = events[rows, tick].astype(np.int32)
             yield event > 0, np.int32(first) + event, bits[event]
 
+    def struck_between(self, before: World, after: World, tick: Int32[Array, " E"]) -> Int32[Array, " E"]:
+        """Return the faults that happened after the tick of each episode, counted from 0, as bits: those that have changed
+        the state."""
+        xp, rows, zero = namespace(tick), np.arange(tick.shape[0]), np.int32(0)
+        moved = (before.poses != after.poses).any(axis=(1, 2))
+        found = xp.where(moved, self.person_bits[self.fates.person[rows, tick].astype(np.int32)], zero)
+        if before.unseen is None or after.unseen is None:
+            return found
+        hidden = (before.unseen != after.unseen).any(axis=1)
+        return found | xp.where(hidden, self.sight_bits[self.fates.sight[rows, tick].astype(np.int32)], zero)
+
     def of(self, rows: np.ndarray) -> Chances:
         """Return those of some episodes."""
         return dataclasses.replace(self, fates=self.fates[rows])

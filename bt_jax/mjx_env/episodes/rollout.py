@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Int32
 
 from bt_jax.encoding.arrays import Trees
+from bt_jax.mjx_env.episodes.columns import Chances, Columns
 from bt_jax.mjx_env.episodes.evaluator import Evaluation, all_layouts, evaluation, in_batches
 from bt_jax.mjx_env.episodes.fitness import target_misses
 from bt_jax.mjx_env.episodes.rollout_compiled import rollout
@@ -35,6 +36,7 @@ class RolloutEvaluator:
 
     def __init__(self, semantics: LeafSemantics, physics: Physics, *, batch: int, trace: bool = False) -> None:
         self.semantics, self.batch, self.trace = semantics, batch, trace
+        self._columns = Columns(semantics)
         self.num_broken = 0  # episodes whose simulation diverged
         self._rollout = (
             functools.partial(_compiled, semantics, physics, trace)
@@ -49,8 +51,8 @@ class RolloutEvaluator:
         which: Int32[np.ndarray, "P K"] | None = None,
         fates: Fates | None = None,
     ) -> Evaluation:
-        """Run P trees [P, N] in K layouts each: rows `which` of the layouts (NumPy), or all of them. Where things go wrong,
-        row i of the `fates` (NumPy) belongs to row i of the layouts."""
+        """Run P trees [P, N] in K layouts each: rows `which` of the layouts (NumPy), or all of them. `fates` (NumPy): one
+        for each of the layouts, of which the same one may stand there several times; nothing goes wrong without them."""
         starts = all_layouts(trees, layouts) if which is None else which
         result = in_batches(functools.partial(self._run, layouts, fates), self.batch, trees, starts)
         self.num_broken += int(np.sum(result.ending == Ending.BROKEN))
@@ -58,7 +60,8 @@ class RolloutEvaluator:
 
     def _run(self, layouts: World, fates: Fates | None, trees: Trees, starts: Int32[np.ndarray, "P K"]) -> Evaluation:
         tree, rows = np.repeat(np.arange(starts.shape[0], dtype=np.int32), starts.shape[1]), starts.reshape(-1)
-        world, tally = self._rollout(trees, tree, take(layouts, rows), None if fates is None else fates[rows])
+        chances = self._columns.chances(None if fates is None else fates[rows], rows.size)
+        world, tally = self._rollout(trees, tree, take(layouts, rows), chances)
         return evaluation(
             self.semantics.task,
             trees,
@@ -76,7 +79,7 @@ def _compiled(
     trees: Trees,
     tree: Int32[np.ndarray, " E"],
     start: World,
-    fates: Fates | None,
+    chances: Chances | None,
 ) -> tuple[World, Tally]:
     """Return states and tally (NumPy) at the ends of E episodes: trees `tree` from states `start`."""
-    return jax.device_get(rollout(semantics, physics.stepper, trace, trees, tree, start, fates))
+    return jax.device_get(rollout(semantics, physics.stepper, trace, trees, tree, start, chances))

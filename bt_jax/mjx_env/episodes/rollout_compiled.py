@@ -18,8 +18,9 @@ from jaxtyping import Bool, Int8, Int32, UInt8
 from bt_jax._util.compile_cache import kept_jit
 from bt_jax.encoding.arrays import Trees
 from bt_jax.encoding.tick import JumpTable, Status, jump_table, tick_trees
+from bt_jax.mjx_env.episodes.columns import Chances
 from bt_jax.mjx_env.episodes.rules import Ending, Tally, count_tick, fresh_tally, resolve, select, used_up
-from bt_jax.mjx_env.faults.fates import Fates, between_ticks, carry_out
+from bt_jax.mjx_env.faults.fates import between_ticks, carry_out
 from bt_jax.mjx_env.faults.variants import Variants
 from bt_jax.mjx_env.outcomes import command_of, subgoals_of
 from bt_jax.mjx_env.physics.neighbourhood import neighbours
@@ -56,26 +57,29 @@ def rollout(
     trees: Trees,
     tree: Int32[Array, " E"],
     start: World,
-    fates: Fates | None,
+    chances: Chances | None,
 ) -> tuple[World, Tally]:
-    """Return states and tally at the ends of E episodes: trees `tree` from states `start`, each with its fate if things go
-    wrong."""
+    """Return states and tally at the ends of E episodes: trees `tree` from states `start`, with what chance has in store for
+    each of them."""
     jumps, episodes = jump_table(trees), tree.shape[0]
     width = min(stepper.lanes or episodes, episodes)
-    fresh = jax.tree.map(jnp.asarray, fresh_tally(width, trace_nodes=trees.num_nodes if trace else None))
+    nodes, has_faults = trees.num_nodes if trace else None, chances is not None
+    fresh = jax.tree.map(jnp.asarray, fresh_tally(width, trace_nodes=nodes, has_faults=has_faults))
 
     def of(episode: Int32[Array, " W"], every: Any) -> Any:
         return jax.tree.map(lambda leaf: leaf[jnp.minimum(episode, episodes - 1)], every)
 
+    def chances_of(episode: Int32[Array, " W"]) -> Chances | None:
+        return None if chances is None else dataclasses.replace(chances, fates=of(episode, chances.fates))
+
     def ticked(episode: Int32[Array, " W"], world: World, tally: Tally) -> _Lanes:
-        own_tree, own_fates = of(episode, (tree, fates))
-        return _ticked(semantics, stepper, jumps, own_tree, own_fates, episode, world, tally)
+        return _ticked(semantics, stepper, jumps, of(episode, tree), chances_of(episode), episode, world, tally)
 
     def body(carry: tuple[_Lanes, Array, tuple[World, Tally]]) -> tuple[_Lanes, Array, tuple[World, Tally]]:
         lanes, taken, ends = carry
         motion = _settle_some(stepper, lanes.motion, lanes.episode < episodes)
         rests, lanes = stepper.rests(motion), dataclasses.replace(lanes, motion=motion)
-        world, tally = _finished(semantics, stepper, lanes, of(lanes.episode, fates))
+        world, tally = _finished(semantics, stepper, lanes, chances_of(lanes.episode))
         ended = rests & ((tally.ending != Ending.OPEN) | (lanes.episode >= episodes))
         where = jnp.where(ended, lanes.episode, episodes)  # out of range: dropped
         ends = jax.tree.map(lambda every, new: every.at[where].set(new, mode="drop"), ends, (world, tally))
@@ -108,7 +112,7 @@ def _ticked(
     stepper: Stepper,
     jumps: JumpTable,
     tree: Int32[Array, " W"],
-    fates: Fates | None,
+    chances: Chances | None,
     episode: Int32[Array, " W"],
     world: World,
     tally: Tally,
@@ -126,21 +130,29 @@ def _ticked(
     # Episodes that do nothing in this tick close an already closed gripper, or open an empty one: no motion.
     idle = jnp.where(world.gripper_open, 0, 1)
     doing = jnp.where(ticked.status == Status.RUNNING, command, idle)
+    fates = None if chances is None else chances.fates
     released = carry_out(Variants(semantics), world, doing, fates, tally.ticks)
     moves = neighbours(semantics.task, released).any(axis=1, keepdims=True)
     motion = stepper.begin(released.world.kits, released.poses, released.present & moves)
     return _Lanes(episode, world, tally, ticked.status, command, ticked.trace, released, motion)
 
 
-def _finished(semantics: LeafSemantics, stepper: Stepper, lanes: _Lanes, fates: Fates | None) -> tuple[World, Tally]:
+def _finished(
+    semantics: LeafSemantics, stepper: Stepper, lanes: _Lanes, chances: Chances | None
+) -> tuple[World, Tally]:
     """Return states and tally after the ticks of all lanes; of those that still settle they mean nothing."""
-    task, settled = semantics.task, stepper.settled(lanes.motion)
+    task, tick, settled = semantics.task, lanes.tally.ticks, stepper.settled(lanes.motion)
     sane = settled.ok & jnp.isfinite(settled.poses).all(axis=(1, 2))
-    running = lanes.status == Status.RUNNING
+    running, command, struck = lanes.status == Status.RUNNING, lanes.command, None
     world = _where(running & sane, settled_world(task, lanes.released, settled.poses), lanes.world)
-    tally = count_tick(lanes.tally, lanes.status, lanes.command, running & ~sane, task.episode, lanes.trace)
-    if fates is not None:
-        world = _where(tally.ending == Ending.OPEN, between_ticks(world, task, fates, lanes.tally.ticks), world)
+    if chances is not None:
+        struck = chances.struck(chances.column(command, tick), command)
+    tally = count_tick(lanes.tally, lanes.status, command, running & ~sane, task.episode, lanes.trace, struck)
+    if chances is not None:
+        after = _where(tally.ending == Ending.OPEN, between_ticks(world, task, chances.fates, tick), world)
+        found = chances.struck_between(world, after, tick)
+        assert tally.struck is not None
+        world, tally = after, dataclasses.replace(tally, struck=tally.struck | found)
     return world, tally
 
 

@@ -12,8 +12,9 @@ from jaxtyping import Bool, Int, Int32
 from bt_jax._util.compile_cache import kept_jit
 from bt_jax.encoding.arrays import Trees
 from bt_jax.encoding.tick import JumpTable, Status, Ticked, jump_table, tick_trees
+from bt_jax.mjx_env.episodes.columns import Chances
 from bt_jax.mjx_env.episodes.rules import Ending, Tally, count_tick, fresh_tally, resolve, used_up
-from bt_jax.mjx_env.faults.fates import Fates, between_ticks, carry_out, something_happens
+from bt_jax.mjx_env.faults.fates import between_ticks, carry_out, something_happens
 from bt_jax.mjx_env.faults.variants import Variants
 from bt_jax.mjx_env.outcomes import command_of, subgoals_of
 from bt_jax.mjx_env.physics.protocol import Physics
@@ -40,45 +41,50 @@ class HostRollout:
         self.settler, self._variants = Settler(semantics.task, physics), Variants(semantics)
 
     def __call__(
-        self, trees: Trees, tree: Int32[np.ndarray, " E"], start: World, fates: Fates | None = None
+        self, trees: Trees, tree: Int32[np.ndarray, " E"], start: World, chances: Chances | None
     ) -> tuple[World, Tally]:
-        """Return states and tally (NumPy) at the ends of E episodes: trees `tree` from states `start`."""
+        """Return states and tally (NumPy) at the ends of E episodes: trees `tree` from states `start`, with what chance has
+        in store for each of them."""
         look_up = _LookUp(self.semantics, trees)
-        fresh = fresh_tally(tree.size, trace_nodes=trees.num_nodes if self.trace else None)
+        nodes = trees.num_nodes if self.trace else None
+        fresh = fresh_tally(tree.size, trace_nodes=nodes, has_faults=chances is not None)
         ends = jax.tree.map(np.array, (start, fresh))
         for first in range(0, tree.size, ROWS):
             rows = np.arange(first, min(first + ROWS, tree.size))
             while rows.size:
                 world, tally = jax.tree.map(operator.itemgetter(rows), ends)
-                after = self._tick(look_up, tree[rows], world, tally, None if fates is None else fates[rows])
+                after = self._tick(look_up, tree[rows], world, tally, None if chances is None else chances.of(rows))
                 for every, new in zip(jax.tree.leaves(ends), jax.tree.leaves(after), strict=True):
                     every[rows] = new
                 rows = rows[after[1].ending == Ending.OPEN]
         return ends
 
     def _tick(
-        self, look_up: _LookUp, tree: Int32[np.ndarray, " n"], world: World, tally: Tally, fates: Fates | None
+        self, look_up: _LookUp, tree: Int32[np.ndarray, " n"], world: World, tally: Tally, chances: Chances | None
     ) -> tuple[World, Tally]:
         """Return states and tally one tick later."""
-        semantics = self.semantics
-        rules = semantics.task.episode
-        ticked = look_up.tick(tree, world, used_up(tally, rules), trace=self.trace)
-        command, broken = command_of(ticked.noted), np.zeros(tree.size, bool)
+        task, tick = self.semantics.task, tally.ticks
+        ticked = look_up.tick(tree, world, used_up(tally, task.episode), trace=self.trace)
+        command, broken, struck = command_of(ticked.noted), np.zeros(tree.size, bool), None
         world = reach(world, subgoals_of(ticked.noted))
         running = np.flatnonzero(ticked.status == Status.RUNNING)
         if running.size:
-            own, tick = None if fates is None else fates[running], tally.ticks[running]
-            released = carry_out(self._variants, take(world, running), command[running], own, tick)
+            fates = None if chances is None else chances.fates[running]
+            released = carry_out(self._variants, take(world, running), command[running], fates, tick[running])
             poses, ok = self.settler.settle(released)
             broken[running] = ~ok
-            world = _replaced(world, running[ok], settled_world(semantics.task, released, poses), ok)
-        after = count_tick(tally, ticked.status, command, broken, rules, ticked.trace)
-        if fates is not None:
-            rows = np.flatnonzero((after.ending == Ending.OPEN) & something_happens(fates, tally.ticks))
-            world = _replaced(
-                world, rows, between_ticks(take(world, rows), semantics.task, fates[rows], tally.ticks[rows])
-            )
-        return world, after
+            world = _replaced(world, running[ok], settled_world(task, released, poses), ok)
+        if chances is not None:
+            struck = chances.struck(chances.column(command, tick), command)
+        counted = count_tick(tally, ticked.status, command, broken, task.episode, ticked.trace, struck)
+        if chances is not None:
+            rows = np.flatnonzero((counted.ending == Ending.OPEN) & something_happens(chances.fates, tick))
+            own, before = chances.of(rows), take(world, rows)
+            after = between_ticks(before, task, own.fates, tick[rows])
+            world = _replaced(world, rows, after)
+            assert counted.struck is not None
+            counted.struck[rows] |= own.struck_between(before, after, tick[rows])
+        return world, counted
 
 
 def _replaced(
