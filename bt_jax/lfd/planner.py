@@ -13,6 +13,7 @@ from bt_jax.behaviors import Behavior, Control, Kind, Tree, expand
 from bt_jax.encoding.walk import leaves
 from bt_jax.lfd.conflicts import undoes
 from bt_jax.lfd.obstacles import Obstacles
+from bt_jax.lfd.robust import patient
 from bt_jax.tasks import Task
 from bt_jax.tasks.roadmap import roadmap
 
@@ -53,7 +54,8 @@ def plan(
 
 
 def plan_task(task: Task) -> Tree:
-    """Return a tree that brings every object of a task to its target, and reaches its subgoals before.
+    """Return a tree that brings every object of a task to its target, and reaches its subgoals before; where things go
+    wrong, a `patient` one.
 
     What may be in the way, but is not in every layout, is left where it is if there are not enough ticks in an episode to
     put it aside, and so are subgoals. Raise UserError if no place is free for an obstacle.
@@ -67,7 +69,7 @@ def plan_task(task: Task) -> Tree:
         tree = plan([*wanted, *obstacles.anchored], obstacles=obstacles, drives=task.robot.base is not None)
         if _longest(task, tree) + task.episode.success_ticks <= task.episode.max_ticks:
             break
-    return tree
+    return tree if task.faults is None else patient(tree, task)
 
 
 def _longest(task: Task, tree: Tree) -> int:
