@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Float32, Int32
 from rich.console import Console
 
-from bt_jax.behaviors import FIRST_LEAF, Behavior, Decorator, Tree, gene_pool
+from bt_jax.behaviors import FIRST_LEAF, Behavior, Tree, gene_pool
 from bt_jax.encoding.arrays import Trees, decode, encode
-from bt_jax.encoding.walk import decorators, leaves
+from bt_jax.encoding.walk import leaves
 from bt_jax.gp.achievements.goals import Measured
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.config import GPConfig
@@ -64,8 +64,7 @@ class Training:
         self.task, self.config, self.settings = task, config, settings
         baseline = None if baseline is None else evolvable(baseline, config)
         own = [] if baseline is None else leaves(baseline)
-        counting = [] if baseline is None else decorators(baseline)
-        self.vocabulary = gene_pool(task).extended([*extra_leaves, *own], counting)
+        self.vocabulary = gene_pool(task).extended([*extra_leaves, *own])
         self.level = make_level(task, settings)
         self.run_config = _pinned(RunConfig(task, config, settings, baseline, extra_leaves), self.level.name)
         learns = config.method == "achievements"
@@ -136,7 +135,7 @@ class Training:
         found = measured(self.evaluator(each, layouts, own), self.task, (count, len(own) // count))
         return Measured(
             fitness=found.fitness.mean(axis=1),
-            solved=found.solved.mean(axis=1),
+            solved=np.array(found.solved.all(axis=1)),
             achieved=found.achieved.mean(axis=1),
             missed=found.missed.mean(axis=1),
             trace=np.bitwise_or.reduce(found.trace, axis=1),
@@ -159,11 +158,10 @@ class Training:
         flat = jax.tree.map(lambda leaf: leaf.reshape(-1, leaf.shape[-1]), jax.device_get(trees))
         return self.evaluator(flat, self.layouts, which)
 
-    def carried(self, state: State, symbols: Sequence[Behavior | Decorator]) -> State:
-        """Return the populations of a training whose vocabulary has these symbols, measured for this one's task: so
-        evolution goes on with another target, more genes or a baseline. Raise UserError if one is not in this
-        vocabulary."""
-        tokens = np.array([*range(FIRST_LEAF), *map(self.vocabulary.token, symbols)], np.int16)
+    def carried(self, state: State, vocabulary: Sequence[Behavior]) -> State:
+        """Return the populations of a training with that vocabulary, measured for this one's task: so evolution goes on with
+        another target, more genes or a baseline. Raise UserError if a leaf is not in this vocabulary."""
+        tokens = np.array([*range(FIRST_LEAF), *(self.vocabulary.token(leaf) for leaf in vocabulary)], np.int16)
         old = jax.device_get(self.evolution.kept(state))
         trees = Trees(jnp.asarray(tokens[old.tokens]), jnp.asarray(old.sizes))
         return self.evolution.adopt(trees, generation=state.generation, earlier=state.trees_measured)
@@ -184,7 +182,7 @@ class Training:
 
     def result(self, state: State, history: list[Generation]) -> Result:
         """Return the best trees, the best of all tested in unseen layouts."""
-        checkpoint = Checkpoint(state, self.vocabulary.symbols, self.run_config.phase, history, self.run_config)
+        checkpoint = Checkpoint(state, self.vocabulary.leaves, self.run_config.phase, history, self.run_config)
         tree = self.best_tree(state)
         test = self.test(tree)
         test = dataclasses.replace(test, failures=self._failures(tree, test))

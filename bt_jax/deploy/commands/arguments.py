@@ -201,6 +201,10 @@ class TwinArguments:
     """let a person move boxes, take them away and bring them back"""
     touches: int = 1
     """how often the person does so in a run, with --disturb"""
+    faults: str | None = None
+    """what goes wrong, by the same rules as in the simulation: mild, harsh, or a YAML file (default: as the task says)"""
+    draw: int = 0
+    """number of what chance has in store for a layout, with faults"""
     seed: int = 0
     """number of the layout"""
     layouts: int = 1
@@ -241,8 +245,10 @@ class TwinArguments:
 
     def check(self) -> None:
         """Raise UserError for arguments that cannot work."""
-        if self.layouts < 1 or self.touches < 1 or self.seed < 0:
-            raise UserError("--layouts and --touches start at 1 and --seed at 0; choose others")
+        if self.layouts < 1 or self.touches < 1 or self.seed < 0 or self.draw < 0:
+            raise UserError("--layouts and --touches start at 1, --seed and --draw at 0; choose others")
+        if self.faults is not None and self.disturb:
+            raise UserError("--faults says what a person does, too; leave out --disturb")
         if not 0 < self.seconds <= 3600:
             raise UserError(f"--seconds is {self.seconds}; choose more than 0, and an hour at most")
         self.realism.check()
@@ -250,8 +256,17 @@ class TwinArguments:
         _check("--rws-port", self.rws_port, FREE_PORT)
         _check("--camera-port", self.camera_port, FREE_PORT)
         if self.serve:
-            if self.disturb or self.layouts > 1 or self.render is not None or self.log is not None:
-                raise UserError("--serve executes no tree; leave out --disturb, --layouts, --render and --log")
+            given = (
+                self.disturb,
+                self.faults is not None,
+                self.layouts > 1,
+                self.render is not None,
+                self.log is not None,
+            )
+            if any(given):
+                raise UserError(
+                    "--serve executes no tree; leave out --disturb, --faults, --layouts, --render and --log"
+                )
         elif self.source is None:
             raise UserError("a tree is missing; name a run folder or a file with a tree, or give --serve")
         if self.render is not None:

@@ -17,6 +17,7 @@ from rich.progress import track
 from rich.text import Text
 
 from bt_jax._util.files import write_atomic
+from bt_jax._util.statistics import wilson
 from bt_jax.deploy.commands.arguments import DEFAULT_TASK, TwinArguments
 from bt_jax.deploy.commands.display import RunDisplay
 from bt_jax.deploy.commands.serve import serve_twin
@@ -24,9 +25,11 @@ from bt_jax.deploy.execution.program import Program, load_program
 from bt_jax.deploy.execution.settings import TWIN_SECONDS, Exit, Limits
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.cell import FILM, build_scene
+from bt_jax.deploy.twin.fault_injector import check_faults
 from bt_jax.deploy.twin.run import TwinRun, TwinTick, run_twin
 from bt_jax.deploy.twin.settings import Realism
 from bt_jax.mjx_env.render.offscreen import View, write_film
+from bt_jax.tasks import load_faults, with_faults
 
 __all__ = ["survey", "twin_command"]
 
@@ -42,6 +45,10 @@ def twin_command(arguments: TwinArguments, console: Console | None = None) -> in
     if arguments.serve or arguments.source is None:
         return serve_twin(arguments, console)
     program = load_program(arguments.source, arguments.task, otherwise=DEFAULT_TASK)
+    if arguments.faults is not None:
+        task = with_faults(program.task, load_faults(arguments.faults), source=f"--faults {arguments.faults}")
+        program = dataclasses.replace(program, task=task)
+    check_faults(program.task, realtime=arguments.realtime)
     name = (
         arguments.log
         or Path("runs") / f"twin-{time.strftime('%Y%m%d-%H%M%S')}{'' if arguments.layouts > 1 else '.jsonl'}"
@@ -56,6 +63,7 @@ def twin_command(arguments: TwinArguments, console: Console | None = None) -> in
             realtime=arguments.realtime,
             seconds=arguments.seconds,
             realism=arguments.realism,
+            draw=arguments.draw,
             folder=name,
             console=console,
         )
@@ -79,6 +87,7 @@ def survey(
     realtime: bool = False,
     seconds: float = TWIN_SECONDS,
     realism: Realism | None = None,
+    draw: int = 0,
     folder: Path | None = None,
     console: Console,
 ) -> list[TwinRun]:
@@ -95,6 +104,7 @@ def survey(
             log=log,
             limits=Limits(run=seconds),
             realism=realism,
+            draw=draw,
         )
         runs.append(run)
         console.print(_line(run))
@@ -103,7 +113,9 @@ def survey(
         if folder is not None:
             write_atomic(folder / "summary.json", json.dumps([_summary(each) for each in runs], indent=2) + "\n")
     count = sum(run.exit_code == Exit.DONE for run in runs)
-    console.print(f"success    [bold]{count} of {len(runs)}[/] layouts")
+    low, high = wilson(count, len(runs))
+    between = f"95 % interval {100 * low:.0f} to {100 * high:.0f} %"
+    console.print(f"success    [bold]{count} of {len(runs)}[/] layouts ({between})")
     console.print(f"robot      {np.mean([run.outcome.seconds for run in runs]):.1f} s a run in the mean")
     if folder is not None:
         console.print(f"logs       {escape(str(folder))}")
@@ -128,6 +140,7 @@ def _single(program: Program, arguments: TwinArguments, log: Path, console: Cons
             limits=Limits(run=arguments.seconds),
             on_tick=tick,
             realism=arguments.realism,
+            draw=arguments.draw,
         )
     console.print(_verdict(program, run))
     console.print(f"log        {escape(str(log))}")

@@ -107,12 +107,13 @@ class ActionRunner:
         self.looking, self._began = True, now
         self.skills.look()
 
-    def cancel(self, now: float, reason: str) -> None:
-        """Break off whatever is being done."""
+    def cancel(self, now: float, reason: str, *, done: bool = False) -> None:
+        """Break off whatever is being done. `done`: what it was begun for is there already, so that it counts as carried
+        out."""
         self.skills.cancel()
         if self.action is not None:
             late = now - self._began > self.limits.action
-            self._end("TIMEOUT" if late else "CANCELLED", reason)
+            self._end("DONE" if done else "TIMEOUT" if late else "CANCELLED", reason)
         self.looking = False
         self.rest_at = now + self.limits.rest
 
@@ -143,10 +144,11 @@ class ActionRunner:
     def _end(self, event: str, reason: str, fault: str = "") -> None:
         """End the attempt; it counts as failed until the tree finds its action done."""
         assert self.action is not None
-        if reason:
-            self.reasons[self.action] = reason
-        counts = self.broken_off if event == "CANCELLED" else self.failures
-        counts[self.action] = counts.get(self.action, 0) + 1
+        if event != "DONE":
+            if reason:
+                self.reasons[self.action] = reason
+            counts = self.broken_off if event == "CANCELLED" else self.failures
+            counts[self.action] = counts.get(self.action, 0) + 1
         name, now = str(self.action), self.link.now()
         self.log.write("action", time=now, action=name, event=event, reason=reason, fault=fault)
         self.action = None

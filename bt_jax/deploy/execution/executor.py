@@ -179,7 +179,8 @@ class Executor:
             self._since = (Status.RUNNING, now)
         match decision.step:
             case Step.HALTING if self.runner.action is not None:
-                self.runner.cancel(now, f"the tree wants {wanted or ticked.status.name}")
+                done = all(map(statuses.holds, self.runner.action.postconditions))
+                self.runner.cancel(now, f"the tree wants {wanted or ticked.status.name}", done=done)
                 repeated = self._diagnosis.repeated()
                 if repeated:
                     raise self._failed(repeated, now)

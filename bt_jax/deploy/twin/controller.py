@@ -22,6 +22,7 @@ from bt_jax.deploy.link.realtime import CONTEXT, Snapshot
 from bt_jax.deploy.link.rws import ControllerMessage
 from bt_jax.deploy.twin.controller_process import PARTS, STATS, ControllerSpec, serve
 from bt_jax.deploy.twin.settings import TIMING, Realism
+from bt_jax.deploy.twin.simulated_gripper import GripperFault
 from bt_jax.deploy.twin.simulated_robot import CellModel
 
 __all__ = ["Controller", "ControllerStats"]
@@ -131,6 +132,10 @@ class Controller:
         """Break something: `drop` (share, in both directions), `delay` (seconds), `reorder` (share), `silence` (seconds),
         `motors_off`, `emergency_stop`, `heal` (the network)."""
         self._ask("fault", kind, details)
+
+    def gripper_fault(self, fault: GripperFault) -> None:
+        """Have all grippers work as they should, not move as they are told, or hardly press, from now on."""
+        self._ask("gripper_fault", str(fault))
 
     def press_start(self) -> None:
         """Start the RAPID program, as a person does on the pendant."""

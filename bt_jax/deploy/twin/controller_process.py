@@ -19,6 +19,7 @@ from bt_jax.deploy.link.rws import ControllerMessage
 from bt_jax.deploy.robot.arrays import PoseRow
 from bt_jax.deploy.twin.rws_server import RwsLimits, serve_rws
 from bt_jax.deploy.twin.settings import TIMING, Realism
+from bt_jax.deploy.twin.simulated_gripper import GripperFault
 from bt_jax.deploy.twin.simulated_robot import CellModel, SimulatedRobot, SimulationDiverged
 
 __all__ = ["PARTS", "STATS", "ControllerSpec", "serve"]
@@ -159,6 +160,9 @@ class _ControllerLoop:
 
     def do_fault(self, kind: str, details: Mapping[str, float]) -> None:
         self.robot.fault(kind, details)
+
+    def do_gripper_fault(self, fault: str) -> None:
+        self.robot.gripper_fault(GripperFault(fault))
 
     def do_start(self) -> bool:
         return self.robot.start_rapid()

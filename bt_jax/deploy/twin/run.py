@@ -37,10 +37,12 @@ from bt_jax.deploy.twin.cell import CAMERA, TwinScene, build_scene, solved, targ
 from bt_jax.deploy.twin.controller import Controller, ControllerStats
 from bt_jax.deploy.twin.disturbances import disturbance as disturbance_named
 from bt_jax.deploy.twin.disturber import Disturbance, Disturber
+from bt_jax.deploy.twin.fault_injector import TICK, FaultInjector, check_faults
 from bt_jax.deploy.twin.network import free_ports
 from bt_jax.deploy.twin.person import Person, Touch
 from bt_jax.deploy.twin.rendered_camera import RenderedCamera
 from bt_jax.deploy.twin.settings import Realism
+from bt_jax.tasks import Task
 
 __all__ = ["TwinRun", "TwinTick", "run_twin"]
 
@@ -91,14 +93,19 @@ def run_twin(
     prepare: Callable[[Controller, Perceiving], None] | None = None,
     realism: Realism | None = None,
     disturbance: str | None = None,
+    draw: int = 0,
 ) -> TwinRun:
     """Run a tree on a robot in one layout, in a cell as real as `realism` says, by default as a real one. `prepare` may
     break things before the run begins. A person comes `disturbances` times; `disturbance` names what else happens, see
-    `twin.disturbances`.
+    `twin.disturbances`. Where the program's task has faults, these happen instead, as the `draw` of this layout says, and
+    success has to last as long as in the simulation, if it can be undone.
 
-    Raise UserError if nothing can be rendered here, so that the camera would see nothing.
+    Raise UserError if nothing can be rendered here, so that the camera would see nothing, or if a fault cannot happen here.
     """
-    began = time.monotonic()
+    began, faults = time.monotonic(), program.task.faults
+    check_faults(program.task, realtime=realtime)
+    if faults is not None and (disturbances or disturbance is not None):
+        raise UserError("the task has faults, which include what a person does; leave out the disturbances")
     happens = Disturbance() if disturbance is None else disturbance_named(disturbance)
     realism = happens.change(realism or Realism())
     scene = build_scene(robot, program.task, seed, realism, stranger=happens.stranger)
@@ -117,9 +124,11 @@ def run_twin(
         skills = RobotSkills(robot, program.task, link, pace=pace, background=planning)
         first = link.now()
         times = [first + float(t) for t in rng.uniform(*DISTURBED, disturbances)]
-        person: Person | Disturber = Person(scene, controller, rng, times)
-        if disturbance is not None:
-            camera = None if realtime else perception.camera  # type: ignore[attr-defined]
+        camera = None if realtime else perception.camera  # type: ignore[attr-defined]
+        person: Person | Disturber | FaultInjector = Person(scene, controller, rng, times)
+        if faults is not None:
+            person = FaultInjector(program, scene, controller, camera, seed, draw, first)
+        elif disturbance is not None:
             person = Disturber(disturbance, happens, scene, controller, camera, np.random.default_rng([seed, 4]), first)
 
         qpos, stats = controller.state()[1], controller.stats()
@@ -127,9 +136,10 @@ def run_twin(
         def tick(shown: TickReport) -> None:
             nonlocal qpos
             qpos = controller.state()[1]
+            known = len(person.touches)
             touch = person(link.now(), shown)
-            if touch is not None:
-                log_file.write("disturbance", time=touch.time, what=touch.what, box=touch.box)
+            for each in person.touches[known:]:
+                log_file.write("disturbance", time=each.time, what=each.what, box=each.box)
             if on_tick is not None:
                 on_tick(TwinTick(shown, qpos, touch))
 
@@ -142,8 +152,9 @@ def run_twin(
             link=link,
             observe=Observer(robot, program.task, link=link, perception=perception, grasped=lambda: skills.grasped),
             log=log_file,
-            limits=limits or Limits(run=TWIN_SECONDS),
-            settings=_settings(seed, realtime, disturbances, scene.realism) | {"disturbance": disturbance},
+            limits=_lasting(limits or Limits(run=TWIN_SECONDS), program.task),
+            settings=_settings(seed, realtime, disturbances, scene.realism)
+            | {"disturbance": disturbance, "draw": None if faults is None else draw},
             on_tick=tick,
             verify=verify,
         )
@@ -165,6 +176,14 @@ def run_twin(
             counters=link.counters(),
             seconds=time.monotonic() - began,
         )
+
+
+def _lasting(limits: Limits, task: Task) -> Limits:
+    """Return the limits of a run in which success may be undone by what happens behind ticks."""
+    faults = task.faults
+    if faults is None or not (faults.hide or faults.move or faults.take):
+        return limits
+    return dataclasses.replace(limits, success=max(limits.success, TICK * task.episode.success_ticks))
 
 
 @contextlib.contextmanager

@@ -30,7 +30,7 @@ from bt_jax.deploy.robot.model import GripperModel
 from bt_jax.deploy.twin.network import Network
 from bt_jax.deploy.twin.servo import SetpointFilter
 from bt_jax.deploy.twin.settings import TIMING, Realism
-from bt_jax.deploy.twin.simulated_gripper import SimulatedGripper
+from bt_jax.deploy.twin.simulated_gripper import GripperFault, SimulatedGripper
 from bt_jax.deploy.twin.supervision import ContactSupervision
 
 __all__ = ["CellModel", "SimulatedArm", "SimulatedRobot", "SimulationDiverged"]
@@ -292,6 +292,10 @@ class SimulatedRobot:
         at, speed = self.model.jnt_qposadr[joint], self.model.jnt_dofadr[joint]
         self.data.qpos[at : at + 7] = pose
         self.data.qvel[speed : speed + 6] = 0
+
+    def gripper_fault(self, fault: GripperFault) -> None:
+        for arm in self.arms:
+            arm.simulated_gripper.fault = fault
 
     def fault(self, kind: str, details: Mapping[str, float]) -> None:
         if kind in ("motors_off", "emergency_stop"):

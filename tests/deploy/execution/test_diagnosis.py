@@ -1,9 +1,13 @@
 """Why a run ends by itself: attempts without progress, what is wrong with the picture, and what is out of sight."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from bt_jax.behaviors import Behavior
+from bt_jax.deploy.execution.log import Log
+from bt_jax.deploy.execution.log_reader import read_log
 from bt_jax.deploy.execution.observation import Finding
 from bt_jax.deploy.execution.settings import Exit, Limits
 from bt_jax.encoding.formats.text import parse_tree
@@ -176,3 +180,22 @@ def test_nothing_is_begun_for_a_place_in_a_frame_that_has_been_out_of_sight_for_
     assert outcome.exit_code == Exit.FAILED
     assert outcome.reason == "there is no use in open_gripper: KittingBox is not seen"
     assert 10.0 < outcome.seconds < 20.0
+
+
+def test_an_action_that_is_halted_since_it_is_done_was_not_broken_off(tmp_path):
+    """Fingers count as open before they have moved all the way."""
+    tree = parse_tree("Sequence(Fallback(gripper(open), open_gripper), holding(YellowBox))")
+    with Log(tmp_path / "log.jsonl") as log:
+        cell = IdealCell(tree, limits=Limits(run=15.0), log=log)
+        cell.skills.polls = 10**6
+
+        def turn(shown):
+            opened = np.array([len(cell.shown) // 12 % 2 == 1])
+            cell.skills.world = dataclasses.replace(cell.skills.world, gripper_open=opened)
+
+        cell.on_tick = turn
+        outcome = cell.executor.run()
+    assert "the time is up" in outcome.reason
+    events = [entry["event"] for entry in read_log(tmp_path / "log.jsonl") if entry["kind"] == "action"]
+    assert events.count("DONE") > 5
+    assert "CANCELLED" not in events[:-1]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bt_jax.deploy.twin.settings import Realism
-from bt_jax.deploy.twin.simulated_gripper import SimulatedGripper
+from bt_jax.deploy.twin.simulated_gripper import GripperFault, SimulatedGripper
 
 CYCLE = 0.004
 
@@ -43,3 +43,26 @@ def test_a_reading_is_as_old_as_the_last_look(period):
         ages.append(now - gripper.reading)
     assert max(ages) == pytest.approx(max(period - CYCLE, 0.0), abs=CYCLE)
     assert np.all(np.diff([i * CYCLE - age for i, age in enumerate(ages)]) >= -1e-9)
+
+
+def test_a_gripper_that_jams_does_not_do_what_it_was_told_then():
+    gripper = SimulatedGripper(Realism.perfect(), 25.0, 10.0)
+    gripper.fault = GripperFault.JAM
+    gripper.serve(0.0, target=12.0, force=10.0, position=25.0)
+    assert gripper.advance(0.0).target == 25.0
+    gripper.fault = GripperFault.NONE
+    gripper.serve(1.0, target=12.0, force=10.0, position=25.0)
+    assert gripper.advance(1.0).target == 25.0, "nobody told it again"
+    gripper.serve(2.0, target=25.0, force=10.0, position=25.0)
+    gripper.serve(3.0, target=12.0, force=10.0, position=25.0)
+    assert gripper.advance(3.0).target == 0.0
+
+
+def test_a_weak_gripper_moves_and_hardly_presses():
+    gripper = SimulatedGripper(Realism.perfect(), 25.0, 10.0)
+    gripper.fault = GripperFault.WEAK
+    gripper.serve(0.0, target=12.0, force=15.0, position=25.0)
+    assert gripper.advance(0.0).target == 0.0
+    assert gripper.advance(0.0).force < 0.1
+    gripper.fault = GripperFault.NONE
+    assert gripper.advance(0.0).force == 15.0
