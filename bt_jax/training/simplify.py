@@ -6,10 +6,10 @@ import dataclasses
 from collections.abc import Iterator
 
 from bt_jax._util.errors import UserError
-from bt_jax.behaviors import Control, Tree, Vocabulary
+from bt_jax.behaviors import Control, ExtendedNode, Tree, Vocabulary
 from bt_jax.encoding.arrays import encode_all, violations
 from bt_jax.encoding.limits import MAX_NODES
-from bt_jax.encoding.walk import extended_nodes, leaves, prefix, tidy
+from bt_jax.encoding.walk import decorators, extended_nodes, leaves, prefix, tidy
 from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
 from bt_jax.mjx_env.episodes.survey import fits_arrays
 from bt_jax.mjx_env.physics.protocol import Physics
@@ -34,8 +34,8 @@ class Simplification:
 def smaller_trees(tree: Tree) -> list[Tree]:
     """Return all trees with one removal that break no rule which the tree keeps, the smallest first.
 
-    A node with its subtree is removed, or a control node is replaced by one of its children. A control node left with one
-    child dissolves, as does one under its own kind.
+    A node with its subtree is removed, or a control node or decorator is replaced by one of its children. A control node
+    left with one child dissolves, as does one under its own kind.
     """
     found = dict.fromkeys(tidy(other) for other in _removals(tree))
     loose = bool(violations(tree, gene_under_fallback=False))
@@ -47,15 +47,16 @@ def simplify(task: Task, physics: Physics, tree: Tree, layouts: World) -> Simpli
     """Remove whatever changes neither the fitness, apart from the cost of nodes, nor success in any of K layouts.
 
     All single removals are tried in one batch, the smallest tree that is as good stays, until none is. Raise UserError if
-    the tree is too large, or not of Sequences and Fallbacks.
+    the tree is too large, or has nodes that arrays do not hold.
     """
     if not fits_arrays(tree):
         extended = extended_nodes(tree)
         found = extended[0].label if extended else f"{len(prefix(tree))} nodes"
         raise UserError(
-            f"the tree cannot be simplified, it has {found}; give Sequences and Fallbacks, {MAX_NODES} nodes at most"
+            f"the tree cannot be simplified, it has {found}; give a tree of Sequence, Fallback, retry and timeout, "
+            f"{MAX_NODES} nodes at most"
         )
-    semantics = LeafSemantics(task, Vocabulary.of(leaves(tree)))
+    semantics = LeafSemantics(task, Vocabulary.of(leaves(tree), decorators(tree)))
     evaluator = TableEvaluator(semantics, physics, batch=BATCH)
 
     def tried(trees: list[Tree]) -> Evaluation:
@@ -84,6 +85,11 @@ def _node_costs(task: Task, tree: Tree) -> float:
 
 def _removals(tree: Tree) -> Iterator[Tree]:
     """Yield the tree with one removal; a control node may be left with a single child, or with none of its own."""
+    if isinstance(tree, ExtendedNode):
+        yield from tree.children
+        for other in _removals(tree.children[0]):
+            if not isinstance(other, Control) or other.children:
+                yield dataclasses.replace(tree, children=(other,))
     if not isinstance(tree, Control):
         return
     yield from tree.children

@@ -34,10 +34,21 @@ def test_every_smaller_tree_is_valid_and_smaller(tree):
         assert not violations(other)
 
 
+def test_decorators_are_removed_too():
+    text = "Sequence(retry(3, Sequence(pick(A), pick(B))), open_gripper)"
+    assert {str(tree) for tree in smaller_trees(parse_tree(text))} == {
+        "open_gripper",
+        "Sequence(retry(3, pick(A)), open_gripper)",
+        "Sequence(retry(3, pick(B)), open_gripper)",
+        "Sequence(pick(A), pick(B), open_gripper)",
+    }
+
+
 @pytest.mark.parametrize(
     "text",
     [
         SOLUTION,
+        SOLUTION.replace("Sequence(", "Sequence(timeout(9, retry(3, ").replace("KittingBox)", "KittingBox)))"),
         "Sequence(Fallback(gripper(closed), open_gripper), move(BlueBox, (0, 0, 0.1), GreenBox))",
         f"Sequence(Fallback(gripper(closed), open_gripper), {SOLUTION[9:]}",
         f"Fallback({SOLUTION}, Sequence(close_gripper, open_gripper))",

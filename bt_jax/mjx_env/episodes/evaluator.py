@@ -20,13 +20,23 @@ from jaxtyping import Bool, Float32, Int8, Int32, UInt8
 
 from bt_jax._util.compile_cache import kept_jit
 from bt_jax.encoding.arrays import Trees
-from bt_jax.encoding.tick import JumpTable, Status, jump_table, tick_trees
+from bt_jax.encoding.tick import JumpTable, counters, jump_table, tick_trees
 from bt_jax.mjx_env.episodes.columns import Chances, Extent, tick_of
 from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS, Misses, fitness
-from bt_jax.mjx_env.episodes.rules import Ending, Tally, count_tick, fresh_tally, is_solved, resolve, select, used_up
+from bt_jax.mjx_env.episodes.rules import (
+    NO_COMMAND,
+    Ending,
+    Tally,
+    count_tick,
+    fresh_tally,
+    is_solved,
+    resolve,
+    select,
+    used_up,
+)
 from bt_jax.mjx_env.episodes.table import BROKEN, MEMORY, UNKNOWN, Known, TableFullError, TransitionTable
 from bt_jax.mjx_env.faults.fates import Fates
-from bt_jax.mjx_env.outcomes import command_of, subgoals_of
+from bt_jax.mjx_env.outcomes import ACTION, command_of, subgoals_of
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.world import Array, World, take
@@ -103,7 +113,8 @@ def _advance(
             asked = _Asked(jnp.where(missing, now, asked.state), jnp.where(missing, column, asked.column))
             return jnp.where(goes & (after >= 0), after, now), asked, after
 
-        ticked = tick_trees(table, look_up, tree=tree, trace=tally.trace is not None)
+        traced, counts = tally.trace is not None, tally.counts
+        ticked = tick_trees(table, look_up, tree=tree, trace=traced, counts=counts, halted=int(ACTION))
         command, subgoals = command_of(ticked.noted), subgoals_of(ticked.noted)
         going, now = tally.ending == Ending.OPEN, state
         unread = going & (ticked.noted < 0)  # NOT_COMPUTED is among what was noted
@@ -115,8 +126,9 @@ def _advance(
         if chances is not None:
             column = chances.column(command, tick_of(tally, chances.fates))
             struck = chances.struck(column, command)
-        now, asked, after = follow(now, asked, going & (ticked.status == Status.RUNNING), column)
-        counted = count_tick(tally, ticked.status, command, after == BROKEN, rules, ticked.trace, struck)
+        now, asked, after = follow(now, asked, going & ticked.acts, column)
+        ran, broken = jnp.where(ticked.acts, command, NO_COMMAND), after == BROKEN
+        counted = count_tick(tally, ticked.status, ran, broken, rules, ticked.trace, ticked.counts, struck)
         if chances is not None:
             goes = going & (counted.ending == Ending.OPEN)
             for happens, column, fault in chances.between(columns, tick_of(tally, chances.fates)):
@@ -180,9 +192,15 @@ class TableEvaluator:
         tree = np.repeat(np.arange(starts.shape[0], dtype=np.int32), starts.shape[1])
         self.table.use(np.asarray(trees.tokens))
         has_faults = self.table.semantics.task.faults is not None
-        nodes = trees.num_nodes if self.trace else None
-        fresh = fresh_tally(starts.size, trace_nodes=nodes, has_faults=has_faults)
-        ends = self._ends(_jump_table(trees), tree, layouts, fates, starts.reshape(-1), fresh)
+        jumps = _jump_table(trees, counters(self.table.semantics.vocabulary))
+        fresh = fresh_tally(
+            starts.size,
+            num_nodes=trees.num_nodes,
+            trace=self.trace,
+            counting=jumps.counting is not None,
+            has_faults=has_faults,
+        )
+        ends = self._ends(jumps, tree, layouts, fates, starts.reshape(-1), fresh)
         return evaluation(
             self.table.semantics.task,
             trees,

@@ -147,21 +147,24 @@ class EpisodeState:
         """Return the tick of the tree, the command that runs or NO_COMMAND, the subgoals that the tree ticks, as bits, and
         whether the `exhausted` command, which has failed, has begun again: where it `fails_once`, a loop tries it again."""
         outcomes = self.semantics.outcomes(self.world)
-        running, subgoals, again = NO_COMMAND, np.zeros(1, np.int32), False
+        commands: dict[int, int] = {}  # of the leaves that run, by their index
+        subgoals, again = np.zeros(1, np.int32), False
 
-        def status_of(leaf: Behavior, _: int) -> Status:
-            nonlocal running, subgoals, again
+        def status_of(leaf: Behavior, index: int) -> Status:
+            nonlocal subgoals, again
             token = self.semantics.vocabulary.token(leaf)
             spent = np.array([NO_COMMAND], np.int32) if again else exhausted
             outcome = resolve(outcomes[0, :, token], outcomes[1, :, token], spent)
             again = again or (fails_once and bool(outcome[0] != outcomes[0, 0, token]))
             status, subgoals = Status(outcome[0] & 3), subgoals | subgoals_of(outcome)
             if status == Status.RUNNING:
-                running = int(command_of(outcome)[0])
+                commands[index] = int(command_of(outcome)[0])
             return status
 
         time = SECONDS_PER_TICK * int(self.tally.ticks[0])
-        return tick_tree(self.tree, status_of, self.memory, time=time), running, subgoals, again
+        ticked = tick_tree(self.tree, status_of, self.memory, time=time)
+        running = NO_COMMAND if ticked.running is None else commands.get(ticked.running, NO_COMMAND)
+        return ticked, running, subgoals, again
 
 
 def play(semantics: LeafSemantics, settler: Settler, tree: Tree, layout: World, fate: Fates | None = None) -> Playback:

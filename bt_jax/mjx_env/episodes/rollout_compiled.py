@@ -17,12 +17,12 @@ from jaxtyping import Bool, Int8, Int32, UInt8
 
 from bt_jax._util.compile_cache import kept_jit
 from bt_jax.encoding.arrays import Trees
-from bt_jax.encoding.tick import JumpTable, Status, jump_table, tick_trees
+from bt_jax.encoding.tick import JumpTable, counters, jump_table, tick_trees
 from bt_jax.mjx_env.episodes.columns import Chances
-from bt_jax.mjx_env.episodes.rules import Ending, Tally, count_tick, fresh_tally, resolve, select, used_up
+from bt_jax.mjx_env.episodes.rules import NO_COMMAND, Ending, Tally, count_tick, fresh_tally, resolve, select, used_up
 from bt_jax.mjx_env.faults.fates import between_ticks, carry_out
 from bt_jax.mjx_env.faults.variants import Variants
-from bt_jax.mjx_env.outcomes import command_of, subgoals_of
+from bt_jax.mjx_env.outcomes import ACTION, command_of, subgoals_of
 from bt_jax.mjx_env.physics.neighbourhood import neighbours
 from bt_jax.mjx_env.physics.protocol import Stepper
 from bt_jax.mjx_env.semantics import LeafSemantics
@@ -43,8 +43,9 @@ class _Lanes:
     world: World  # before anything has moved
     tally: Tally  # of the ticks before
     status: Int8[Array, " W"]  # that the tree has returned
-    command: Int32[Array, " W"]  # that runs where that is RUNNING
+    command: Int32[Array, " W"]  # that runs, or NO_COMMAND
     trace: UInt8[Array, "W N"] | None
+    counts: UInt8[Array, "W N"] | None
     released: Released
     motion: Any
 
@@ -61,10 +62,16 @@ def rollout(
 ) -> tuple[World, Tally]:
     """Return states and tally at the ends of E episodes: trees `tree` from states `start`, with what chance has in store for
     each of them."""
-    jumps, episodes = jump_table(trees), tree.shape[0]
+    jumps, episodes = jump_table(trees, counters(semantics.vocabulary)), tree.shape[0]
     width = min(stepper.lanes or episodes, episodes)
-    nodes, has_faults = trees.num_nodes if trace else None, chances is not None
-    fresh = jax.tree.map(jnp.asarray, fresh_tally(width, trace_nodes=nodes, has_faults=has_faults))
+    fresh = fresh_tally(
+        width,
+        num_nodes=trees.num_nodes,
+        trace=trace,
+        counting=jumps.counting is not None,
+        has_faults=chances is not None,
+    )
+    fresh = jax.tree.map(jnp.asarray, fresh)
 
     def of(episode: Int32[Array, " W"], every: Any) -> Any:
         return jax.tree.map(lambda leaf: leaf[jnp.minimum(episode, episodes - 1)], every)
@@ -124,17 +131,18 @@ def _ticked(
     def look_up(token: Int32[Array, " W"]) -> Int32[Array, " W"]:
         return resolve(outcomes[0][rows, token], outcomes[1][rows, token], exhausted)
 
-    ticked = tick_trees(jumps, look_up, tree=tree, trace=tally.trace is not None)
-    command = command_of(ticked.noted)
+    traced, counts = tally.trace is not None, tally.counts
+    ticked = tick_trees(jumps, look_up, tree=tree, trace=traced, counts=counts, halted=int(ACTION))
+    command = jnp.where(ticked.acts, command_of(ticked.noted), NO_COMMAND)
     world = reach(world, subgoals_of(ticked.noted))
     # Episodes that do nothing in this tick close an already closed gripper, or open an empty one: no motion.
     idle = jnp.where(world.gripper_open, 0, 1)
-    doing = jnp.where(ticked.status == Status.RUNNING, command, idle)
+    doing = jnp.where(ticked.acts, command, idle)
     fates = None if chances is None else chances.fates
     released = carry_out(Variants(semantics), world, doing, fates, tally.ticks)
     moves = neighbours(semantics.task, released).any(axis=1, keepdims=True)
     motion = stepper.begin(released.world.kits, released.poses, released.present & moves)
-    return _Lanes(episode, world, tally, ticked.status, command, ticked.trace, released, motion)
+    return _Lanes(episode, world, tally, ticked.status, command, ticked.trace, ticked.counts, released, motion)
 
 
 def _finished(
@@ -143,11 +151,12 @@ def _finished(
     """Return states and tally after the ticks of all lanes; of those that still settle they mean nothing."""
     task, tick, settled = semantics.task, lanes.tally.ticks, stepper.settled(lanes.motion)
     sane = settled.ok & jnp.isfinite(settled.poses).all(axis=(1, 2))
-    running, command, struck = lanes.status == Status.RUNNING, lanes.command, None
-    world = _where(running & sane, settled_world(task, lanes.released, settled.poses), lanes.world)
+    command, acts, struck = lanes.command, lanes.command != NO_COMMAND, None
+    world = _where(acts & sane, settled_world(task, lanes.released, settled.poses), lanes.world)
     if chances is not None:
         struck = chances.struck(chances.column(command, tick), command)
-    tally = count_tick(lanes.tally, lanes.status, command, running & ~sane, task.episode, lanes.trace, struck)
+    traced, counts = lanes.trace, lanes.counts
+    tally = count_tick(lanes.tally, lanes.status, command, ~sane, task.episode, traced, counts, struck)
     if chances is not None:
         after = _where(tally.ending == Ending.OPEN, between_ticks(world, task, chances.fates, tick), world)
         found = chances.struck_between(world, after, tick)

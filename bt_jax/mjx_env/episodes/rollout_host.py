@@ -7,16 +7,16 @@ import operator
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Int, Int32
+from jaxtyping import Bool, Int, Int32, UInt8
 
 from bt_jax._util.compile_cache import kept_jit
 from bt_jax.encoding.arrays import Trees
-from bt_jax.encoding.tick import JumpTable, Status, Ticked, jump_table, tick_trees
+from bt_jax.encoding.tick import JumpTable, Ticked, counters, jump_table, tick_trees
 from bt_jax.mjx_env.episodes.columns import Chances
-from bt_jax.mjx_env.episodes.rules import Ending, Tally, count_tick, fresh_tally, resolve, used_up
+from bt_jax.mjx_env.episodes.rules import NO_COMMAND, Ending, Tally, count_tick, fresh_tally, resolve, used_up
 from bt_jax.mjx_env.faults.fates import between_ticks, carry_out, something_happens
 from bt_jax.mjx_env.faults.variants import Variants
-from bt_jax.mjx_env.outcomes import command_of, subgoals_of
+from bt_jax.mjx_env.outcomes import ACTION, command_of, subgoals_of
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.physics.settler import Settler
 from bt_jax.mjx_env.semantics import LeafSemantics
@@ -46,8 +46,13 @@ class HostRollout:
         """Return states and tally (NumPy) at the ends of E episodes: trees `tree` from states `start`, with what chance has
         in store for each of them."""
         look_up = _LookUp(self.semantics, trees)
-        nodes = trees.num_nodes if self.trace else None
-        fresh = fresh_tally(tree.size, trace_nodes=nodes, has_faults=chances is not None)
+        fresh = fresh_tally(
+            tree.size,
+            num_nodes=trees.num_nodes,
+            trace=self.trace,
+            counting=bool(self.semantics.vocabulary.decorators),
+            has_faults=chances is not None,
+        )
         ends = jax.tree.map(np.array, (start, fresh))
         for first in range(0, tree.size, ROWS):
             rows = np.arange(first, min(first + ROWS, tree.size))
@@ -64,10 +69,11 @@ class HostRollout:
     ) -> tuple[World, Tally]:
         """Return states and tally one tick later."""
         task, tick = self.semantics.task, tally.ticks
-        ticked = look_up.tick(tree, world, used_up(tally, task.episode), trace=self.trace)
-        command, broken, struck = command_of(ticked.noted), np.zeros(tree.size, bool), None
+        ticked = look_up.tick(tree, world, used_up(tally, task.episode), tally.counts, trace=self.trace)
+        command = np.where(ticked.acts, command_of(ticked.noted), np.int32(NO_COMMAND))
+        broken, struck = np.zeros(tree.size, bool), None
         world = reach(world, subgoals_of(ticked.noted))
-        running = np.flatnonzero(ticked.status == Status.RUNNING)
+        running = np.flatnonzero(ticked.acts)
         if running.size:
             fates = None if chances is None else chances.fates[running]
             released = carry_out(self._variants, take(world, running), command[running], fates, tick[running])
@@ -76,7 +82,7 @@ class HostRollout:
             world = _replaced(world, running[ok], settled_world(task, released, poses), ok)
         if chances is not None:
             struck = chances.struck(chances.column(command, tick), command)
-        counted = count_tick(tally, ticked.status, command, broken, task.episode, ticked.trace, struck)
+        counted = count_tick(tally, ticked.status, command, broken, task.episode, ticked.trace, ticked.counts, struck)
         if chances is not None:
             rows = np.flatnonzero((counted.ending == Ending.OPEN) & something_happens(chances.fates, tick))
             own, before = chances.of(rows), take(world, rows)
@@ -102,7 +108,7 @@ class _LookUp:
 
     def __init__(self, semantics: LeafSemantics, trees: Trees) -> None:
         self._semantics = semantics
-        self._jumps = _jump_table(trees)
+        self._jumps = _jump_table(trees, counters(semantics.vocabulary))
         count = len(semantics.vocabulary)
         few = count <= FEW_TOKENS
         self._selection = semantics.everything if few else semantics.select(np.unique(trees.tokens))
@@ -112,15 +118,23 @@ class _LookUp:
         self._columns = -(-len(tokens) // COLUMNS) * COLUMNS
 
     def tick(
-        self, tree: Int32[np.ndarray, " n"], world: World, exhausted: Int32[np.ndarray, " n"], *, trace: bool
+        self,
+        tree: Int32[np.ndarray, " n"],
+        world: World,
+        exhausted: Int32[np.ndarray, " n"],
+        counts: UInt8[np.ndarray, "n N"] | None,
+        *,
+        trace: bool,
     ) -> Ticked:
-        """Tick trees in states; commands that are `exhausted` fail. Arrays of the result are NumPy's."""
+        """Tick trees in states; commands that are `exhausted` fail, and decorators have counted `counts`. Arrays of the
+        result are NumPy's."""
         found = self._semantics.outcomes(world, self._selection)
         count, size = tree.size, next(bucket for bucket in BUCKETS if tree.size <= bucket)
         outcomes = np.zeros((2, size, self._columns), np.int32)
         outcomes[:, :count, : found.shape[2]] = found
         padded = [np.pad(values, (0, size - count)) for values in (tree, exhausted)]
-        ticked = jax.device_get(_tick(self._jumps, outcomes, self._column, *padded, trace))
+        counted = None if counts is None else np.pad(counts, ((0, size - count), (0, 0)))
+        ticked = jax.device_get(_tick(self._jumps, outcomes, self._column, *padded, counted, trace))
         return jax.tree.map(operator.itemgetter(slice(count)), ticked)
 
 
@@ -134,6 +148,7 @@ def _tick(
     column: Int32[Array, " V"],
     tree: Int32[Array, " n"],
     exhausted: Int32[Array, " n"],
+    counts: UInt8[Array, "n N"] | None,
     trace: bool,
 ) -> Ticked:
     """Tick trees whose leaves return `outcomes`, with those of a token in its `column`."""
@@ -143,4 +158,4 @@ def _tick(
         first, second = outcomes[:, rows, column[token]]
         return resolve(first, second, exhausted)
 
-    return tick_trees(jumps, look_up, tree=tree, trace=trace)
+    return tick_trees(jumps, look_up, tree=tree, trace=trace, counts=counts, halted=int(ACTION))

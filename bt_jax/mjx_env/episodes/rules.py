@@ -45,15 +45,26 @@ class Tally:
     runs: Int32[Array, " E"]  # ticks in a row, up to the last one, in which it ran
     ending: Int8[Array, " E"]
     trace: UInt8[Array, "E N"] | None = None  # where asked for, of all ticks so far (see `encoding.tick.Ticked`)
+    counts: UInt8[Array, "E N"] | None = None  # of decorators, if trees may have any (see `encoding.tick.Ticked`)
     struck: Int32[Array, " E"] | None = None  # faults that happened, as bits (see `faults.variants.bit`)
 
 
-def fresh_tally(count: int, *, trace_nodes: int | None = None, has_faults: bool = False) -> Tally:
-    """Return the tally of episodes that have not begun (NumPy), with a trace of that many nodes if asked for."""
-    zeros = np.zeros(count, np.int32)
-    trace = None if trace_nodes is None else np.zeros((count, trace_nodes), np.uint8)
-    struck = zeros if has_faults else None
-    return Tally(zeros, zeros, zeros + np.int32(NO_COMMAND), zeros, np.zeros(count, np.int8), trace, struck)
+def fresh_tally(
+    count: int, *, num_nodes: int = 0, trace: bool = False, counting: bool = False, has_faults: bool = False
+) -> Tally:
+    """Return the tally of episodes that have not begun (NumPy), of trees with so many nodes: with a trace if asked for, and
+    `counting` where trees may have decorators."""
+    zeros, nodes = np.zeros(count, np.int32), np.zeros((count, num_nodes), np.uint8)
+    return Tally(
+        ticks=zeros,
+        successes=zeros,
+        command=zeros + np.int32(NO_COMMAND),
+        runs=zeros,
+        ending=np.zeros(count, np.int8),
+        trace=nodes if trace else None,
+        counts=nodes if counting else None,
+        struck=zeros if has_faults else None,
+    )
 
 
 def used_up(tally: Tally, rules: Episode) -> Int32[Array, " E"]:
@@ -77,14 +88,16 @@ def count_tick(
     broken: Bool[Array, " E"],
     rules: Episode,
     trace: UInt8[Array, "E N"] | None = None,
+    counts: UInt8[Array, "E N"] | None = None,
     struck: Int32[Array, " E"] | None = None,
 ) -> Tally:
-    """Return the tally after one tick in which the root returned `status`; `command` counts where that is RUNNING, and the
-    simulation of it diverged where `broken`. `trace` and the faults that `struck` are those of the tick. Episodes that have
-    ended stay as they are."""
+    """Return the tally after one tick in which the root returned `status`; `command` counts where that is RUNNING, unless it
+    is NO_COMMAND, and the simulation of it diverged where `broken`. `trace`, `counts` and the faults that `struck` are
+    those of the tick. Episodes that have ended stay as they are."""
     xp = namespace(tally.ticks)
     zero, one = np.int32(0), np.int32(1)
     running = status == Status.RUNNING
+    acts = running & (command != NO_COMMAND)
     ticks = tally.ticks + one
     successes = xp.where(status == Status.SUCCESS, tally.successes + one, zero)
     again = running & (command == tally.command)
@@ -92,10 +105,11 @@ def count_tick(
     ending = xp.where(ticks >= rules.max_ticks, np.int8(Ending.TIMEOUT), np.int8(Ending.OPEN))
     ending = xp.where(successes >= rules.success_ticks, np.int8(Ending.SUCCESS), ending)
     ending = xp.where(status == Status.FAILURE, np.int8(Ending.FAILURE), ending)
-    ending = xp.where(running & broken, np.int8(Ending.BROKEN), ending)
+    ending = xp.where(acts & broken, np.int8(Ending.BROKEN), ending)
     traced = None if tally.trace is None or trace is None else tally.trace | trace
-    faults = tally.struck if tally.struck is None or struck is None else tally.struck | xp.where(running, struck, zero)
-    new = Tally(ticks, successes, xp.where(running, command, np.int32(NO_COMMAND)), runs, ending, traced, faults)
+    faults = tally.struck if tally.struck is None or struck is None else tally.struck | xp.where(acts, struck, zero)
+    ran = xp.where(running, command, np.int32(NO_COMMAND))
+    new = Tally(ticks, successes, ran, runs, ending, traced, counts, faults)
     return select(tally.ending == Ending.OPEN, new, tally)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import numpy as np
 
@@ -21,15 +23,17 @@ __all__ = ["fits_arrays", "survey"]
 
 
 def fits_arrays(tree: Tree) -> bool:
-    """Return whether compiled code can tick a tree: one of Sequences and Fallbacks that is not too large."""
-    return not extended_nodes(tree) and not decorators(tree) and len(prefix(tree)) <= MAX_NODES
+    """Return whether compiled code can tick a tree: one of nodes that arrays hold, and not too large."""
+    return not extended_nodes(tree) and len(prefix(tree)) <= MAX_NODES
 
 
 def survey(semantics: LeafSemantics, physics: Physics, tree: Tree, layouts: World) -> Evaluation:
     """Return the episodes of a tree in K layouts (NumPy), P = 1. Compiled code ticks the tree if it can, with the same
     result as plain Python."""
     if fits_arrays(tree):
-        return TableEvaluator(semantics, physics, batch=1)(encode_all([tree], semantics.vocabulary, MAX_NODES), layouts)
+        vocabulary = semantics.vocabulary.extended((), decorators(tree))  # the tokens of leaves stay
+        semantics = dataclasses.replace(semantics, vocabulary=vocabulary)
+        return TableEvaluator(semantics, physics, batch=1)(encode_all([tree], vocabulary, MAX_NODES), layouts)
     settler = Settler(semantics.task, physics)
     played = [play(semantics, settler, tree, take(layouts, slice(k, k + 1))) for k in range(layouts.held.shape[0])]
     return Evaluation(
