@@ -31,7 +31,17 @@ __all__ = [
     "unset",
 ]
 
-NOT_ROBOT = ("backend", "expand", "verbose", "simplify", "export", "delay", "device")  # options of the other levels
+NOT_ROBOT = (
+    "backend",
+    "draw",
+    "test",
+    "expand",
+    "verbose",
+    "simplify",
+    "export",
+    "delay",
+    "device",
+)  # options of the other levels
 NOT_WATCHED = ("script", "noise", "after", "rename", "delete")  # options of `demonstrate` that --watch does not take
 WATCHED = ("camera", "calibration", "fps", "idle", "unclear", "record")  # and those that nothing else takes
 TRAIN = "python -m bt_jax.train"
@@ -88,6 +98,8 @@ class TrainArguments:
     settings: Annotated[tyro.conf.OmitArgPrefixes[Settings], tyro.conf.arg(name="simulation")] = dataclasses.field(
         default_factory=Settings
     )
+    faults: Annotated[str | None, unset("mild|harsh|PATH")] = None
+    """what goes wrong, in place of what the task says: mild, harsh, or a YAML file"""
     baseline: Annotated[Path | None, unset("PATH")] = None
     """tree (.txt or .xml) to start from, or a folder of train or learn with one; its parts stay available"""
     plan: bool = False
@@ -115,6 +127,8 @@ class TrainArguments:
         """Raise UserError for arguments that cannot work."""
         if self.resume is not None and self.out is not None:
             raise UserError("--resume goes on in its own folder; leave out --out")
+        if self.resume is not None and self.faults is not None:
+            raise UserError("--resume keeps the faults of its run; leave out --faults")
         if self.resume is None and self.name is not None and self.task is not None:
             raise UserError("two tasks are given; name one, or give one file with --task")
         if self.target_fitness is not None and math.isnan(self.target_fitness):
@@ -184,6 +198,12 @@ class RunArguments:
     """with more than one, run in the layouts seed, seed + 1, ... and report how often the tree succeeds"""
     layout: Annotated[int | None, unset("INT")] = None
     """instead of a seed: the number, from 1, of one of the unseen layouts that the run folder's tree was tested in"""
+    faults: Annotated[str | None, unset("mild|harsh|PATH")] = None
+    """what goes wrong, in place of what the task says: mild, harsh, or a YAML file"""
+    draw: Annotated[int | None, unset("INT")] = None
+    """number, from 1, of the draw of chance in the layout (default: 1)"""
+    test: bool = False
+    """test the run folder's tree again: in the unseen layouts and draws of its test, with --faults under others"""
     render: Annotated[Path | None, unset("PATH")] = None
     """film the episode: .mp4, .gif, or .png for six stills"""
     expand: bool = False
@@ -211,6 +231,12 @@ class RunArguments:
             raise UserError(f"--delay is {self.delay}; choose seconds from 0 to 60")
         if self.layout is not None and (self.layouts > 1 or self.seed):
             raise UserError("--layout plays one layout of a run's test; leave out --layouts and --seed")
+        if self.draw is not None and self.draw < 1:
+            raise UserError(f"--draw is {self.draw}; choose 1 or more")
+        if self.test and (self.layouts > 1 or self.seed or self.layout or self.draw or self.render):
+            raise UserError(
+                "--test takes all layouts and draws of a run's test; leave out the options that choose some"
+            )
         if self.render is not None and self.layouts > 1:
             raise UserError("a film shows one layout; leave out --layouts, or choose one with --seed")
         defaults = RunArguments(self.source)

@@ -30,6 +30,7 @@ from bt_jax.mjx_env.episodes.diagnosis import explain_failure
 from bt_jax.mjx_env.episodes.playback import Playback, Tick, play
 from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.mjx_env.episodes.survey import survey
+from bt_jax.mjx_env.faults.fates import Fates, joined, sample_episodes, sample_fates
 from bt_jax.mjx_env.physics.mujoco import MujocoPhysics
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.physics.settler import Settler
@@ -37,11 +38,14 @@ from bt_jax.mjx_env.render.film import check_film, film
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.world import World, concatenate, take
-from bt_jax.tasks import Task, load_task, task_of_folder
+from bt_jax.tasks import Task, load_faults, load_task, task_of_folder, with_faults
+from bt_jax.training.console import failures_met, faults_met, tested_in
 from bt_jax.training.levels import make_level
+from bt_jax.training.run_config import RunConfig
 from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import UNSEEN, Backend, Level, Settings
 from bt_jax.training.simplify import simplify
+from bt_jax.training.testing import explained, test_of
 
 __all__ = ["robot", "run"]
 
@@ -90,12 +94,15 @@ def run(arguments: RunArguments, console: Console | None = None) -> None:
         if arguments.layouts == 1 and arguments.render is None and not arguments.verbose:
             return
     console.print(f"[bold]{escape(task.title)}[/]\n{level}: {physics.description}")
+    if arguments.test:
+        _test(console, semantics, physics, tree, arguments)
+        return
     if arguments.layouts > 1:
         _survey(console, semantics, physics, tree, arguments)
         return
-    settler, layout = Settler(task, physics), _chosen_layout(task, arguments)
-    playback = play(semantics, settler, tree, layout)
-    shown = play(semantics, settler, written, layout) if arguments.expand else playback
+    settler, (layout, fate) = Settler(task, physics), _chosen_episode(task, arguments)
+    playback = play(semantics, settler, tree, layout, fate)
+    shown = play(semantics, settler, written, layout, fate) if arguments.expand else playback
     _show(console, shown, delay=arguments.delay, whole=arguments.verbose)
     console.print(_verdict(task, playback))
     if arguments.render is not None:
@@ -127,6 +134,10 @@ def _open(arguments: RunArguments) -> tuple[Task, Level, Tree]:
         task = task_of_folder(arguments.source)
     if task is None or arguments.task is not None:
         task = load_task(arguments.task or "stack")
+    if arguments.faults is not None:
+        task = with_faults(task, load_faults(arguments.faults), source=f"--faults {arguments.faults}")
+    if arguments.draw is not None and task.faults is None:
+        raise UserError("--draw is of what goes wrong, and nothing does in this task; add --faults")
     tree = read_tree(arguments.source)
     check_tree(tree, task, arguments.source)
     return task, level or "physics", tree
@@ -134,8 +145,9 @@ def _open(arguments: RunArguments) -> tuple[Task, Level, Tree]:
 
 def _simplified(console: Console, task: Task, level: Level, tree: Tree, arguments: RunArguments) -> Tree:
     """Return the tree without what does nothing; say what was removed, and write it beside the learnt one."""
-    layouts = sample_layouts(task, [UNSEEN, arguments.seed], SIMPLIFY_LAYOUTS)
-    found = simplify(task, _physics(task, level, arguments.backend), tree, layouts)
+    seed = [UNSEEN, arguments.seed]
+    layouts, fates = sample_episodes(task, seed, layouts=SIMPLIFY_LAYOUTS, draws=Settings().draws_of(task))
+    found = simplify(task, _physics(task, level, arguments.backend), tree, layouts, fates)
     console.print(f"simplified {found.removed} of {len(prefix(tree))} nodes do nothing in {SIMPLIFY_LAYOUTS} layouts")
     if found.removed and arguments.source.is_dir():
         paths = RunFolder(arguments.source).save_simplified(found.tree, title=f"{task.name}, simplified")
@@ -153,18 +165,44 @@ def _layout(task: Task, seed: int) -> World:
     return sample_layouts(task, [UNSEEN, seed], 1)
 
 
-def _chosen_layout(task: Task, arguments: RunArguments) -> World:
-    """Return the layout that the arguments name."""
+def _chosen_episode(task: Task, arguments: RunArguments) -> tuple[World, Fates | None]:
+    """Return the layout that the arguments name, and the fate of the episode there if things go wrong."""
     if arguments.layout is None:
-        return _layout(task, arguments.seed)
-    if not (arguments.source / "config.json").is_file():
-        raise UserError("--layout numbers the layouts that a run was tested in; name a run folder, or choose a --seed")
-    config = RunFolder(arguments.source).config()
+        return _layout(task, arguments.seed), _fate(task, [UNSEEN, arguments.seed], 0, arguments)
+    config = _tested(arguments, "--layout numbers the layouts that a run was tested in")
     count = config.settings.test_layouts
     if not 1 <= arguments.layout <= count:
         raise UserError(f"--layout is {arguments.layout}; choose 1 to {count}")
-    tested = sample_layouts(task, [UNSEEN, config.gp.seed], count)
-    return take(tested, slice(arguments.layout - 1, arguments.layout))
+    seed, index = [UNSEEN, config.gp.seed], arguments.layout - 1
+    return take(sample_layouts(task, seed, count), slice(index, index + 1)), _fate(task, seed, index, arguments)
+
+
+def _fate(task: Task, seed: list[int], layout: int, arguments: RunArguments) -> Fates | None:
+    """Return the fate of the draw that the arguments name."""
+    draw = (arguments.draw or 1) - 1
+    return sample_fates(task, seed, layouts=range(layout, layout + 1), draws=range(draw, draw + 1))
+
+
+def _tested(arguments: RunArguments, purpose: str) -> RunConfig:
+    """Return the configuration of the run folder. Raise UserError if the arguments name none."""
+    if not (arguments.source / "config.json").is_file():
+        raise UserError(f"{purpose}; name a run folder, or choose a --seed")
+    return RunFolder(arguments.source).config()
+
+
+def _test(console: Console, semantics: LeafSemantics, physics: Physics, tree: Tree, arguments: RunArguments) -> None:
+    """Run the tree in the layouts and draws of the run's test, and print how it fares and why it fails."""
+    config = _tested(arguments, "--test takes the layouts that a run was tested in")
+    task, settings = semantics.task, config.settings
+    draws = settings.draws_of(task)
+    layouts, fates = sample_episodes(task, [UNSEEN, config.gp.seed], layouts=settings.test_layouts, draws=draws)
+    test = test_of(survey(semantics, physics, tree, layouts, fates), len(layouts.held), draws=draws)
+    test = explained(test, semantics, Settler(task, physics), tree, layouts, fates)
+    console.print(
+        f"success      [bold]{test.solved.sum()} of {len(test.solved)}[/] {tested_in(test)}, "
+        f"fitness there {test.fitness.mean():.1f} ± {test.fitness.std():.1f}\n"
+        f"{faults_met(test)}{failures_met(test)}".rstrip()
+    )
 
 
 def _survey(console: Console, semantics: LeafSemantics, physics: Physics, tree: Tree, arguments: RunArguments) -> None:
@@ -172,7 +210,8 @@ def _survey(console: Console, semantics: LeafSemantics, physics: Physics, tree: 
     task = semantics.task
     seeds = range(arguments.seed, arguments.seed + arguments.layouts)
     layouts = concatenate([_layout(task, seed) for seed in seeds])
-    result = survey(semantics, physics, tree, layouts)
+    fates = [fate for seed in seeds if (fate := _fate(task, [UNSEEN, seed], 0, arguments)) is not None]
+    result = survey(semantics, physics, tree, layouts, joined(fates) if fates else None)
     solved, values = result.solved[0], result.values[0]
     console.print(
         f"success    [bold]{solved.sum()} of {len(solved)}[/] layouts ({100 * solved.mean():.0f} %)\n"
@@ -195,22 +234,25 @@ def _show(console: Console, playback: Playback, *, delay: float, whole: bool) ->
     """Show the tree at every tick: on a terminal in one place with pauses, else the `whole` tree or what has changed."""
     titles = [_title(number, tick) for number, tick in enumerate(playback.ticks, start=1)]
     drawings = [_drawing(playback.tree, tick) for tick in playback.ticks]
+    wrong = [[Text(f"         {trouble}", "magenta") for trouble in tick.troubles] for tick in playback.ticks]
     if not console.is_terminal or console.is_dumb_terminal:
         before: list[Text] = []
-        for title, lines in zip(titles, drawings, strict=True):
+        for title, lines, troubles in zip(titles, drawings, wrong, strict=True):
             console.print(title)
             for i, line in enumerate(lines):
                 if whole or not before or line != before[i]:
                     console.print(line)
+            for trouble in troubles:
+                console.print(trouble)
             before = lines
         console.print()
         return
     with Live(console=console, auto_refresh=False) as live:
-        for title, lines in zip(titles, drawings, strict=True):
-            live.update(Group(title, *lines), refresh=True)
+        for title, lines, troubles in zip(titles, drawings, wrong, strict=True):
+            live.update(Group(title, *lines, *troubles), refresh=True)
             time.sleep(delay)
             if title is not titles[-1]:
-                live.console.print(title)
+                live.console.print(title, *troubles, sep="\n")
 
 
 def _title(number: int, tick: Tick) -> Text:

@@ -17,7 +17,7 @@ from bt_jax.behaviors import subgoal_conditions
 from bt_jax.commands.arguments import TrainArguments
 from bt_jax.commands.trees import check_tree
 from bt_jax.encoding.formats.files import read_tree
-from bt_jax.tasks import Task, load_task
+from bt_jax.tasks import Task, load_faults, load_task, with_faults
 from bt_jax.tasks.changes import not_taken_over
 from bt_jax.training.console import TrainingDisplay
 from bt_jax.training.phases import KEPT, Changes, resumed
@@ -92,6 +92,8 @@ def _configuration(arguments: TrainArguments) -> tuple[RunConfig, RunFolder]:
         arguments.gp.check()
         arguments.settings.check()
         task = _task(arguments.task or arguments.name or "stack")
+        if arguments.faults is not None:
+            task = with_faults(task, load_faults(arguments.faults), source=f"--faults {arguments.faults}")
         folder = RunFolder(arguments.out or unused(Path("runs") / f"{task.name}-{datetime.now():%Y%m%d-%H%M%S}"))
         config = changes.applied(RunConfig(task, arguments.gp, arguments.settings))
     if arguments.baseline is not None and changes.baseline is not None:

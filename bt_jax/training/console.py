@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import jax
 from rich.console import Console
@@ -18,13 +19,27 @@ from bt_jax.encoding.walk import prefix
 from bt_jax.gp.config import GPConfig
 from bt_jax.gp.evolution import Generation
 from bt_jax.gp.search import AchievementSearch
+from bt_jax.mjx_env.episodes.adaptive import AdaptiveEvaluator
 from bt_jax.training.bar import GenerationBar
 from bt_jax.training.progress import Stage
-from bt_jax.training.result import EXPLAINED, Result, Session, Test
+from bt_jax.training.result import EXPLAINED, Failures, Result, Session, Test
 from bt_jax.training.training import Training
 
-__all__ = ["TrainingDisplay"]
+__all__ = ["TrainingDisplay", "failures_met", "faults_met", "tested_in"]
 
+PLURALS: Mapping[str, str] = MappingProxyType(
+    {  # fault, a key of `tasks.faults.FAULTS` -> what a count of episodes with it is called
+        "slip": "slips",
+        "drop": "drops",
+        "jam": "jams",
+        "misplace": "misplaced",
+        "hide": "out of sight",
+        "move": "moved by a person",
+        "take": "taken away",
+        "heavy": "heavy",
+    }
+)
+COMMONEST = 3  # ways of failing
 LISTED = 8  # numbers of layouts that fail for one reason
 MORE = 50  # generations that are suggested for a run that has ended
 
@@ -61,23 +76,29 @@ class TrainingDisplay:
         folder, quoted = escape(str(self.folder)), escape(shlex.quote(str(self.folder)))
         if session.stopped:
             self.console.print(f"stopped after generation {result.generations}; go on with --resume {quoted}")
-        layouts = self.training.settings.layouts
-        each = f" ({sum(result.trees_measured):,} trees in {layouts} layouts each)" if layouts > 1 else ""
-        success = result.success_rate * len(result.test.solved)
+        training, test = self.training, result.test
+        layouts, draws = training.settings.layouts, training.draws
+        of_chance = f" and {draws} draws of chance" if draws > 1 else ""
+        measured = f" ({sum(result.trees_measured):,} trees in {layouts} layouts{of_chance} each)"
+        each = measured if layouts * draws > 1 else ""
+        success = test.success_rate * len(test.solved)
         self.console.print(
             f"fitness      [bold]{result.fitness:.1f}[/]\n"
-            f"success      [bold]{success:.0f} of {len(result.test.solved)}[/] unseen layouts, "
-            f"fitness there {result.test.fitness.mean():.1f} ± {result.test.fitness.std():.1f}\n"
-            f"{_failures(result.test)}"
+            f"success      [bold]{success:.0f} of {len(test.solved)}[/] {tested_in(test)}, "
+            f"fitness there {test.fitness.mean():.1f} ± {test.fitness.std():.1f}\n"
+            f"{faults_met(test)}{failures_met(test)}"
             f"evolution    {result.generations} generations, {sum(result.episodes):,} episodes{each}; this session "
             f"{session.seconds:.1f} s, {session.compile_seconds:.1f} s of it compiling\n"
             f"{self._simulated()}"
             f"results      {folder}",
             soft_wrap=True,
         )
-        if result.test.failures:
-            number = result.test.failures[0].layouts[0]
-            self.console.print(f"watch one    python -m bt_jax.run {quoted} --layout {number}", soft_wrap=True)
+        if test.failures:
+            one = test.failures[0]
+            draw = f" --draw {one.draws[0]}" if one.draws else ""
+            self.console.print(
+                f"watch one    python -m bt_jax.run {quoted} --layout {one.layouts[0]}{draw}", soft_wrap=True
+            )
         if limit := self._limit(result):
             self.console.print(
                 f"limit        {escape(limit)}; go on with --resume {quoted} --plan, or with a demonstration, which adds "
@@ -118,10 +139,15 @@ class TrainingDisplay:
     def _simulated(self) -> str:
         if self.training.settings.evaluator != "table":
             return ""
-        table = self.training.table
+        evaluator, table = self.training.evaluator, self.training.table
         full = f" (the table was full {table.num_restarts} times; give it more --memory)" if table.num_restarts else ""
+        hits = ""
+        if isinstance(evaluator, AdaptiveEvaluator):
+            hits = f", {evaluator.table.hit_rate:.0%} of those asked for were known"
+            hits += ", so few that the table was given up" if evaluator.rolls_out else ""
         return (
-            f"simulation   {table.num_transitions:,} distinct transitions{full}, {table.settler.solved:,} simulated\n"
+            f"simulation   {table.num_transitions:,} distinct transitions{full}{hits}, "
+            f"{table.settler.solved:,} simulated\n"
         )
 
 
@@ -133,16 +159,43 @@ def _extent(config: GPConfig) -> str:
     return f"{config.population} trees a generation, {most}{config.num_generations:,} generations"
 
 
-def _failures(test: Test) -> str:
-    """Return one line for each reason for which layouts are not solved, with their numbers."""
+def tested_in(test: Test) -> str:
+    """Return what a test counts, with the interval of its success rate where chance has a part in it."""
+    if test.struck is None:
+        return "unseen layouts"
+    low, high = test.interval
+    return f"episodes in unseen layouts (95 %: {100 * low:.1f} to {100 * high:.1f} %)"
+
+
+def faults_met(test: Test) -> str:
+    """Return a line for each fault that happened: how many of these episodes are solved."""
+    lines = [f"{PLURALS[name]}: {k} of {n}" for name, (k, n) in test.by_fault.items()]
+    return f"faults       {', '.join(lines)}\n" if lines else ""
+
+
+def failures_met(test: Test) -> str:
+    """Return one line for each reason for which episodes are not solved, with their numbers; where things go wrong, for the
+    COMMONEST."""
     lines: list[str] = []
-    for group in test.failures:
-        named = ", ".join(map(str, group.layouts[:LISTED]))
-        more = f" and {len(group.layouts) - LISTED} more" if len(group.layouts) > LISTED else ""
-        heading = "failures" if not lines else ""
-        plural = "layouts" if len(group.layouts) > 1 else "layout"
-        where = "every layout" if len(group.layouts) == len(test.solved) else f"{plural} {named}{more}"
-        lines.append(f"{heading:12} {len(group.layouts)}: {escape(group.reason)} ({where})\n")
+    shown = test.failures if test.struck is None else test.failures[:COMMONEST]
+    for group in shown:
+        lines.append(
+            f"{'failures' if not lines else '':12} {len(group.layouts)}: {escape(group.reason)} ({_where(group, test)})\n"
+        )
+    if rest := sum(len(group.layouts) for group in test.failures[len(shown) :]):
+        lines.append(f"{'':12} {rest}: for other reasons, which result.json names\n")
     if test.unexplained:
         lines.append(f"{'':12} {test.unexplained}: not looked into (only the first {EXPLAINED} that fail are)\n")
     return "".join(lines)
+
+
+def _where(group: Failures, test: Test) -> str:
+    """Return the episodes that fail for a reason: layouts, or where things go wrong layouts and draws."""
+    if len(group.layouts) == len(test.solved):
+        return "every episode" if group.draws else "every layout"
+    more = f" and {len(group.layouts) - LISTED} more" if len(group.layouts) > LISTED else ""
+    if group.draws:
+        pairs = zip(group.layouts[:LISTED], group.draws, strict=False)
+        return f"layout.draw {', '.join(f'{layout}.{draw}' for layout, draw in pairs)}{more}"
+    plural = "layouts" if len(group.layouts) > 1 else "layout"
+    return f"{plural} {', '.join(map(str, group.layouts[:LISTED]))}{more}"

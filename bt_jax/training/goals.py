@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from jaxtyping import Float32
 
 from bt_jax.behaviors import FIRST_LEAF, Behavior, Kind, Vocabulary
 from bt_jax.encoding.walk import leaves
@@ -15,9 +16,10 @@ from bt_jax.gp.achievements.goals import Goals, Measured
 from bt_jax.mjx_env.episodes.evaluator import Evaluation
 from bt_jax.tasks import Task
 
-__all__ = ["goals_of", "measured"]
+__all__ = ["enough", "goals_of", "measured", "mostly"]
 
 NONE = -1
+MOST = 0.5  # of the episodes
 
 
 def goals_of(task: Task, vocabulary: Vocabulary[Behavior]) -> Goals:
@@ -48,16 +50,28 @@ def _group(leaf: Behavior, kinds: Mapping[str, int]) -> int:
     return moved.pop() if len(moved) == 1 else max(kinds.values()) + 1
 
 
-def measured(evaluation: Evaluation, task: Task, shape: tuple[int, int]) -> Measured:
-    """Return what the episodes of R times P trees tell the search; `shape` is (R, P)."""
+def enough(task: Task) -> float:
+    """Return in which share of the episodes something has to be achieved to count as achieved: in all, or, where things go
+    wrong, in most."""
+    return 1.0 if task.faults is None else MOST
+
+
+def mostly(share: Float32[np.ndarray, "*M"], task: Task) -> Float32[np.ndarray, "*M"]:
+    """Return shares of episodes, 1 where they are enough."""
+    return np.where(share >= enough(task), np.float32(1), share)
+
+
+def measured(evaluation: Evaluation, task: Task, shape: tuple[int, int], *, robust: float = 1.0) -> Measured:
+    """Return what the episodes of R times P trees tell the search; `shape` is (R, P). Fitness is the mean of the share
+    `robust` of the episodes, the worst ones."""
     assert evaluation.trace is not None
     weights, misses = task.weights, evaluation.misses
     achieved = np.concatenate([misses.met, evaluation.reached], axis=-1).mean(axis=1, dtype=np.float32)
     off = weights.distance * misses.distance + weights.turn * misses.turn
     missed = np.concatenate([off, weights.subgoal * ~evaluation.reached], axis=-1).mean(axis=1, dtype=np.float32)
     return Measured(
-        fitness=evaluation.fitness.reshape(shape),
-        solved=evaluation.solved.all(axis=1).reshape(shape),
+        fitness=evaluation.lower_mean(robust).reshape(shape),
+        solved=(evaluation.solved.mean(axis=1) >= enough(task)).reshape(shape),
         achieved=achieved.reshape(*shape, achieved.shape[-1]),
         missed=missed.reshape(*shape, missed.shape[-1]),
         trace=np.bitwise_or.reduce(evaluation.trace, axis=1).reshape(*shape, evaluation.trace.shape[-1]),

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Bool, Float32, Int32
 
+from bt_jax._util.statistics import wilson
 from bt_jax.behaviors import Tree
 from bt_jax.encoding.drawing.svg import to_svg
 from bt_jax.encoding.drawing.terminal import draw_text
 from bt_jax.encoding.formats.text import one_line
 from bt_jax.gp.evolution import Generation, best_of
+from bt_jax.mjx_env.faults.variants import bit
+from bt_jax.tasks.faults import FAULTS
 from bt_jax.training.checkpoint import Checkpoint
 from bt_jax.training.pictures import draw_pictures
 from bt_jax.training.run_config import RunConfig
@@ -27,28 +31,51 @@ EXPLAINED = 100  # layouts, the first of those that a test does not solve; each 
 
 @dataclasses.dataclass(frozen=True)
 class Failures:
-    """The layouts of a test that a tree does not solve for one reason, numbered from 1."""
+    """The episodes of a test that a tree does not solve for one reason: layouts, and where things go wrong also draws of
+    chance, both numbered from 1."""
 
     reason: str
     layouts: tuple[int, ...]
+    draws: tuple[int, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
 class Test:
-    """A tree in K layouts that it never saw."""
+    """A tree in K episodes that it never saw: one in each layout, or where things go wrong several `draws` of chance, those
+    of one layout side by side."""
 
     solved: Bool[np.ndarray, " K"]
     fitness: Float32[np.ndarray, " K"]
     failures: tuple[Failures, ...] = ()  # the most frequent reason first
+    draws: int = 1
+    struck: Int32[np.ndarray, " K"] | None = None  # faults that happened, as bits (see `faults.variants.bit`)
 
     @property
     def success_rate(self) -> float:
-        """The share of the layouts that the tree solves."""
+        """The share of the episodes that the tree solves."""
         return float(self.solved.mean())
 
     @property
+    def interval(self) -> tuple[float, float]:
+        """The interval of the success rate with a coverage of 95 %, after Wilson."""
+        return wilson(int(self.solved.sum()), len(self.solved))
+
+    @property
+    def by_fault(self) -> dict[str, tuple[int, int]]:
+        """Of the episodes in which each fault happened, how many the tree solves, and how many there are."""
+        if self.struck is None:
+            return {}
+        happened = {name: (self.struck & bit(name)) > 0 for name in FAULTS}
+        return {name: (int(self.solved[on].sum()), int(on.sum())) for name, on in happened.items() if on.any()}
+
+    def numbers(self, rows: Sequence[int]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Return the layouts, and where things go wrong the draws, of some of the episodes, numbered from 1."""
+        layouts = tuple(1 + row // self.draws for row in rows)
+        return layouts, () if self.struck is None else tuple(1 + row % self.draws for row in rows)
+
+    @property
     def unexplained(self) -> int:
-        """How many layouts are not solved beyond those for which a reason is looked for."""
+        """How many episodes are not solved beyond those for which a reason is looked for."""
         return max(0, int((~self.solved).sum()) - EXPLAINED)
 
 
@@ -89,7 +116,7 @@ class Result:
 
     @property
     def success_rate(self) -> float:
-        """The share of unseen layouts that it solves."""
+        """The share of episodes in unseen layouts that it solves."""
         return self.test.success_rate
 
     @property
@@ -110,7 +137,7 @@ class Result:
     @property
     def episodes(self) -> list[int]:
         """How many episodes that took in each run."""
-        return [count * self.config.settings.layouts for count in self.trees_measured]
+        return [count * self.config.settings.episodes(self.config.task) for count in self.trees_measured]
 
     @property
     def lines(self) -> list[str]:
@@ -120,7 +147,8 @@ class Result:
     @property
     def summary(self) -> str:
         """Task, fitness and success rate on one line."""
-        solved = f"solves {self.success_rate:.0%} of {len(self.test.solved)} unseen layouts"
+        of = "unseen layouts" if self.test.struck is None else "episodes in unseen layouts"
+        solved = f"solves {self.success_rate:.0%} of {len(self.test.solved)} {of}"
         return f"{self.config.task.name}: fitness {self.fitness:.1f}, {solved}"
 
     def __repr__(self) -> str:
@@ -150,7 +178,10 @@ class Result:
         return {
             "fitness": self.fitness,
             "success_rate": self.test.success_rate,
-            "test_layouts": len(self.test.solved),
+            "test_layouts": len(self.test.solved) // self.test.draws,
+            "test_draws": self.test.draws,
+            "success_interval": self.test.interval,
+            "faults": {name: {"solved": k, "episodes": n} for name, (k, n) in self.test.by_fault.items()},
             "test_fitness_mean": float(self.test.fitness.mean()),
             "test_fitness_std": float(self.test.fitness.std()),
             "failures": [dataclasses.asdict(failures) for failures in self.test.failures],

@@ -7,6 +7,7 @@ import math
 from typing import Literal
 
 from bt_jax._util.errors import UserError
+from bt_jax.tasks.task import Task
 
 __all__ = ["CONFIRMED", "CONFIRMING", "UNSEEN", "Backend", "Evaluator", "Level", "Settings"]
 
@@ -29,18 +30,34 @@ class Settings:
     implementation: Literal["jax", "warp"] = "jax"
     """of mjx; warp is meant for NVIDIA GPUs and was run only once, on a CPU"""
     evaluator: Evaluator = "table"
-    """table: simulate each distinct transition once; rollout: simulate every transition of every episode"""
+    """table: simulate each distinct transition once, and rollout where fewer than 30 % of them come again; rollout: simulate
+    every transition of every episode"""
     layouts: int = 1
     """layouts K in which every individual of a run is measured; its fitness is the mean"""
+    draws: int = 5
+    """where things go wrong (--faults): draws of chance in which every individual is measured in each layout"""
+    robust: float = 1.0
+    """with less than 1, fitness is the mean of this share of the episodes, the worst ones, instead of all: 0.2 makes trees
+    careful (the conditional value at risk)"""
     test_layouts: int = 100
     """unseen layouts in which the learnt tree is tested at the end"""
     memory: float = 4.0
     """GB that the transition table may take; once it is full, it begins again, which takes time and changes no result"""
 
+    def episodes(self, task: Task) -> int:
+        """Return in how many episodes every individual of a run is measured."""
+        return self.layouts * self.draws_of(task)
+
+    def draws_of(self, task: Task) -> int:
+        """Return how many draws of chance there are in each layout: 1 where nothing goes wrong."""
+        return 1 if task.faults is None else self.draws
+
     def check(self) -> None:
         """Raise UserError for a setting that cannot work."""
-        for name in ("layouts", "test_layouts"):
+        for name in ("layouts", "draws", "test_layouts"):
             if getattr(self, name) < 1:
                 raise UserError(f"{name} is {getattr(self, name)}; choose 1 or more")
+        if not 0 < self.robust <= 1:
+            raise UserError(f"robust is {self.robust:g}; choose a share of the episodes, above 0 and at most 1")
         if not 0 < self.memory < math.inf:
             raise UserError(f"memory is {self.memory:g} GB; choose more than 0")

@@ -12,6 +12,7 @@ from bt_jax.encoding.limits import MAX_NODES
 from bt_jax.encoding.walk import decorators, extended_nodes, leaves, prefix, tidy
 from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
 from bt_jax.mjx_env.episodes.survey import fits_arrays
+from bt_jax.mjx_env.faults.fates import Fates
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.world import World
@@ -43,8 +44,9 @@ def smaller_trees(tree: Tree) -> list[Tree]:
     return sorted(valid, key=lambda other: len(prefix(other)))
 
 
-def simplify(task: Task, physics: Physics, tree: Tree, layouts: World) -> Simplification:
-    """Remove whatever changes neither the fitness, apart from the cost of nodes, nor success in any of K layouts.
+def simplify(task: Task, physics: Physics, tree: Tree, layouts: World, fates: Fates | None = None) -> Simplification:
+    """Remove whatever changes neither the fitness, apart from the cost of nodes, nor success in any of K layouts, each with
+    its fate where things go wrong.
 
     All single removals are tried in one batch, the smallest tree that is as good stays, until none is. Raise UserError if
     the tree is too large, or has nodes that arrays do not hold.
@@ -60,7 +62,7 @@ def simplify(task: Task, physics: Physics, tree: Tree, layouts: World) -> Simpli
     evaluator = TableEvaluator(semantics, physics, batch=BATCH)
 
     def tried(trees: list[Tree]) -> Evaluation:
-        return evaluator(encode_all(trees, semantics.vocabulary, MAX_NODES), layouts)
+        return evaluator(encode_all(trees, semantics.vocabulary, MAX_NODES), layouts, fates=fates)
 
     known = tried([tree])
     best, solved = tree, known.solved[0]

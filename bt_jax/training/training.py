@@ -21,22 +21,22 @@ from bt_jax.gp.config import GPConfig
 from bt_jax.gp.evolution import Evolution, Generation, State, best_of
 from bt_jax.gp.procedure import Procedure
 from bt_jax.gp.search import AchievementSearch
-from bt_jax.mjx_env.episodes.diagnosis import explain_failure
+from bt_jax.mjx_env.episodes.adaptive import AdaptiveEvaluator
 from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
-from bt_jax.mjx_env.episodes.playback import play
 from bt_jax.mjx_env.episodes.rollout import RolloutEvaluator
-from bt_jax.mjx_env.scene.layouts import sample_layouts
+from bt_jax.mjx_env.faults.fates import Fates, joined, sample_episodes
 from bt_jax.mjx_env.semantics import LeafSemantics
-from bt_jax.mjx_env.world import World, concatenate, take
+from bt_jax.mjx_env.world import World, concatenate
 from bt_jax.tasks import Task
 from bt_jax.training.bar import GenerationBar, is_interactive
 from bt_jax.training.baseline import evolvable
 from bt_jax.training.checkpoint import Checkpoint
-from bt_jax.training.goals import goals_of, measured
+from bt_jax.training.goals import enough, goals_of, measured, mostly
 from bt_jax.training.levels import make_level
-from bt_jax.training.result import EXPLAINED, Failures, Result, Test
+from bt_jax.training.result import Result, Test
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.settings import CONFIRMED, CONFIRMING, UNSEEN, Settings
+from bt_jax.training.testing import explained, test_of
 
 __all__ = ["Training", "evolve"]
 
@@ -72,18 +72,25 @@ class Training:
         semantics = LeafSemantics(task, self.vocabulary)
         table = TableEvaluator(semantics, self.level, batch=batch, memory=int(settings.memory * GB), trace=learns)
         self.table = table.table
-        use_table = settings.evaluator == "table"
-        self.evaluator = table if use_table else RolloutEvaluator(semantics, self.level, batch=batch, trace=learns)
-        self.layouts = concatenate(
-            [sample_layouts(task, config.seed + run, settings.layouts) for run in range(config.runs)]
-        )
+        self.evaluator: TableEvaluator | AdaptiveEvaluator | RolloutEvaluator = table
+        if settings.evaluator == "rollout":
+            self.evaluator = RolloutEvaluator(semantics, self.level, batch=batch, trace=learns)
+        elif task.faults is not None:
+            self.evaluator = AdaptiveEvaluator(table, self.level)
+        self.draws, self.episodes_per_tree = settings.draws_of(task), settings.episodes(task)
+        episodes = [
+            sample_episodes(task, config.seed + run, layouts=settings.layouts, draws=self.draws)
+            for run in range(config.runs)
+        ]
+        self.layouts = concatenate([starts for starts, _ in episodes])
+        self.fates = joined([fates for _, fates in episodes if fates is not None]) if task.faults else None
         self.evolution = self._procedure(
             None if baseline is None else encode(baseline, self.vocabulary, config.max_nodes)
         )
 
     def _procedure(self, baseline: Trees | None) -> Procedure:
         """Return what evolves the trees."""
-        per_tree = self.settings.layouts
+        per_tree = self.episodes_per_tree
         if self.config.method == "achievements":
             goals = goals_of(self.task, self.vocabulary)
             return AchievementSearch(
@@ -113,38 +120,40 @@ class Training:
         return training
 
     def _fitness(self, trees: Trees) -> Float32[np.ndarray, "R P"]:
-        return self._evaluation(trees).fitness.reshape(trees.tokens.shape[:2])
+        return self._evaluation(trees).lower_mean(self.settings.robust).reshape(trees.tokens.shape[:2])
 
     def _measure(self, trees: Trees) -> tuple[Float32[np.ndarray, "R P"], Int32[np.ndarray, "R P"]]:
-        """Return the fitness, and what was achieved: the targets within the tolerance at the end, in every layout, as
+        """Return the fitness, and what was achieved: the targets within the tolerance at the end, in enough episodes, as
         bits, above them the number of subgoals missed in the worst."""
         result, shape = self._evaluation(trees), trees.tokens.shape[:2]
-        met = result.misses.met.all(axis=1)
+        met = result.misses.met.mean(axis=1) >= enough(self.task)
         achieved = (result.subgoals_missed.max(axis=1) << met.shape[1]) | met @ (1 << np.arange(met.shape[1]))
-        return result.fitness.reshape(shape), achieved.astype(np.int32).reshape(shape)
+        return result.lower_mean(self.settings.robust).reshape(shape), achieved.astype(np.int32).reshape(shape)
 
     def _measured(self, trees: Trees) -> Measured:
         runs, population, _ = trees.tokens.shape
-        return measured(self._evaluation(trees), self.task, (runs, population))
+        found = measured(self._evaluation(trees), self.task, (runs, population), robust=self.settings.robust)
+        return dataclasses.replace(found, achieved=mostly(found.achieved, self.task))
 
     def _confirm(self, run: int, trees: Trees) -> Measured:
         """Return what K trees [K, N] achieve in layouts that are neither those of the run nor those of the test."""
-        layouts = sample_layouts(self.task, [CONFIRMING, self.config.seed + run], CONFIRMED)
-        count, _ = trees.tokens.shape
-        each, own = self._copies(trees, CONFIRMED)
-        found = measured(self.evaluator(each, layouts, own), self.task, (count, len(own) // count))
+        seed, count = [CONFIRMING, self.config.seed + run], len(trees.tokens)
+        layouts, fates = sample_episodes(self.task, seed, layouts=CONFIRMED, draws=self.draws)
+        each, own = self._copies(trees, len(layouts.held))
+        result = self.evaluator(each, layouts, own, fates)
+        found = measured(result, self.task, (count, len(own) // count), robust=self.settings.robust)
         return Measured(
             fitness=found.fitness.mean(axis=1),
-            solved=np.array(found.solved.all(axis=1)),
-            achieved=found.achieved.mean(axis=1),
+            solved=result.solved.reshape(count, -1).mean(axis=1) >= enough(self.task),
+            achieved=mostly(found.achieved.mean(axis=1), self.task),
             missed=found.missed.mean(axis=1),
             trace=np.bitwise_or.reduce(found.trace, axis=1),
         )
 
     def _copies(self, trees: Trees, count: int) -> tuple[Trees, Int32[np.ndarray, "E K"]]:
-        """Return each of several trees [K, N] as often as it takes to be measured in `count` layouts, as many at once as in
-        training, and the layouts of each."""
-        per_tree = self.settings.layouts
+        """Return each of several trees [K, N] as often as it takes to be measured in `count` episodes, as many at once as in
+        training, and the episodes of each."""
+        per_tree = self.episodes_per_tree
         copies = -(-count // per_tree)
         which = np.minimum(np.arange(copies * per_tree, dtype=np.int32), count - 1).reshape(copies, per_tree)
         each = jax.tree.map(lambda leaf: np.repeat(leaf, copies, axis=0), trees)
@@ -152,11 +161,11 @@ class Training:
 
     def _evaluation(self, trees: Trees) -> Evaluation:
         runs, population, _ = trees.tokens.shape
-        count = self.settings.layouts
+        count = self.episodes_per_tree
         own = np.arange(runs * count, dtype=np.int32).reshape(runs, 1, count)
         which = np.broadcast_to(own, (runs, population, count)).reshape(-1, count)
         flat = jax.tree.map(lambda leaf: leaf.reshape(-1, leaf.shape[-1]), jax.device_get(trees))
-        return self.evaluator(flat, self.layouts, which)
+        return self.evaluator(flat, self.layouts, which, self.fates)
 
     def carried(self, state: State, vocabulary: Sequence[Behavior]) -> State:
         """Return the populations of a training with that vocabulary, measured for this one's task: so evolution goes on with
@@ -184,31 +193,20 @@ class Training:
         """Return the best trees, the best of all tested in unseen layouts."""
         checkpoint = Checkpoint(state, self.vocabulary.leaves, self.run_config.phase, history, self.run_config)
         tree = self.best_tree(state)
-        test = self.test(tree)
-        test = dataclasses.replace(test, failures=self._failures(tree, test))
+        layouts, fates = self._unseen(self.settings.test_layouts)
+        test = explained(self.test(tree), self.table.semantics, self.table.settler, tree, layouts, fates)
         return Result(self.run_config, checkpoint, self.best_trees(state), test)
 
     def test(self, tree: Tree, *, count: int | None = None) -> Test:
-        """Run a tree in `count` layouts (default: `test_layouts`) that no run of this training has seen."""
-        count = self.settings.test_layouts if count is None else count
-        layouts = self._unseen(count)
-        trees, which = self._copies(encode(tree, self.vocabulary, self.config.max_nodes)[None], count)
-        result = self.evaluator(trees, layouts, which)
-        return Test(result.solved.reshape(-1)[:count], result.values.reshape(-1)[:count])
+        """Run a tree in `count` layouts (default: `test_layouts`) that no run of this training has seen, and where things go
+        wrong in several draws of each."""
+        layouts, fates = self._unseen(self.settings.test_layouts if count is None else count)
+        rows = len(layouts.held)
+        trees, which = self._copies(encode(tree, self.vocabulary, self.config.max_nodes)[None], rows)
+        return test_of(self.evaluator(trees, layouts, which, fates), rows, draws=self.draws)
 
-    def _failures(self, tree: Tree, test: Test) -> tuple[Failures, ...]:
-        """Play the tree again in the first layouts of a test that it does not solve, and return why."""
-        semantics, settler, layouts = self.table.semantics, self.table.settler, self._unseen(len(test.solved))
-        reasons: dict[str, list[int]] = {}
-        for k in np.flatnonzero(~test.solved)[:EXPLAINED].tolist():
-            playback = play(semantics, settler, tree, take(layouts, slice(k, k + 1)))
-            if not playback.solved:
-                reasons.setdefault(explain_failure(self.task, playback), []).append(k + 1)
-        found = [Failures(reason, tuple(numbers)) for reason, numbers in reasons.items()]
-        return tuple(sorted(found, key=lambda failures: -len(failures.layouts)))
-
-    def _unseen(self, count: int) -> World:
-        return sample_layouts(self.task, [UNSEEN, self.config.seed], count)
+    def _unseen(self, count: int) -> tuple[World, Fates | None]:
+        return sample_episodes(self.task, [UNSEEN, self.config.seed], layouts=count, draws=self.draws)
 
 
 def _pinned(config: RunConfig, level: str) -> RunConfig:

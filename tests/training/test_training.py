@@ -124,7 +124,7 @@ def test_the_layouts_of_the_test_that_fail_are_named_with_the_reason():
 
 
 def test_reasons_are_looked_for_in_the_first_layouts_that_fail(tmp_path, capsys, monkeypatch):
-    for module in ("training", "result", "console"):
+    for module in ("testing", "result", "console"):
         monkeypatch.setattr(f"bt_jax.training.{module}.EXPLAINED", 3)
     config = dataclasses.replace(CONFIG, generations=1)
     idle = parse_tree("Sequence(open_gripper, close_gripper)")
@@ -212,7 +212,17 @@ def test_one_broken_layout_is_enough():
     np.testing.assert_array_equal(np.delete(broken.fitness, 3), np.delete(found.fitness, 3))
 
 
-@pytest.mark.parametrize("settings", [Settings(layouts=0), Settings(test_layouts=0), Settings(memory=0.0)])
+@pytest.mark.parametrize(
+    "settings",
+    [
+        Settings(layouts=0),
+        Settings(draws=0),
+        Settings(test_layouts=0),
+        Settings(memory=0.0),
+        Settings(robust=0.0),
+        Settings(robust=2.0),
+    ],
+)
 def test_settings_that_cannot_work(settings):
     with pytest.raises(UserError, match=r"choose (1 or more|more than 0)"):
         settings.check()

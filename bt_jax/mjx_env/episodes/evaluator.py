@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 import operator
 from collections.abc import Callable
 from typing import NamedTuple
@@ -75,8 +76,19 @@ class Evaluation:
     @property
     def fitness(self) -> Float32[np.ndarray, " P"]:
         """Mean over the layouts; the worst where the simulation diverged in one of them."""
+        return self._unless_broken(self.values.mean(axis=1))
+
+    def lower_mean(self, share: float) -> Float32[np.ndarray, " P"]:
+        """Return the fitness as the mean of a share of the episodes, the worst ones: the conditional value at risk
+        (Rockafellar and Uryasev 2000)."""
+        if share >= 1:
+            return self.fitness
+        count = math.ceil(share * self.values.shape[1])
+        return self._unless_broken(np.sort(self.values, axis=1)[:, :count].mean(axis=1))
+
+    def _unless_broken(self, fitness: Float32[np.ndarray, " P"]) -> Float32[np.ndarray, " P"]:
         broken = (self.ending == Ending.BROKEN).any(axis=1)
-        return np.where(broken, np.float32(WORST_FITNESS), self.values.mean(axis=1))
+        return np.where(broken, np.float32(WORST_FITNESS), fitness)
 
 
 class _Asked(NamedTuple):
@@ -170,6 +182,12 @@ class TableEvaluator:
         self, semantics: LeafSemantics, physics: Physics, *, batch: int, trace: bool = False, memory: int = MEMORY
     ) -> None:
         self.table, self.batch, self.trace = TransitionTable(semantics, physics, memory=memory), batch, trace
+        self.num_followed = 0  # commands that episodes ran, of which the table knew some already
+
+    @property
+    def hit_rate(self) -> float:
+        """The share of the commands that episodes ran whose transition the table knew already; 1 before the first."""
+        return 1 - self.table.num_transitions / self.num_followed if self.num_followed else 1.0
 
     @property
     def num_broken(self) -> int:
@@ -253,6 +271,7 @@ class TableEvaluator:
         chances = self.table.columns.chances(None if fates is None else fates[start], start.size)
         state, tally = self._finish(jumps, tree, first, fresh, chances)
         state = np.asarray(state)
+        self.num_followed += _commands_run(tally, self.table.semantics.task.episode)
         return _Ends(tally, self.table.misses(state), self.table.reached(state))
 
     def _finish(
@@ -288,6 +307,13 @@ class TableEvaluator:
                 for leaf, ended in zip(jax.tree.leaves(whole), jax.tree.leaves(part), strict=True):
                     leaf[rows] = ended
                 return whole
+
+
+def _commands_run(tally: Tally, rules: Episode) -> int:
+    """Return how many commands E episodes ran, at least: one in each tick but those in which they ended."""
+    ending, ticks = np.asarray(tally.ending), np.asarray(tally.ticks)
+    idle = np.select([ending == Ending.SUCCESS, ending == Ending.FAILURE], [rules.success_ticks, 1], 0)
+    return int((ticks - idle).sum())
 
 
 def all_layouts(trees: Trees, layouts: World) -> Int32[np.ndarray, "P K"]:

@@ -31,16 +31,18 @@ class RolloutEvaluator:
     """Evaluate populations by simulating every transition of every episode.
 
     Physics that compiled loops can call run in one (see `rollout_compiled`), others in a loop on the host (`HostRollout`).
-    With `trace`, evaluations say what each leaf has returned.
+    With `on_host` they always do. With `trace`, evaluations say what each leaf has returned.
     """
 
-    def __init__(self, semantics: LeafSemantics, physics: Physics, *, batch: int, trace: bool = False) -> None:
+    def __init__(
+        self, semantics: LeafSemantics, physics: Physics, *, batch: int, trace: bool = False, on_host: bool = False
+    ) -> None:
         self.semantics, self.batch, self.trace = semantics, batch, trace
         self._columns = Columns(semantics)
         self.num_broken = 0  # episodes whose simulation diverged
         self._rollout = (
             functools.partial(_compiled, semantics, physics, trace)
-            if isinstance(physics, CompiledPhysics)
+            if isinstance(physics, CompiledPhysics) and not on_host
             else HostRollout(semantics, physics, trace=trace)
         )
 

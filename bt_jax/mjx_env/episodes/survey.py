@@ -14,6 +14,7 @@ from bt_jax.encoding.walk import decorators, extended_nodes, prefix
 from bt_jax.mjx_env.episodes.evaluator import Evaluation, TableEvaluator
 from bt_jax.mjx_env.episodes.fitness import subgoals_missed
 from bt_jax.mjx_env.episodes.playback import play
+from bt_jax.mjx_env.faults.fates import Fates
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.physics.settler import Settler
 from bt_jax.mjx_env.semantics import LeafSemantics
@@ -27,15 +28,18 @@ def fits_arrays(tree: Tree) -> bool:
     return not extended_nodes(tree) and len(prefix(tree)) <= MAX_NODES
 
 
-def survey(semantics: LeafSemantics, physics: Physics, tree: Tree, layouts: World) -> Evaluation:
-    """Return the episodes of a tree in K layouts (NumPy), P = 1. Compiled code ticks the tree if it can, with the same
-    result as plain Python."""
+def survey(
+    semantics: LeafSemantics, physics: Physics, tree: Tree, layouts: World, fates: Fates | None = None
+) -> Evaluation:
+    """Return the episodes of a tree in K layouts (NumPy), P = 1, each with its fate where things go wrong. Compiled code
+    ticks the tree if it can, with the same result as plain Python."""
     if fits_arrays(tree):
         vocabulary = semantics.vocabulary.extended((), decorators(tree))  # the tokens of leaves stay
         semantics = dataclasses.replace(semantics, vocabulary=vocabulary)
-        return TableEvaluator(semantics, physics, batch=1)(encode_all([tree], vocabulary, MAX_NODES), layouts)
-    settler = Settler(semantics.task, physics)
-    played = [play(semantics, settler, tree, take(layouts, slice(k, k + 1))) for k in range(layouts.held.shape[0])]
+        evaluator = TableEvaluator(semantics, physics, batch=1)
+        return evaluator(encode_all([tree], vocabulary, MAX_NODES), layouts, fates=fates)
+    settler, rows = Settler(semantics.task, physics), [slice(k, k + 1) for k in range(layouts.held.shape[0])]
+    played = [play(semantics, settler, tree, take(layouts, row), None if fates is None else fates[row]) for row in rows]
     return Evaluation(
         values=np.array([[one.fitness for one in played]], np.float32),
         ending=np.array([[one.ending for one in played]], np.int8),
@@ -44,4 +48,5 @@ def survey(semantics: LeafSemantics, physics: Physics, tree: Tree, layouts: Worl
         subgoals_missed=np.array([[subgoals_missed(one.final)[0] for one in played]], np.int32),
         solved=np.array([[one.solved for one in played]], bool),
         reached=np.array([[one.final.reached[0] for one in played]], bool),
+        struck=None if fates is None else np.array([[one.struck for one in played]], np.int32),
     )

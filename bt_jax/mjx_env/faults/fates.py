@@ -6,6 +6,7 @@ A fate is the same whichever tree meets it, so that selection compares like with
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import jax
 import numpy as np
@@ -13,11 +14,22 @@ from jaxtyping import Bool, Float32, Float64, Int8, Int16, Int32
 
 from bt_jax.mjx_env.faults.events import ALL_SEEN, SPOTS, brings, hides, moves, person_acts, sight_changes, takes
 from bt_jax.mjx_env.faults.variants import FRACTIONS, JAMS, SLIPS, Variants, affected, num_errors
+from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.skills import Released, act
-from bt_jax.mjx_env.world import Array, World, namespace
+from bt_jax.mjx_env.world import Array, World, namespace, take
 from bt_jax.tasks import Faults, Task
 
-__all__ = ["Fates", "between_ticks", "carry_out", "drawn", "nothing_wrong", "sample_fates", "something_happens"]
+__all__ = [
+    "Fates",
+    "between_ticks",
+    "carry_out",
+    "drawn",
+    "joined",
+    "nothing_wrong",
+    "sample_episodes",
+    "sample_fates",
+    "something_happens",
+]
 
 FATES = 1 << 22  # what keeps their keys apart from those of layouts
 
@@ -40,16 +52,17 @@ class Fates:
 
 
 def sample_fates(
-    task: Task, seed: int | list[int], *, layouts: int, draws: int, continuous: bool = False
+    task: Task, seed: int | list[int], *, layouts: int | range, draws: int | range, continuous: bool = False
 ) -> Fates | None:
-    """Return the fates (NumPy) of `draws` episodes in each of the layouts of `sample_layouts(task, seed, layouts)`, those of
-    one layout side by side; None for a task without faults. With `continuous`, errors of places are Gaussian instead of one
-    of NUM_ERRORS."""
+    """Return the fates (NumPy) of several draws, given by their number or a range, in each of several layouts of
+    `sample_layouts(task, seed, ...)`, those of one layout side by side; None for a task without faults. With `continuous`,
+    errors of places are Gaussian instead of one of NUM_ERRORS."""
     faults = task.faults
     if faults is None:
         return None
     keys = [FATES, *np.atleast_1d(seed).tolist()]
-    streams = [np.random.default_rng([*keys, k, draw]) for k in range(layouts) for draw in range(draws)]
+    each, every = (of if isinstance(of, range) else range(of) for of in (layouts, draws))
+    streams = [np.random.default_rng([*keys, layout, draw]) for layout in each for draw in every]
     ticks, kinds = task.episode.max_ticks, len(task.kinds)
     chosen = affected(task)
     heavy = np.array([rng.random(kinds) for rng in streams]) < faults.heavy * chosen
@@ -75,6 +88,13 @@ def sample_fates(
     )
 
 
+def sample_episodes(task: Task, seed: int | list[int], *, layouts: int, draws: int) -> tuple[World, Fates | None]:
+    """Return where episodes start and their fates (NumPy), one row each: `draws` of them in each of the layouts, or one
+    where nothing goes wrong, those of one layout side by side."""
+    starts, fates = sample_layouts(task, seed, layouts), sample_fates(task, seed, layouts=layouts, draws=draws)
+    return (starts, None) if fates is None else (take(starts, np.repeat(np.arange(layouts), draws)), fates)
+
+
 def nothing_wrong(task: Task, count: int) -> Fates:
     """Return fates (NumPy) of episodes in which nothing goes wrong."""
     ticks, kinds = task.episode.max_ticks, len(task.kinds)
@@ -84,6 +104,11 @@ def nothing_wrong(task: Task, count: int) -> Fates:
         np.zeros((count, ticks), np.int8),
         np.zeros((count, kinds), bool),
     )
+
+
+def joined(fates: Sequence[Fates]) -> Fates:
+    """Join fates (NumPy)."""
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *fates)
 
 
 def drawn(
