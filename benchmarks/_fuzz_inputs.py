@@ -141,7 +141,9 @@ def _log(folder: Path) -> None:
             names = (*program.task.object_names, program.task.kits[0].name)[: tick + 1]
             poses = {name: RigidTransform.from_translation([0.1 * i, 0.3, 0.75]) for i, name in enumerate(names)}
             seen = Observation(0.1 * tick, poses, {"left": 0.05, "right": 0.05}, None, image=0.1 * tick)
-            decision = decide(program, tree, seen, context, look, TreeMemory(), now=0.1 * tick, patience=Limits().look)
+            decision = decide(
+                program, tree, seen, context, look, TreeMemory(), now=0.1 * tick, patience=Limits().look, tick=0.1
+            )
             written.tick(TickEntry(0.1 * tick, seen, context, look, decision, str(decision.step), 0.001))
             records = np.zeros((2, 17))
             records[:, 0] = [0, 1]

@@ -117,6 +117,8 @@ class IdealSkills:
         self.left -= 1
         if self.left > 0:
             return Status.RUNNING
+        if self.action is not None and self.action.name == "look":
+            return Status.SUCCESS if self.action.object in seen.poses else Status.RUNNING
         if self.action is not None:
             command = np.array([self.semantics.commands.index(self.action)], np.int32)
             released = act(self.semantics, self.world, command)

@@ -101,11 +101,12 @@ def _intact_ticks(program: Program, entries: Iterable[tuple[int, dict[str, Any]]
 
 def _replayed(program: Program, start: Mapping[str, Any], ticks: Iterable[_Tick]) -> Iterator[Replayed]:
     """Decide again at each tick, from the first one of a run on and without a gap if the tree has memory."""
-    tree, patience = expand(program.tree), start.get("limits", {}).get("look", Limits().look)
-    memory = TreeMemory()
+    limits = dataclasses.asdict(Limits()) | start.get("limits", {})
+    tree, memory, patience, period = expand(program.tree), TreeMemory(), limits["look"], limits["tick"]
     for tick in ticks:
         look = tick.look or Look()
-        decision = decide(program, tree, tick.seen, tick.context, look, memory, now=tick.now, patience=patience)
+        times = {"now": tick.now, "patience": patience, "tick": period}
+        decision = decide(program, tree, tick.seen, tick.context, look, memory, **times)
         memory = decision.memory
         phase = None if tick.look is None else str(decision.step)
         if phase == Step.STARTING and start.get("dry"):

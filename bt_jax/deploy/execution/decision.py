@@ -8,6 +8,7 @@ import enum
 from bt_jax.behaviors import Behavior, Tree
 from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.program import Program
+from bt_jax.deploy.execution.settings import SIMULATED_TICK
 from bt_jax.deploy.execution.statuses import Context, Statuses
 from bt_jax.encoding.interpret import TreeMemory, TreeTick, tick_tree
 from bt_jax.encoding.walk import prefix
@@ -68,11 +69,12 @@ def decide(
     *,
     now: float,
     patience: float,
+    tick: float,
 ) -> Decision:
     """Tick an expanded tree and say what follows. `memory` is that of the decision before; `patience` [s]: how long after a
-    look what is not seen may yet be seen."""
+    look what is not seen may yet be seen; `tick` [s]: how much time passes from tick to tick."""
     statuses = Statuses(program.task, seen, context)
-    ticked = tick_tree(tree, statuses, memory, time=now)
+    ticked = tick_tree(tree, statuses, memory, time=now, ticks=tick / SIMULATED_TICK)
     look = look.after(frozenset(statuses.undecided))
     node = None if ticked.running is None else prefix(tree)[ticked.running]
     wanted = node if isinstance(node, Behavior) else None

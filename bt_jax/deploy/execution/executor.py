@@ -18,7 +18,7 @@ from typing import Any, NoReturn
 from scipy.spatial.transform import RigidTransform
 
 from bt_jax._util.errors import UserError
-from bt_jax.behaviors import Behavior, expand, not_memoryless
+from bt_jax.behaviors import Behavior, expand, not_reactive
 from bt_jax.deploy.execution.action_runner import ActionRunner, Skills
 from bt_jax.deploy.execution.decision import Decision, Look, Step, decide
 from bt_jax.deploy.execution.diagnosis import Diagnosis, joined
@@ -74,7 +74,7 @@ class Executor:
         self._last_seen: dict[str, RigidTransform] = {}
         self._reached: frozenset[str] = frozenset()
         self._memory = TreeMemory()
-        self._memoryless = not_memoryless(self.tree) is None
+        self._reactive = not_reactive(self.tree) is None
         self._undecided: frozenset[Behavior] = frozenset()  # conditions, at the last tick
         self._since: tuple[Status, float] = (Status.RUNNING, 0.0)  # what the tree returns, and since when
         self._time = 0.0  # s, when the link was last asked for it
@@ -130,8 +130,8 @@ class Executor:
         elif now < self.runner.rest_at:
             phase = "settling"
         else:
-            patience = self.limits.look
-            decision = decide(self.program, self.tree, seen, context, look, self._memory, now=now, patience=patience)
+            times = {"now": now, "patience": self.limits.look, "tick": self.limits.tick}
+            decision = decide(self.program, self.tree, seen, context, look, self._memory, **times)
             phase = self._act(decision, seen, now)
         self.overruns += self.link.now() - now > self.limits.tick  # never where time is simulated: it waits for us
         self._record(TickEntry(now, seen, context, look, decision, phase, time.monotonic() - began))
@@ -173,7 +173,7 @@ class Executor:
         self.runner.looked, self._undecided = decision.look.looked, decision.look.undecided
         self._reached |= decision.reached
         self._memory, ticked, wanted = decision.memory, decision.ticked, decision.wanted
-        if not self._memoryless and ticked.status != Status.RUNNING and decision.step in (Step.HALTING, Step.WAITING):
+        if not self._reactive and ticked.status != Status.RUNNING and decision.step in (Step.HALTING, Step.WAITING):
             self._conclude(ticked.status, decision.look.undecided, now)
         if self.runner.action is None and decision.step != Step.WAITING:
             self._since = (Status.RUNNING, now)
@@ -219,7 +219,7 @@ class Executor:
             self._conclude(status, undecided, now)
 
     def _conclude(self, status: Status, undecided: frozenset[Behavior], now: float) -> NoReturn:
-        """Raise Halt, since the tree has succeeded or failed for good. A tree that is not memoryless does so at once: ticked
+        """Raise Halt, since the tree has succeeded or failed for good. A tree that is not reactive does so at once: ticked
         again, it would begin from the start."""
         if status == Status.SUCCESS:
             self._rest("the tree has succeeded", now)

@@ -191,18 +191,18 @@ class Movements:
             if not now - began <= self.grasp.patience:
                 raise Failed(f"the {arm} fingers do not move as they should; calibrate the gripper", "jam")
 
-    def found(self, name: str) -> Routine:
-        """Wait until something is seen, with the arms out of the camera's way if it is not.
+    def found(self, *names: str) -> Routine:
+        """Wait until one of some things is seen, with the arms out of the camera's way if none is.
 
-        Raise Failed if it is not seen in time.
+        Raise Failed if none is seen in time.
         """
-        if self._is_seen(name):
+        if any(map(self._is_seen, names)):
             return
         yield from self.go_home(self.link.arms)
         end = self.link.now() + self.motion.sight
-        while not self._is_seen(name):
+        while not any(map(self._is_seen, names)):
             if not self.link.now() <= end:
-                raise Failed(f"{name} is not seen")
+                raise Failed(f"{' or '.join(names)} is not seen")
             yield
 
     def holds(self, arm: str, size: float) -> bool:

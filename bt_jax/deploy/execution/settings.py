@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 
-__all__ = ["TWIN_SECONDS", "CalibrationLimits", "Exit", "GraspSettings", "Limits", "MotionSettings"]
+__all__ = ["SIMULATED_TICK", "TWIN_SECONDS", "CalibrationLimits", "Exit", "GraspSettings", "Limits", "MotionSettings"]
 
 TWIN_SECONDS = 240.0  # for a run on the twin
+SIMULATED_TICK = 2.5  # s, what a tick of the simulation stands for; a `timeout` counts in these
 
 
 class Exit:

@@ -75,6 +75,8 @@ class RobotSkills:
                 self._begin(self._handling.pick(self._chosen(name)))
             case Behavior(name="place", object=str(box), position=(x, y, z), frame=str(frame), turn=turn):
                 self._begin(self._handling.place(box, Place((x, y, z), frame, turn)))
+            case Behavior(name="look", object=str(name)):
+                self._begin(self._moves.found(*self._task.instances[name]))
             case _:
                 raise ValueError(f"{action} is no action")
 

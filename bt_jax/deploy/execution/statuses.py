@@ -75,6 +75,8 @@ class Statuses:
                 least = OPENED * self.task.gripper_opening
                 opened = all(opening >= least for opening in self.seen.opening.values())
                 return opened == (condition.args[0] == OPEN)
+            case "is_seen":  # never undecided: it asks for what is known
+                return any(map(self._knows, self.task.instances[name]))
             case "reached":
                 return self._is_reached(str(condition.args[0]))
         raise ValueError(f"{condition} is no condition")

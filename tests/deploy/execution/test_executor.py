@@ -132,6 +132,24 @@ def test_what_is_not_seen_is_looked_for_before_anything_is_done():
     assert cell.skills.started[0] == PICK["YellowBox"]
 
 
+def test_a_tree_that_looks_goes_on_once_the_object_is_seen():
+    cell = IdealCell(parse_tree("Sequence(look(YellowBox), retry(3, move(YellowBox, (0, 0, 0.055), KittingBox)))"))
+    cell.hide.add("YellowBox")
+    cell.on_tick = lambda shown: cell.hide.clear() if shown.seen.time > 1 else None
+    assert cell.executor.run().exit_code == Exit.DONE
+    assert [action.name for action in cell.skills.started] == ["look", "pick", "place"]
+    assert cell.shown[-1].seen.time > 1 + Limits().success, "it must have succeeded for a while"
+
+
+def test_a_timeout_counts_ticks_of_the_simulation():
+    """Three of them are 7.5 s, however often the robot ticks."""
+    cell = IdealCell(parse_tree("Sequence(timeout(3, look(YellowBox)), close_gripper)"))
+    cell.hide.add("YellowBox")
+    assert cell.executor.run().exit_code == Exit.FAILED
+    failed = next(shown for shown in cell.shown if shown.statuses and shown.statuses[1] == Status.FAILURE)
+    assert failed.seen.time == pytest.approx(7.4)
+
+
 def test_a_box_is_not_picked_from_under_one_that_is_out_of_sight_for_a_moment():
     cell = IdealCell(PICK["YellowBox"], limits=Limits(patience=1.0))
     yellow = cell.skills.world.poses[0, TASK.object_names.index("YellowBox"), :3]
