@@ -14,7 +14,7 @@ from bt_jax.mjx_env.world import Array, World, distances, namespace
 from bt_jax.tasks import Task
 from bt_jax.tasks.roadmap import roadmap
 
-__all__ = ["drive", "start", "stations_near", "within_reach"]
+__all__ = ["drive", "driven", "start", "stations_near", "within_reach"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,6 +57,13 @@ def stations_near(task: Task, points: Float32[Array, "S n 3"]) -> Bool[Array, "S
     """Return from which stations the arm reaches each point of the world."""
     assert task.robot.base is not None
     return distances(_ways(task).stations[None, None], points[:, :, None]) <= np.float32(task.robot.base.reach)
+
+
+def driven(before: Float32[Array, "*S 2"] | None, after: Float32[Array, "*S 2"] | None) -> Float32[Array, "*S"] | None:
+    """Return how far bases are from where they were, metres; None where the robot does not drive."""
+    if before is None or after is None:
+        return None
+    return namespace(after).sqrt(((after - before) ** 2).sum(axis=-1))
 
 
 def drive(task: Task, base: Float32[Array, "S 2"], near: Bool[Array, "S stations"]) -> Float32[Array, "S 2"]:

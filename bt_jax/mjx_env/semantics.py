@@ -298,7 +298,8 @@ class LeafSemantics:
         """Return the outcomes of all conditions, then of all commands, those at some of the places and spots only. An action
         succeeds if its postconditions hold, fails if its preconditions do not, and otherwise runs."""
         xp = namespace(world.poses)
-        conditions, place_name = self._condition_values(world, places, spots), self.place_name[places]
+        near, can_approach = self._near(world, spots)
+        conditions, place_name = self._condition_values(world, places, near), self.place_name[places]
         first = len(place_name) + len(self.spot_frame[spots])
         left_out = len(self.places) + len(self.spots) - first
         named = {name: self._named[name] - left_out for name in ("holding", "clear", "reachable")}
@@ -317,14 +318,11 @@ class LeafSemantics:
         can_place = holding[:, place_name]
         if world.unseen is not None:
             can_place = can_place & self._frames_seen(world)[:, self.place_frame[places]]
-        near = xp.zeros((conditions.shape[0], 0), bool)
-        can_approach = near
         if self.task.robot.base is not None:
-            near = xp.concatenate([conditions[:, named["reachable"]], conditions[:, len(place_name) : first]], axis=1)
-            can_approach = self._can_approach(world, spots)
             goal = to_world(frames(world, self.task), self.place_frame[places], self.place_position[places])
             can_place = can_place & within_reach(world, self.task, goal)
-        done = xp.concatenate([opened & empty, closed, holding, seen, near, at & empty], axis=1)
+        is_near = near[:, : can_approach.shape[1]]
+        done = xp.concatenate([opened & empty, closed, holding, seen, is_near, at & empty], axis=1)
         if self.has_parts:  # an instance is not put where it is itself
             can_place = can_place & (world.held[:, None] != self.place_frame[places].astype(np.int8)[None])
         possible = xp.concatenate([always, can_pick, xp.ones_like(seen), can_approach, can_place], axis=1)
@@ -341,31 +339,29 @@ class LeafSemantics:
             statuses = xp.concatenate([statuses[:, :ticked], statuses[:, ticked:] | new], axis=1)
         return xp.concatenate([statuses, actions], axis=1)
 
-    def _condition_values(self, world: World, places: Rows = ALL, spots: Rows = ALL) -> Bool[Array, "S conditions"]:
+    def _condition_values(self, world: World, places: Rows, near: Bool[Array, "S near"]) -> Bool[Array, "S conditions"]:
         xp = namespace(world.poses)
         reached = world.reached | holding_subgoals(self.task, world) if self.num_ticked else world.reached
-        return xp.concatenate([self._scene_values(world, places, spots), reached], axis=1)
+        return xp.concatenate([self._scene_values(world, places, near), reached], axis=1)
 
-    def _scene_values(self, world: World, places: Rows = ALL, spots: Rows = ALL) -> Bool[Array, "S conditions"]:
-        """Return the values of all conditions but `reached`, those at some of the places and spots only."""
-        xp = namespace(world.poses)
+    def _scene_values(self, world: World, places: Rows, near: Bool[Array, "S near"]) -> Bool[Array, "S conditions"]:
+        """Return the values of all conditions but `reached`, those at some of the places, and for some names and spots that
+        are `near`."""
+        xp, names = namespace(world.poses), len(self.names)
         objects = np.arange(len(self.task.objects), dtype=np.int8)
         held = world.held[:, None] == objects[None]
         gripper = xp.stack([world.gripper_open, ~world.gripper_open], axis=1)
         clear = is_clear(world, self.task)
         if world.unseen is not None:
             clear = clear & is_seen(world)
-        near = []
-        if self.spots:
-            near = [within_reach(world, self.task, self.spot_points(world, spots)) & self._spots_seen(world, spots)]
         return xp.concatenate(
             [
                 self._at(world, places),
-                *near,
+                near[:, names:],
                 self.any_of(held),
                 (world.held < 0)[:, None],
                 gripper,
-                self._reachable(world),
+                near[:, :names],
                 self.any_of(clear),
                 *([self.any_of(is_seen(world))[:, self._watched]] if self.watched else []),
             ],
@@ -382,34 +378,26 @@ class LeafSemantics:
         xp, others = namespace(world.poses), len(self.task.frames) - len(self.task.objects)
         return xp.concatenate([is_seen(world), xp.ones((world.held.shape[0], others), bool)], axis=1)
 
-    def _reachable(self, world: World) -> Bool[Array, "S names"]:
-        """Return for each name whether what it stands for is within reach: of a part, where the robot drives, an instance
-        that may be taken."""
-        if self.task.robot.base is None:
-            within = reachable(world, self.task)
-            return self.any_of(within if world.unseen is None else within & is_seen(world))
-        return self._any_meant(world, within_reach(world, self.task, world.poses[..., :3]))
-
-    def _can_approach(self, world: World, spots: Rows) -> Bool[Array, "S drives"]:
-        """Return which drives lead to a station from which the arm reaches what they approach."""
+    def _near(self, world: World, spots: Rows) -> tuple[Bool[Array, "S near"], Bool[Array, "S drives"]]:
+        """Return which names, then which spots, are within reach, and which a robot that drives can reach from a station. Of
+        a part, that counts for instances that may be taken; without a base, for all of them, and there are no drives."""
+        xp, task, count = namespace(world.poses), self.task, len(self.task.objects)
+        if task.robot.base is None:
+            within = reachable(world, task)
+            within = self.any_of(within if world.unseen is None else within & is_seen(world))
+            return within, within[:, :0]
+        meant, seen = off_floor(world, task) & is_seen(world), self._frames_seen(world)[:, self.spot_frame[spots]]
+        taken = meant & loose(world, task) if self.has_parts else meant
         points = [world.poses[..., :3], self.spot_points(world, spots)]
-        things, of_spots = (stations_near(self.task, each).any(axis=-1) for each in points)
-        of_spots = of_spots & self._spots_seen(world, spots)
-        return namespace(world.poses).concatenate([self._any_meant(world, things), of_spots], axis=1)
 
-    def _spots_seen(self, world: World, spots: Rows) -> Bool[Array, "S m"]:
-        """Return of which spots it is known where their frames are."""
-        return self._frames_seen(world)[:, self.spot_frame[spots]]
+        def joined(things: Bool[Array, "S B"], of_spots: Bool[Array, "S m"]) -> Bool[Array, "S near"]:
+            return xp.concatenate([things & meant, self.any_of(things & taken)[:, count:], of_spots & seen], axis=1)
 
-    def _any_meant(self, world: World, values: Bool[Array, "S B"]) -> Bool[Array, "S names"]:
-        """Return for each name whether the value is true of any object that a drive to it may be for: an object that is not
-        on the floor, an instance that may be taken."""
-        values = values if world.unseen is None else values & is_seen(world)
-        found = values & off_floor(world, self.task)
-        if not self.has_parts:
-            return found
-        parts = self.any_of(values & loose(world, self.task))[:, len(self.task.objects) :]
-        return namespace(values).concatenate([found, parts], axis=1)
+        within, from_stations = (
+            joined(*(within_reach(world, task, each) for each in points)),
+            joined(*(stations_near(task, each).any(axis=-1) for each in points)),
+        )
+        return within, from_stations
 
     def stations_of_name(self, world: World, name: Int32[Array, " S"]) -> Bool[Array, "S stations"]:
         """Return from which stations the arm reaches what each state's name stands for, given as an index of `names`."""
@@ -531,7 +519,7 @@ def holding_subgoals(task: Task, world: World) -> Bool[Array, "S G"]:
     if not task.subgoals:
         return xp.zeros((world.held.shape[0], 0), bool)
     semantics, columns = _subgoal_columns(task)
-    holds = semantics._scene_values(world)
+    holds = semantics._scene_values(world, ALL, semantics._near(world, ALL)[0])
     return xp.stack([xp.all(holds[:, column], axis=1) for column in columns], axis=1)
 
 

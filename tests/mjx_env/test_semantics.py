@@ -221,7 +221,7 @@ def test_a_subgoal_that_has_to_be_ticked_is_not_reached_by_itself():
 def test_a_stack_is_not_clear_and_not_unstacked():
     task = load_task("restack")
     semantics = semantics_of("restack")
-    conditions = semantics._condition_values(sample_layouts(task, 0, 5))
+    conditions = semantics._atom_outcomes(sample_layouts(task, 0, 5)) == Status.SUCCESS
     clear = [semantics.conditions.index(Behavior("clear", (name,))) for name in task.layout.stack]
     np.testing.assert_array_equal(conditions[:, clear], np.tile([False, False, True], (5, 1)))
 

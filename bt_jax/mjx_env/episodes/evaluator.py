@@ -22,6 +22,7 @@ from jaxtyping import Bool, Float32, Int8, Int32, UInt8
 from bt_jax._util.compile_cache import kept_jit
 from bt_jax.encoding.arrays import Trees
 from bt_jax.encoding.tick import JumpTable, counters, jump_table, tick_trees
+from bt_jax.mjx_env.driving import driven
 from bt_jax.mjx_env.episodes.columns import Chances, Extent, tick_of
 from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS, Misses, fitness
 from bt_jax.mjx_env.episodes.rules import (
@@ -72,6 +73,7 @@ class Evaluation:
         None  # what each leaf returned, where asked for (see `encoding.tick.Ticked`)
     )
     struck: Int32[np.ndarray, "P K"] | None = None  # faults that happened, as bits, in a task that has any
+    travel: Float32[np.ndarray, "P K"] | None = None  # metres driven, where the robot drives
 
     @property
     def fitness(self) -> Float32[np.ndarray, " P"]:
@@ -140,7 +142,8 @@ def _advance(
             struck = chances.struck(column, command)
         now, asked, after = follow(now, asked, going & ticked.acts, column)
         ran, broken = jnp.where(ticked.acts, command, NO_COMMAND), after == BROKEN
-        counted = count_tick(tally, ticked.status, ran, broken, rules, ticked.trace, ticked.counts, struck)
+        travel = None if known.base is None else driven(known.base[state], known.base[now])
+        counted = count_tick(tally, ticked.status, ran, broken, rules, ticked.trace, ticked.counts, struck, travel)
         if chances is not None:
             goes = going & (counted.ending == Ending.OPEN)
             for happens, column, fault in chances.between(columns, tick_of(tally, chances.fates)):
@@ -209,14 +212,15 @@ class TableEvaluator:
     def _run(self, layouts: World, fates: Fates | None, trees: Trees, starts: Int32[np.ndarray, "P K"]) -> Evaluation:
         tree = np.repeat(np.arange(starts.shape[0], dtype=np.int32), starts.shape[1])
         self.table.use(np.asarray(trees.tokens))
-        has_faults = self.table.semantics.task.faults is not None
+        task = self.table.semantics.task
         jumps = _jump_table(trees, counters(self.table.semantics.vocabulary))
         fresh = fresh_tally(
             starts.size,
             num_nodes=trees.num_nodes,
             trace=self.trace,
             counting=jumps.counting is not None,
-            has_faults=has_faults,
+            has_faults=task.faults is not None,
+            drives=task.robot.base is not None,
         )
         ends = self._ends(jumps, tree, layouts, fates, starts.reshape(-1), fresh)
         return evaluation(
@@ -358,6 +362,7 @@ def evaluation(
     subgoals_missed = (~reached).sum(axis=-1, dtype=np.int32)
     trace = None if tally.trace is None else np.asarray(tally.trace).reshape(*shape, -1)
     struck = None if tally.struck is None else np.asarray(tally.struck).reshape(shape)
+    travel = None if tally.travel is None else np.asarray(tally.travel).reshape(shape)
     nodes = np.asarray(trees.sizes)[:, :1].astype(np.int32)
     turned = any(target.turn is not None for target in task.targets)  # otherwise all turns are 0
     values = fitness(
@@ -367,6 +372,7 @@ def evaluation(
         subgoals_missed=subgoals_missed,
         nodes=np.broadcast_to(nodes, shape),
         ending=ending,
+        travel=travel,
     )
     solved = is_solved(ending, misses.met)
-    return Evaluation(values, ending, ticks, misses, subgoals_missed, solved, reached, trace, struck)
+    return Evaluation(values, ending, ticks, misses, subgoals_missed, solved, reached, trace, struck, travel)

@@ -136,8 +136,10 @@ def fitness(
     subgoals_missed: Int32[Array, "*E"],
     nodes: Int32[Array, "*E"],
     ending: Int8[Array, "*E"],
+    travel: Float32[Array, "*E"] | None = None,
 ) -> Float32[Array, "*E"]:
-    """Return the fitness of episodes: `distance` [m] and `turn` [rad] are sums over the targets."""
+    """Return the fitness of episodes: `distance` [m] and `turn` [rad] are sums over the targets; `travel` [m] is how far a
+    base has driven."""
     xp = namespace(distance)
     w = task.weights
     cost = np.float32(w.distance) * distance + np.float32(w.turn) * turn
@@ -145,4 +147,6 @@ def fitness(
     cost = cost + np.float32(w.subgoal) * subgoals_missed.astype(np.float32)
     cost = cost + np.float32(w.timeout) * (ending == Ending.TIMEOUT).astype(np.float32)
     cost = cost + np.float32(w.failure) * (ending == Ending.FAILURE).astype(np.float32)
+    if travel is not None:
+        cost = cost + np.float32(w.travel) * travel
     return xp.where(ending == Ending.BROKEN, np.float32(WORST_FITNESS), -cost)

@@ -11,6 +11,7 @@ from bt_jax.behaviors import Behavior, Tree, not_reactive
 from bt_jax.encoding.interpret import TreeMemory, TreeTick, tick_tree
 from bt_jax.encoding.tick import Status
 from bt_jax.encoding.walk import prefix
+from bt_jax.mjx_env.driving import driven
 from bt_jax.mjx_env.episodes.columns import Columns
 from bt_jax.mjx_env.episodes.fitness import Misses, fitness, subgoals_missed, target_misses
 from bt_jax.mjx_env.episodes.rules import (
@@ -69,6 +70,7 @@ class Playback:
     fitness: float
     solved: bool  # ended in SUCCESS with every target within the tolerance
     struck: int = 0  # faults that happened, as bits (see `faults.variants.bit`)
+    travel: float = 0.0  # metres that the base has driven
 
     @property
     def final(self) -> World:
@@ -110,7 +112,8 @@ class EpisodeState:
             after, sane = _execute(self.semantics, self.settler, after, number, mishaps)
         before = dataclasses.replace(self.tally, command=np.array([NO_COMMAND], np.int32)) if again else self.tally
         status, broken = np.array([ticked.status], np.int8), np.array([not sane])
-        tally = count_tick(before, status, number, broken, rules, struck=struck)
+        travel = driven(self.world.base, after.base)
+        tally = count_tick(before, status, number, broken, rules, struck=struck, travel=travel)
         world = after
         if self.fate is not None and tally.ending[0] == Ending.OPEN:
             world = between_ticks(after, self.semantics.task, self.fate, self.tally.ticks)
@@ -173,12 +176,12 @@ def play(semantics: LeafSemantics, settler: Settler, tree: Tree, layout: World, 
 
     Raises UserError if a leaf is not in the vocabulary of `semantics`.
     """
-    tally = fresh_tally(1, has_faults=fate is not None)
+    tally = fresh_tally(1, has_faults=fate is not None, drives=layout.base is not None)
     episode, ticks = EpisodeState(semantics, settler, tree, layout, tally, fate=fate), []
     while episode.ending == Ending.OPEN:
         tick, episode = episode.tick()
         ticks.append(tick)
-    playback = _playback(semantics, tree, layout, ticks, episode.ending)
+    playback = _playback(semantics, tree, layout, ticks, episode.tally)
     return (
         playback if episode.tally.struck is None else dataclasses.replace(playback, struck=int(episode.tally.struck[0]))
     )
@@ -199,8 +202,8 @@ def _execute(
     return settled_world(semantics.task, released, poses), True
 
 
-def _playback(semantics: LeafSemantics, tree: Tree, start: World, ticks: list[Tick], ending: Ending) -> Playback:
-    task, final = semantics.task, ticks[-1].after
+def _playback(semantics: LeafSemantics, tree: Tree, start: World, ticks: list[Tick], tally: Tally) -> Playback:
+    task, final, ending = semantics.task, ticks[-1].after, Ending(tally.ending[0])
     misses = target_misses(task, final)
     value = fitness(
         task,
@@ -209,7 +212,9 @@ def _playback(semantics: LeafSemantics, tree: Tree, start: World, ticks: list[Ti
         subgoals_missed=subgoals_missed(final),
         nodes=np.array([len(prefix(tree))], np.int32),
         ending=np.array([ending], np.int8),
+        travel=tally.travel,
     )
     solved = bool(is_solved(np.array([ending], np.int8), misses.met)[0])
     own = Misses(misses.distance[0], misses.turn[0], misses.met[0])
-    return Playback(tree, start, tuple(ticks), ending, own, float(value[0]), solved)
+    travel = 0.0 if tally.travel is None else float(tally.travel[0])
+    return Playback(tree, start, tuple(ticks), ending, own, float(value[0]), solved, travel=travel)

@@ -18,6 +18,7 @@ from jaxtyping import Bool, Int8, Int32, UInt8
 from bt_jax._util.compile_cache import kept_jit
 from bt_jax.encoding.arrays import Trees
 from bt_jax.encoding.tick import JumpTable, counters, jump_table, tick_trees
+from bt_jax.mjx_env.driving import driven
 from bt_jax.mjx_env.episodes.columns import Chances
 from bt_jax.mjx_env.episodes.rules import NO_COMMAND, Ending, Tally, count_tick, fresh_tally, resolve, select, used_up
 from bt_jax.mjx_env.faults.fates import between_ticks, carry_out
@@ -70,6 +71,7 @@ def rollout(
         trace=trace,
         counting=jumps.counting is not None,
         has_faults=chances is not None,
+        drives=start.base is not None,
     )
     fresh = jax.tree.map(jnp.asarray, fresh)
 
@@ -156,7 +158,8 @@ def _finished(
     if chances is not None:
         struck = chances.struck(chances.column(command, tick), command)
     traced, counts = lanes.trace, lanes.counts
-    tally = count_tick(lanes.tally, lanes.status, command, ~sane, task.episode, traced, counts, struck)
+    travel = driven(lanes.world.base, world.base)
+    tally = count_tick(lanes.tally, lanes.status, command, ~sane, task.episode, traced, counts, struck, travel)
     if chances is not None:
         after = _where(tally.ending == Ending.OPEN, between_ticks(world, task, chances.fates, tick), world)
         found = chances.struck_between(world, after, tick)

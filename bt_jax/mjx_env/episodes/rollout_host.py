@@ -12,6 +12,7 @@ from jaxtyping import Bool, Int, Int32, UInt8
 from bt_jax._util.compile_cache import kept_jit
 from bt_jax.encoding.arrays import Trees
 from bt_jax.encoding.tick import JumpTable, Ticked, counters, jump_table, tick_trees
+from bt_jax.mjx_env.driving import driven
 from bt_jax.mjx_env.episodes.columns import Chances
 from bt_jax.mjx_env.episodes.rules import NO_COMMAND, Ending, Tally, count_tick, fresh_tally, resolve, used_up
 from bt_jax.mjx_env.faults.fates import between_ticks, carry_out, something_happens
@@ -52,6 +53,7 @@ class HostRollout:
             trace=self.trace,
             counting=bool(self.semantics.vocabulary.decorators),
             has_faults=chances is not None,
+            drives=start.base is not None,
         )
         ends = jax.tree.map(np.array, (start, fresh))
         for first in range(0, tree.size, ROWS):
@@ -72,7 +74,7 @@ class HostRollout:
         ticked = look_up.tick(tree, world, used_up(tally, task.episode), tally.counts, trace=self.trace)
         command = np.where(ticked.acts, command_of(ticked.noted), np.int32(NO_COMMAND))
         broken, struck = np.zeros(tree.size, bool), None
-        world = reach(world, subgoals_of(ticked.noted))
+        stood, world = world.base, reach(world, subgoals_of(ticked.noted))
         running = np.flatnonzero(ticked.acts)
         if running.size:
             fates = None if chances is None else chances.fates[running]
@@ -82,7 +84,10 @@ class HostRollout:
             world = _replaced(world, running[ok], settled_world(task, released, poses), ok)
         if chances is not None:
             struck = chances.struck(chances.column(command, tick), command)
-        counted = count_tick(tally, ticked.status, command, broken, task.episode, ticked.trace, ticked.counts, struck)
+        travel = driven(stood, world.base)
+        counted = count_tick(
+            tally, ticked.status, command, broken, task.episode, ticked.trace, ticked.counts, struck, travel
+        )
         if chances is not None:
             rows = np.flatnonzero((counted.ending == Ending.OPEN) & something_happens(chances.fates, tick))
             own, before = chances.of(rows), take(world, rows)

@@ -12,7 +12,7 @@ import enum
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Int8, Int32, UInt8
+from jaxtyping import Bool, Float32, Int8, Int32, UInt8
 
 from bt_jax.encoding.tick import Status
 from bt_jax.mjx_env.outcomes import command_of
@@ -47,10 +47,17 @@ class Tally:
     trace: UInt8[Array, "E N"] | None = None  # where asked for, of all ticks so far (see `encoding.tick.Ticked`)
     counts: UInt8[Array, "E N"] | None = None  # of decorators, if trees may have any (see `encoding.tick.Ticked`)
     struck: Int32[Array, " E"] | None = None  # faults that happened, as bits (see `faults.variants.bit`)
+    travel: Float32[Array, " E"] | None = None  # metres that the base has driven
 
 
 def fresh_tally(
-    count: int, *, num_nodes: int = 0, trace: bool = False, counting: bool = False, has_faults: bool = False
+    count: int,
+    *,
+    num_nodes: int = 0,
+    trace: bool = False,
+    counting: bool = False,
+    has_faults: bool = False,
+    drives: bool = False,
 ) -> Tally:
     """Return the tally of episodes that have not begun (NumPy), of trees with so many nodes: with a trace if asked for, and
     `counting` where trees may have decorators."""
@@ -64,6 +71,7 @@ def fresh_tally(
         trace=nodes if trace else None,
         counts=nodes if counting else None,
         struck=zeros if has_faults else None,
+        travel=np.zeros(count, np.float32) if drives else None,
     )
 
 
@@ -90,10 +98,11 @@ def count_tick(
     trace: UInt8[Array, "E N"] | None = None,
     counts: UInt8[Array, "E N"] | None = None,
     struck: Int32[Array, " E"] | None = None,
+    travel: Float32[Array, " E"] | None = None,
 ) -> Tally:
     """Return the tally after one tick in which the root returned `status`; `command` counts where that is RUNNING, unless it
-    is NO_COMMAND, and the simulation of it diverged where `broken`. `trace`, `counts` and the faults that `struck` are
-    those of the tick. Episodes that have ended stay as they are."""
+    is NO_COMMAND, and the simulation of it diverged where `broken`. `trace`, `counts`, the faults that `struck` and the
+    metres of `travel` are those of the tick. Episodes that have ended stay as they are."""
     xp = namespace(tally.ticks)
     zero, one = np.int32(0), np.int32(1)
     running = status == Status.RUNNING
@@ -109,7 +118,8 @@ def count_tick(
     traced = None if tally.trace is None or trace is None else tally.trace | trace
     faults = tally.struck if tally.struck is None or struck is None else tally.struck | xp.where(acts, struck, zero)
     ran = xp.where(running, command, np.int32(NO_COMMAND))
-    new = Tally(ticks, successes, ran, runs, ending, traced, counts, faults)
+    driven = None if tally.travel is None else tally.travel + travel
+    new = Tally(ticks, successes, ran, runs, ending, traced, counts, faults, driven)
     return select(tally.ending == Ending.OPEN, new, tally)
 
 

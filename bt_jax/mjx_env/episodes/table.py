@@ -20,7 +20,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int, Int32, UInt
+from jaxtyping import Array, Bool, Float32, Int, Int32, UInt
 
 from bt_jax._util.compile_cache import kept_jit
 from bt_jax.mjx_env.episodes.codes import OutcomeCodes, TooManyOutcomesError
@@ -60,6 +60,7 @@ class Known:
     codes: UInt[Array, "S V"]  # what each leaf returns in each state, as numbers of each leaf
     meanings: Int32[Array, "2 V K"]  # the outcomes that these stand for, in both layers of `LeafSemantics.outcomes`
     following: Pages  # for each state and column the next state, or UNKNOWN, or BROKEN where the simulation diverged
+    base: Float32[Array, "S 2"] | None = None  # where a base stands in each state
 
     def outcomes(
         self, state: Int32[Array, " E"], token: Int32[Array, " E"]
@@ -96,6 +97,8 @@ class TransitionTable:
         self._numbers = OutcomeCodes(len(semantics.vocabulary), _code_type(semantics))
         self._meanings = jax.device_put(self._numbers.meanings)
         self._codes = jax.device_put(np.zeros((capacity, len(semantics.vocabulary)), self._numbers.dtype))
+        drives = semantics.task.robot.base is not None
+        self._bases = jax.device_put(np.zeros((capacity, 2), np.float32)) if drives else None
         self._following = SparseRows(self.num_columns, capacity)
 
     def _growing(self, memory: int) -> Iterator[int]:
@@ -116,8 +119,15 @@ class TransitionTable:
         task, tokens = self.semantics.task, len(self.semantics.vocabulary)
         boxes, kits, subgoals = len(task.objects), len(task.kits), len(task.subgoals)
         unseen = 0 if task.faults is None else boxes
-        name = NAME_BYTES + 4 * (2 + 3 * kits + 7 * boxes + subgoals + unseen)
-        row = 4 * (1 + 3 * kits + 7 * boxes + 2 * len(task.targets)) + len(task.targets) + 2 + subgoals + unseen
+        base = 0 if task.robot.base is None else 2
+        name = NAME_BYTES + 4 * (2 + 3 * kits + 7 * boxes + subgoals + unseen + base)
+        row = (
+            4 * (1 + 2 * base + 3 * kits + 7 * boxes + 2 * len(task.targets))
+            + len(task.targets)
+            + 2
+            + subgoals
+            + unseen
+        )
         code = np.dtype(_code_type(self.semantics)).itemsize
         return name + row + code * tokens + SparseRows.bytes_per_state(self.num_columns)
 
@@ -131,7 +141,7 @@ class TransitionTable:
     @property
     def known(self) -> Known:
         """What the table knows now. The next call of `ids` or `learn` takes these arrays over."""
-        return Known(self._codes, self._meanings, self._following.pages)
+        return Known(self._codes, self._meanings, self._following.pages, self._bases)
 
     def use(self, tokens: Int[np.ndarray, "*m"]) -> None:
         """Compute what leaves with these tokens return, from now on, and of a large vocabulary no others."""
@@ -210,6 +220,10 @@ class TransitionTable:
             new, start = take(world, part.rows), self.num_states
             self._remember(_Rows(new, target_misses(self.semantics.task, new)), start)
             self._codes = _write(self._codes, self._coded(new, part.size), np.int32(start))
+            if new.base is not None and self._bases is not None:
+                padded = np.zeros((part.size, 2), np.float32)
+                padded[: len(new.base)] = new.base
+                self._bases = _write(self._bases, padded, np.int32(start))
             self.num_states += new.held.shape[0]
 
     def complete(self, states: Int32[np.ndarray, " n"]) -> None:
@@ -251,7 +265,9 @@ class TransitionTable:
         capacity = next(self._capacities, None)
         if capacity is None:
             raise TableFullError
-        self._codes = jnp.pad(self._codes, ((0, capacity - self._codes.shape[0]), (0, 0)))
+        more = ((0, capacity - self._codes.shape[0]), (0, 0))
+        self._codes = jnp.pad(self._codes, more)
+        self._bases = None if self._bases is None else jnp.pad(self._bases, more)
         self._following.grow(capacity)
         if self._rows is not None:
             self._rows = jax.tree.map(lambda leaf: _lengthened(leaf, capacity), self._rows)

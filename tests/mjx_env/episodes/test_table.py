@@ -69,7 +69,7 @@ def test_the_table_and_the_rollout_agree_on_both_rules_for_subgoals():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("task_name", ["pyramid", "restack", "stack", "stack3", "yumi_stack"])
+@pytest.mark.parametrize("task_name", ["mobile_stack", "pyramid", "restack", "stack", "stack3", "yumi_stack"])
 def test_the_table_and_the_rollout_agree_on_many_trees(task_name):
     both_agree(task_name, 5 * BATCH, 4)
 
