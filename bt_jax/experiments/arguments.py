@@ -17,7 +17,7 @@ __all__ = ["ExperimentsArguments"]
 @dataclasses.dataclass(frozen=True)
 class ExperimentsArguments:
     """Repeat the paper's experiments: evolution with a demonstration, and alone, with the same number of episodes; beside
-    them the method achievements, alone."""
+    them the method achievements, alone. Another experiment, on faults: see `python -m bt_jax.experiments robust --help`."""
 
     which: Annotated[Literal["1", "2", "3", "all"], tyro.conf.Positional] = "all"
     """the experiment"""

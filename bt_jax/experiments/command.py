@@ -5,14 +5,10 @@ from __future__ import annotations
 
 import functools
 import json
-import os
-import platform
-from datetime import date, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import get_args
 
-import jax
-import mujoco
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
@@ -22,6 +18,7 @@ from bt_jax._util.files import unused, write_atomic
 from bt_jax._util.startup import configure_jax
 from bt_jax.experiments import report
 from bt_jax.experiments.arguments import ExperimentsArguments
+from bt_jax.experiments.machine import machine
 from bt_jax.experiments.protocol import EXPERIMENTS, Variant, VariantResult, perform
 from bt_jax.experiments.published import published_curves
 
@@ -63,7 +60,7 @@ def run(arguments: ExperimentsArguments) -> None:
                 )
             these = [one for one in results if one.experiment is experiment]
             write_atomic(out / f"experiment_{experiment.number}.png", report.figure(these, curves))
-            write_atomic(out / "report.md", report.markdown(results, curves, machine=_machine()))
+            write_atomic(out / "report.md", report.markdown(results, curves, machine=machine()))
             write_atomic(out / "results.json", json.dumps(_data(results), indent=1) + "\n")
     for experiment in chosen:
         _print(console, report.table([one for one in results if one.experiment is experiment], curves))
@@ -97,10 +94,3 @@ def _data(results: list[VariantResult]) -> list[dict]:
         }
         for result in results
     ]
-
-
-def _machine() -> str:
-    return (
-        f"{os.cpu_count()} cores; jax {jax.__version__}, mujoco {mujoco.__version__}, python {platform.python_version()}; "
-        f"{date.today().isoformat()}."
-    )

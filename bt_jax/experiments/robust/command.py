@@ -1,0 +1,79 @@
+"""What `python -m bt_jax.experiments robust` does."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+
+from bt_jax._util.files import write_atomic
+from bt_jax._util.startup import configure_jax
+from bt_jax.encoding.formats.text import one_line, parse_tree
+from bt_jax.experiments.machine import machine
+from bt_jax.experiments.robust.arguments import RobustArguments
+from bt_jax.experiments.robust.models import CONDITIONS, MODELS, SEEDED, Model, known, make, solved
+from bt_jax.experiments.robust.records import Records
+from bt_jax.experiments.robust.report import Tested, figure, markdown
+from bt_jax.tasks import load_faults, load_task
+
+__all__ = ["run"]
+
+
+def run(arguments: RobustArguments) -> None:
+    """Make the trees, test them, and write the report; what an earlier call has found is not done again."""
+    arguments.check()
+    console = Console(highlight=False, soft_wrap=True)
+    configure_jax("cpu")
+    settings = {name: str(getattr(arguments, name)) for name in ("faults", "held_out", "seed", "layouts", "draws")}
+    source = arguments.out / "results.json"
+    records = Records.begun(source, settings)
+    for name, model, seed in _wanted(arguments):
+        key = f"{name}/{model}/{seed}"
+        if key in records.trees:
+            continue
+        began, faults = time.monotonic(), known(load_faults(arguments.faults), arguments.held_out)
+        records.trees[key] = one_line(make(model, load_task(name), faults, arguments.seed + seed))
+        records.seconds[key] = round(time.monotonic() - began, 2)
+        records.save(source)
+        console.print(f"{escape(key)}: {records.seconds[key]:.1f} s, {escape(records.trees[key])}")
+    for name, model, seed in _wanted(arguments):
+        task, tree = load_task(name), records.trees[f"{name}/{model}/{seed}"]
+        for condition in CONDITIONS:
+            key = f"{name}/{condition}/{tree}"
+            if key in records.tests:
+                continue
+            count = {"layouts": arguments.layouts, "draws": arguments.draws}
+            found = solved(task, load_faults(arguments.faults), condition, parse_tree(tree), **count)
+            records.note(key, found)
+            records.save(source)
+            console.print(f"{escape(name)}, {model}, {condition}: {int(found.sum())} of {len(found)}")
+    tested = _tested(arguments, records)
+    write_atomic(arguments.out / "robust.png", figure(tested))
+    write_atomic(arguments.out / "report.md", markdown(tested, settings=settings, machine=machine()))
+    console.print(f"report     {escape(str(arguments.out / 'report.md'))}")
+
+
+def _wanted(arguments: RobustArguments) -> Iterator[tuple[str, Model, int]]:
+    """Yield task, model and number of every tree."""
+    for name in arguments.tasks:
+        for model in MODELS:
+            for seed in range(arguments.seeds if model in SEEDED else 1):
+                yield name, model, seed
+
+
+def _tested(arguments: RobustArguments, records: Records) -> list[Tested]:
+    episodes = arguments.layouts * arguments.draws
+    found = []
+    for name in arguments.tasks:
+        for model in MODELS:
+            seeds = range(arguments.seeds if model in SEEDED else 1)
+            trees = tuple(records.trees[f"{name}/{model}/{seed}"] for seed in seeds)
+            solved_by = {
+                condition: np.stack([records.solved(f"{name}/{condition}/{tree}", episodes) for tree in trees])
+                for condition in CONDITIONS
+            }
+            found.append(Tested(name, model, trees, solved_by))
+    return found
