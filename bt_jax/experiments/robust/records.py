@@ -34,9 +34,9 @@ class Records:
             return Records(settings)
         found = decode(read_json(source), Records, source)
         if different := [name for name, value in settings.items() if found.settings.get(name) != value]:
-            name = different[0]
+            name, now = different[0], settings[different[0]]
             raise UserError(
-                f"{source} was begun with {name} {found.settings.get(name)} and now it is {settings[name]}; give another --out"
+                f"{source} was begun with {name} {found.settings.get(name)} and now it is {now}; choose another --out"
             )
         return found
 
