@@ -6,6 +6,7 @@ import itertools
 import re
 from collections.abc import Iterator
 
+from bt_jax.behaviors.nodes import Decorator, Kind
 from bt_jax.behaviors.symbols import CLOSED, NOTHING, OPEN, Behavior
 from bt_jax.behaviors.vocabulary import Vocabulary
 from bt_jax.tasks.slots import fits, slot_position, slot_turn
@@ -13,6 +14,9 @@ from bt_jax.tasks.task import Task
 from bt_jax.tasks.things import Object, Vec3
 
 __all__ = ["gene_pool", "placing_gene"]
+
+RETRIES = (3, 10, 30)  # failures up to which evolution may retry a subtree, and
+TIMEOUTS = (5, 20)  # ticks after which it may give one up, where things go wrong
 
 
 def gene_pool(task: Task) -> Vocabulary[Behavior]:
@@ -24,14 +28,23 @@ def gene_pool(task: Task) -> Vocabulary[Behavior]:
     settings: in kits without slots, and for what no slot takes in all; each with every turn in which the object looks
     different there: of what stands on a square one, if a target says how it is turned. An instance of a part has genes of
     its own, and is a frame, if a target or a subgoal names it.
+
+    Where things go wrong, `is_seen` and `look` of each object or part join, and the decorators retry and timeout.
     """
     conditions = [Behavior("gripper", (OPEN,)), Behavior("gripper", (CLOSED,)), Behavior("holding", (NOTHING,))]
     conditions += [Behavior("reached", (subgoal.name,)) for subgoal in task.subgoals]
     actions = [Behavior("open_gripper"), Behavior("close_gripper")]
     named = _named(task)
+    decorators: list[Decorator] = []
+    if task.faults is not None:
+        seen = [(name,) for name in (*task.kinds, *named)]
+        conditions += [Behavior("is_seen", name) for name in seen]
+        actions += [Behavior("look", name) for name in seen]
+        decorators += [Decorator(Kind.RETRY, number) for number in RETRIES]
+        decorators += [Decorator(Kind.TIMEOUT, number) for number in TIMEOUTS]
     gene = placing_gene(task)
     genes = [Behavior(gene, (name, *place)) for name in (*task.kinds, *named) for place in _places(task, name, named)]
-    return Vocabulary.of([*conditions, *actions, *genes])
+    return Vocabulary.of([*conditions, *actions, *genes], decorators)
 
 
 def placing_gene(task: Task) -> str:

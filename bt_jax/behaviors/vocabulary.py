@@ -66,10 +66,14 @@ class Vocabulary(Generic[L]):
         numbers = [decorator.number for decorator in self.decorators]
         return np.array([0] * (FIRST_LEAF + len(self.leaves)) + numbers, np.uint8)
 
+    @property
+    def symbols(self) -> tuple[L | Decorator, ...]:
+        """Leaves and decorators, in the order of their tokens."""
+        return (*self.leaves, *self.decorators)
+
     @functools.cached_property
     def _tokens(self) -> dict[L | Decorator, int]:
-        symbols: tuple[L | Decorator, ...] = (*self.leaves, *self.decorators)
-        return {symbol: FIRST_LEAF + i for i, symbol in enumerate(symbols)}
+        return {symbol: FIRST_LEAF + i for i, symbol in enumerate(self.symbols)}
 
     def token(self, symbol: L | Decorator) -> int:
         """Return the token of a leaf or decorator. Raise UserError if it is not in the vocabulary."""

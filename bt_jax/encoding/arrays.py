@@ -119,16 +119,13 @@ DECORATORS = {extended.kind: name for name, extended in EXTENDED.items() if exte
 def violations(tree: Node[L], *, gene_under_fallback: bool = True) -> list[str]:
     """Return which rules of a well-formed evolved tree are broken, in words; empty for a valid tree.
 
-    The rules are those of the design: the root is a control node, or the tree is one action or gene; control nodes have
-    at least two children, none of its own kind; no identical leaves side by side; no condition last among siblings or
-    directly after an action or gene. `gene_under_fallback=False` adds the published rule that a gene, itself a
-    Fallback, is not a direct child of a Fallback. A decorator is a retry or a timeout, and its child neither a condition
-    nor a decorator of its kind.
+    The rules are those of the design: the tree is no single condition; control nodes have at least two children, none of
+    its own kind; no identical leaves side by side; no condition last among siblings or directly after an action or gene.
+    `gene_under_fallback=False` adds the published rule that a gene, itself a Fallback, is not a direct child of a Fallback.
+    A decorator is a retry or a timeout, and its child neither a condition nor a decorator of its kind.
     """
     found: list[str] = []
-    if isinstance(tree, ExtendedNode):
-        return [f"the root is {tree.label}"]
-    if not isinstance(tree, Control):
+    if not isinstance(tree, Control | ExtendedNode):
         return ["the tree is a single condition"] if tree.kind == Kind.CONDITION else []
 
     def decorates(node: ExtendedNode[L]) -> None:
@@ -169,5 +166,8 @@ def violations(tree: Node[L], *, gene_under_fallback: bool = True) -> list[str]:
         if not isinstance(last, Control | ExtendedNode | None) and last.kind == Kind.CONDITION:
             found.append(f"the condition {last} is the last child")
 
-    visit(tree)
+    if isinstance(tree, ExtendedNode):
+        decorates(tree)
+    else:
+        visit(tree)
     return found

@@ -10,19 +10,21 @@ from collections.abc import Callable, Sequence
 
 import jax
 import numpy as np
-from jaxtyping import Int8, UInt64
+from jaxtyping import Bool, Int8, Int32, UInt64
 
 from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.achievements.archive import PER_KEY
 from bt_jax.gp.achievements.breeding import Origin, built, origins, varied
+from bt_jax.gp.achievements.decorating import bare, decorated, decoration_of, hardened
 from bt_jax.gp.achievements.goals import Goals, Measured
 from bt_jax.gp.achievements.knowledge import Knowledge
+from bt_jax.gp.achievements.nodes import first_decorator
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.config import PATIENCE, GPConfig
 from bt_jax.gp.mutation import EditRates
 from bt_jax.gp.procedure import Procedure, State, now_seen, on_device
 from bt_jax.gp.random_trees import growth
-from bt_jax.gp.steps import Population, first_trees
+from bt_jax.gp.steps import Population, first_trees, hashes_of
 
 __all__ = ["AchievementSearch"]
 
@@ -69,6 +71,8 @@ class AchievementSearch(Procedure):
         alphabet.check()
         super().__init__(config, baseline=baseline, episodes_per_tree=episodes_per_tree)
         self.kinds, self.goals, self.evaluate, self.confirm = kinds, goals, evaluate, confirm
+        self._decorates = first_decorator(kinds) < len(kinds)
+        self._before = np.zeros((len(kinds), 0), np.int32) if goals.before is None else goals.before
         self._alphabet = jax.tree.map(lambda count: np.array(count, np.int32), alphabet)
         self._rates = EditRates.of(alphabet, config.mutation)
         self._first_rates = EditRates.of(alphabet, growth(gene_under_fallback=config.gene_under_fallback))
@@ -88,7 +92,7 @@ class AchievementSearch(Procedure):
             self._bred(np.random.default_rng([config.seed + run, generation]), known, spare[run], seen[run])
             for run, known in enumerate(knowledge)
         ]
-        trees = Trees(np.stack([tree.tokens for tree in bred]), np.stack([tree.sizes for tree in bred]))
+        trees = _stacked(bred)
         if state is None and self.baseline is not None:
             trees.tokens[:, 0], trees.sizes[:, 0] = self.baseline.tokens, self.baseline.sizes
         return trees
@@ -103,7 +107,7 @@ class AchievementSearch(Procedure):
         result = Trees(spare.tokens.copy(), spare.sizes.copy())
         missing = np.ones(count, bool)
         for turn in range(ROUNDS):
-            origin = origins(rng, knowledge, goals, count)
+            origin = origins(rng, knowledge, goals, count, hardens=self._decorates)
             if len(archive):
                 pairs = archive.parents(rng, (2, count))
                 first, second = archive.trees[pairs[0]], archive.trees[pairs[1]]
@@ -112,6 +116,9 @@ class AchievementSearch(Procedure):
             else:
                 first, second, achieved = spare, spare, np.zeros((count, len(goals.concerns)), bool)
                 missed = np.zeros(achieved.shape, np.float32)
+            parents = first
+            if self._decorates:
+                first, second = self._bare(first), self._bare(second)
             trees, made = built(rng, origin, first, achieved, missed, knowledge, goals, self.kinds)
             origin = np.where((origin < Origin.CROSSED) & ~made | (turn >= ROUNDS // 2), Origin.MUTATED, origin)
             steps = np.where(origin == Origin.MUTATED, self._chain_lengths(rng, count) + turn, 0)
@@ -120,6 +127,9 @@ class AchievementSearch(Procedure):
             trees, valid, halves = jax.device_get(
                 varied(key, first, second, trees, origin, steps, self._alphabet, self._rates, mutation)
             )
+            if self._decorates:
+                trees, valid = self._decorated(rng, parents, trees, origin, valid, knowledge)
+                halves = np.asarray(hashes_of(trees[None]))[0]
             hashes = halves[:, 0].astype(np.uint64) << np.uint64(32) | halves[:, 1]
             once = np.zeros(count, bool)
             once[np.unique(hashes, return_index=True)[1]] = True
@@ -129,6 +139,40 @@ class AchievementSearch(Procedure):
             if not missing.any():
                 break
         return result
+
+    def _bare(self, trees: Trees) -> Trees:
+        """Return trees [M, N] without their decorators."""
+        return _stacked([bare(trees[row], self.kinds) for row in range(len(trees.tokens))])
+
+    def _decorated(
+        self,
+        rng: np.random.Generator,
+        parents: Trees,
+        trees: Trees,
+        origin: Int32[np.ndarray, " M"],
+        valid: Bool[np.ndarray, " M"],
+        knowledge: Knowledge,
+    ) -> tuple[Trees, Bool[np.ndarray, " M"]]:
+        """Return M bare offspring [M, N] with the decorators of their parents, and hardened parents in place of those that
+        are to be; and which are valid."""
+        found, valid, failing = [], valid.copy(), knowledge.linkage.failing()
+        for row in range(len(valid)):
+            if origin[row] == Origin.HARDENED:
+                tree = hardened(
+                    rng,
+                    parents[row],
+                    failing,
+                    self._before,
+                    self.kinds,
+                    gene_under_fallback=self.config.gene_under_fallback,
+                )
+                valid[row] = tree is not None
+                found.append(parents[row] if tree is None else tree)
+            elif valid[row]:
+                found.append(decorated(trees[row], decoration_of(parents[row], self.kinds), self.kinds))
+            else:
+                found.append(trees[row])
+        return _stacked(found), valid
 
     def _chain_lengths(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Return how many mutations make each offspring, as `gp.mutation.chain_lengths` does."""
@@ -198,12 +242,16 @@ class AchievementSearch(Procedure):
             archive = known.archive
             order = np.lexsort((-archive.fitness, -np.bitwise_count(archive.keys).astype(int)))
             found.append(archive.trees[np.resize(order, self.config.population)])
-        return Trees(np.stack([tree.tokens for tree in found]), np.stack([tree.sizes for tree in found]))
+        return _stacked(found)
 
     def has_ended(self, state: State) -> bool:
         """Return whether all runs have solved their task and none improves any more."""
         patience = self.config.num_patience
         return patience is not None and all(known.solved and known.stagnant >= patience for known in state.knowledge)
+
+
+def _stacked(trees: Sequence[Trees]) -> Trees:
+    return Trees(np.stack([tree.tokens for tree in trees]), np.stack([tree.sizes for tree in trees]))
 
 
 def _population(offspring: Trees, measured: Measured, knowledge: tuple[Knowledge, ...]) -> Population:

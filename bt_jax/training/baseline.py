@@ -6,8 +6,9 @@ import dataclasses
 import hashlib
 
 from bt_jax._util.errors import UserError
-from bt_jax.behaviors import Behavior, ExtendedNode, Tree, not_memoryless
+from bt_jax.behaviors import Behavior, ExtendedNode, Tree, not_reactive
 from bt_jax.encoding.arrays import violations
+from bt_jax.encoding.walk import decorators
 from bt_jax.gp.config import GPConfig
 
 __all__ = ["evolvable"]
@@ -16,12 +17,19 @@ __all__ = ["evolvable"]
 def evolvable(baseline: Tree, config: GPConfig) -> Tree:
     """Return a tree as evolution can hold it: each memoryless decorator is one leaf together with what is below it.
 
-    Raise UserError if it breaks a rule of evolved trees, or has a node that depends on earlier ticks.
+    Raise UserError if it breaks a rule of evolved trees, or has a node that depends on earlier ticks, other than retry and
+    timeout with the method achievements.
     """
-    if (node := not_memoryless(baseline)) is not None:
+    if (node := not_reactive(baseline)) is not None:
         raise UserError(
             f"the baseline cannot be evolved: {node.label} depends on earlier ticks, which evolved trees do not; replace it "
-            "by Sequences and Fallbacks"
+            "by Sequences, Fallbacks, retry and timeout"
+        )
+    if config.method == "population" and (counting := decorators(baseline)):
+        name = counting[0].kind.name.lower()
+        raise UserError(
+            f"the baseline cannot be evolved with the method population: it has a {name}; choose --method achievements, or "
+            "replace it by its child"
         )
     tree = _frozen(baseline)
     broken = violations(tree, gene_under_fallback=config.gene_under_fallback)
@@ -36,7 +44,8 @@ def evolvable(baseline: Tree, config: GPConfig) -> Tree:
 def _frozen(tree: Tree) -> Tree:
     if isinstance(tree, Behavior):
         return tree
-    if isinstance(tree, ExtendedNode):
+    if isinstance(tree, ExtendedNode) and tree.decorator is None:
         name = f"{tree.name}_{hashlib.sha256(str(tree).encode()).hexdigest()[:8]}"  # equal trees are one leaf
         return Behavior("subtask", (name, tree))
-    return dataclasses.replace(tree, children=tuple(map(_frozen, tree.children)))
+    below = tuple(map(_frozen, tree.children))
+    return dataclasses.replace(tree, children=below)

@@ -17,7 +17,7 @@ from jaxtyping import Float32, Int16, Int32, Int64, UInt8, UInt64, jaxtyped
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
 from bt_jax._util.text_files import read_bytes
-from bt_jax.behaviors import FIRST_LEAF, Behavior
+from bt_jax.behaviors import FIRST_LEAF, Behavior, Decorator, Kind
 from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.evolution import Generation, Population, State
 from bt_jax.training.history import history_csv, read_history
@@ -40,6 +40,7 @@ ARRAYS: Mapping[str, Any] = types.MappingProxyType(
         "generation": Int64[np.ndarray, ""],
         "phase": Int64[np.ndarray, ""],
         "leaves": UInt8[np.ndarray, " leaf_bytes"],
+        "decorators": Int64[np.ndarray, "decorators 2"],  # kind and number of each, only if there are any
         "history": UInt8[np.ndarray, " history_bytes"],
         "config": UInt8[np.ndarray, " config_bytes"],  # not in older files
         **KNOWLEDGE,  # only of the method achievements
@@ -49,10 +50,11 @@ ARRAYS: Mapping[str, Any] = types.MappingProxyType(
 
 @dataclasses.dataclass(frozen=True)
 class Checkpoint:
-    """The state of a run, the leaves that its tokens stand for, the phase it is in, and its history so far."""
+    """The state of a run, the leaves and decorators that its tokens stand for, the phase it is in, and its history so
+    far."""
 
     state: State
-    leaves: tuple[Behavior, ...]
+    symbols: tuple[Behavior | Decorator, ...]
     phase: int
     history: list[Generation]
     config: RunConfig | None = None  # of the run; older files do not say
@@ -63,6 +65,10 @@ class Checkpoint:
         niche = state.population.niche
         arrays: dict[str, Any] = {} if niche is None else {"niche": np.asarray(niche)}
         arrays |= arrays_of(state.knowledge)
+        leaves = [symbol for symbol in self.symbols if isinstance(symbol, Behavior)]
+        counting = [symbol for symbol in self.symbols if isinstance(symbol, Decorator)]
+        if counting:
+            arrays["decorators"] = np.array([(one.kind, one.number) for one in counting], np.int64)
         if self.config is not None:
             arrays["config"] = _as_bytes(self.config.to_json())
         np.savez(
@@ -77,7 +83,7 @@ class Checkpoint:
             earlier=np.array(state.earlier),
             generation=np.array(state.generation),
             phase=np.array(self.phase),
-            leaves=_as_bytes("\n".join(map(str, self.leaves))),
+            leaves=_as_bytes("\n".join(map(str, leaves))),
             history=_as_bytes(history_csv(self.history)),
         )
         write_atomic(path, buffer.getvalue())
@@ -108,14 +114,18 @@ def _checkpoint(arrays: Mapping[str, np.ndarray], path: Path) -> Checkpoint:
         wrong = [name for name, kind in ARRAYS.items() if name in arrays and not isinstance(arrays[name], kind)]
     if wrong:
         raise ValueError(f"{', '.join(wrong)} have other types or shapes than they should")
-    leaves = tuple(map(parse_leaf, _as_text(arrays["leaves"]).splitlines()))
+    counting = arrays["decorators"].tolist() if "decorators" in arrays else []
+    symbols: tuple[Behavior | Decorator, ...] = (
+        *map(parse_leaf, _as_text(arrays["leaves"]).splitlines()),
+        *(Decorator(Kind(kind), number) for kind, number in counting),
+    )
     trees = Trees(jnp.asarray(arrays["tokens"]), jnp.asarray(arrays["sizes"]))
     for kind in ("", "kept_"):
         if f"{kind}tokens" not in arrays:
             continue
-        if not _are_trees(arrays[f"{kind}tokens"], arrays[f"{kind}sizes"], FIRST_LEAF + len(leaves)):
+        if not _are_trees(arrays[f"{kind}tokens"], arrays[f"{kind}sizes"], FIRST_LEAF + len(symbols)):
             raise ValueError(f"{kind}tokens and {kind}sizes are no trees of these leaves")
-    if "tested" in arrays and arrays["tested"].shape[1] != FIRST_LEAF + len(leaves):
+    if "tested" in arrays and arrays["tested"].shape[1] != FIRST_LEAF + len(symbols):
         raise ValueError("the counts are of other leaves")
     state = State(
         population=Population(
@@ -131,7 +141,7 @@ def _checkpoint(arrays: Mapping[str, np.ndarray], path: Path) -> Checkpoint:
     if history and history[-1].generation != state.generation:
         raise ValueError("the history ends at another generation")
     config = RunConfig.of(json.loads(_as_text(arrays["config"])), path) if "config" in arrays else None
-    return Checkpoint(state, leaves, int(arrays["phase"]), history, config)
+    return Checkpoint(state, symbols, int(arrays["phase"]), history, config)
 
 
 def _are_trees(tokens: Int16[np.ndarray, "*P N"], sizes: UInt8[np.ndarray, "*P N"], vocabulary: int) -> bool:

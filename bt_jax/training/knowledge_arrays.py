@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int16, Int32, Int64, UInt8, UInt64
+from jaxtyping import Bool, Float32, Float64, Int16, Int32, Int64, UInt8, UInt64
 
 from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.achievements.archive import Archive
@@ -26,6 +26,7 @@ KNOWLEDGE: Mapping[str, Any] = types.MappingProxyType(
         "kept_missed": Float32[np.ndarray, "E A"],  # not in older files
         "kept_counts": Int64[np.ndarray, " R"],
         "tested": Int32[np.ndarray, "R V"],
+        "failed": Int32[np.ndarray, "R V"],  # not in older files
         "achieves": Float32[np.ndarray, "R V A"],
         "pair_keys": Int32[np.ndarray, " K"],  # the pairs of all runs, one after the other
         "pair_stood": Float32[np.ndarray, " K"],
@@ -35,6 +36,7 @@ KNOWLEDGE: Mapping[str, Any] = types.MappingProxyType(
         "order": Float32[np.ndarray, "R V V"],  # and `worked`
         "solved": Bool[np.ndarray, " R"],
         "stagnant": Int64[np.ndarray, " R"],
+        "success": Float64[np.ndarray, " R"],  # not in older files
     }
 )
 
@@ -52,6 +54,7 @@ def arrays_of(knowledge: tuple[Knowledge, ...]) -> dict[str, np.ndarray]:
         "kept_missed": np.concatenate([archive.missed for archive in archives]),
         "kept_counts": np.array([len(archive) for archive in archives]),
         "tested": np.stack([linkage.tested for linkage in linkages]),
+        "failed": np.stack([linkage.failed for linkage in linkages]),
         "achieves": np.stack([linkage.achieves for linkage in linkages]),
         "pair_keys": np.concatenate([linkage.pairs.keys for linkage in linkages]),
         "pair_stood": np.concatenate([linkage.pairs.stood for linkage in linkages]),
@@ -59,6 +62,7 @@ def arrays_of(knowledge: tuple[Knowledge, ...]) -> dict[str, np.ndarray]:
         "pair_counts": np.array([len(linkage.pairs.keys) for linkage in linkages]),
         "solved": np.array([known.solved for known in knowledge]),
         "stagnant": np.array([known.stagnant for known in knowledge]),
+        "success": np.array([known.success for known in knowledge], np.float64),
     }
 
 
@@ -69,6 +73,7 @@ def knowledge_of(arrays: Mapping[str, np.ndarray]) -> tuple[Knowledge, ...]:
     if "kept_missed" not in arrays:
         missed = np.zeros((len(arrays["kept_keys"]), arrays["achieves"].shape[-1]), np.float32)
         arrays = {**arrays, "kept_missed": missed}
+    arrays = {"failed": np.zeros_like(arrays["tested"]), "success": arrays["solved"].astype(np.float64), **arrays}
     kept = _split(arrays, "kept", ("tokens", "sizes", "fitness", "keys", "missed"))
     pairs = _pairs(arrays)
     return tuple(
@@ -77,9 +82,10 @@ def knowledge_of(arrays: Mapping[str, np.ndarray]) -> tuple[Knowledge, ...]:
                 Trees(kept["tokens"][run], kept["sizes"][run]),
                 *(kept[name][run] for name in ("fitness", "keys", "missed")),
             ),
-            Linkage(arrays["tested"][run], arrays["achieves"][run], pairs[run]),
+            Linkage(arrays["tested"][run], arrays["achieves"][run], pairs[run], arrays["failed"][run]),
             bool(arrays["solved"][run]),
             int(arrays["stagnant"][run]),
+            float(arrays["success"][run]),
         )
         for run in range(len(arrays["kept_counts"]))
     )

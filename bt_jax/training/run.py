@@ -133,14 +133,14 @@ class TrainingRun:
         start, history = self._restored()
         known = {row.generation for row in history}
         saved, wait = time.monotonic(), CHECKPOINT_SECONDS
-        evolution, leaves = self.training.evolution, self.training.vocabulary.leaves
+        evolution, symbols = self.training.evolution, self.training.vocabulary.symbols
         for state in evolution.run(start, target=target, time_limit=time_limit):
             if state.generation not in known:
                 history = [*history, *evolution.describe(state)]
                 self._measured += 1
             if self._checkpoint is None:
                 self._stage("evolving")
-            self._checkpoint = Checkpoint(state, leaves, self.config.phase, history, self.config)
+            self._checkpoint = Checkpoint(state, symbols, self.config.phase, history, self.config)
             if time.monotonic() - saved >= wait:
                 began = time.monotonic()
                 self._save(self._checkpoint)
@@ -157,17 +157,17 @@ class TrainingRun:
             return None, []
         if saved.phase == self.config.phase:
             return saved.state, saved.history
-        return self.training.carried(saved.state, saved.leaves), saved.history
+        return self.training.carried(saved.state, saved.symbols), saved.history
 
     def _saved(self) -> Checkpoint | None:
         """Return the checkpoint, None if there is none yet. Raise UserError if it is of another run, or its leaves are not
         those of this one."""
-        saved, known = self.folder.load_checkpoint(), self.training.vocabulary.leaves
+        saved, known = self.folder.load_checkpoint(), self.training.vocabulary.symbols
         if saved is None:
             return None
-        if (other := next((leaf for leaf in saved.leaves if leaf not in known), None)) is not None:
+        if (other := next((leaf for leaf in saved.symbols if leaf not in known), None)) is not None:
             raise not_of_one_run(self.folder.path, f"only the checkpoint has the behavior {other}")
-        if saved.phase == self.config.phase and saved.leaves != known:
+        if saved.phase == self.config.phase and saved.symbols != known:
             raise not_of_one_run(self.folder.path, "their behaviors are others, or in another order")
         return saved
 

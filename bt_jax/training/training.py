@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Float32, Int32
 from rich.console import Console
 
-from bt_jax.behaviors import FIRST_LEAF, Behavior, Tree, gene_pool
+from bt_jax.behaviors import FIRST_LEAF, Behavior, Decorator, Tree, gene_pool
 from bt_jax.encoding.arrays import Trees, decode, encode
-from bt_jax.encoding.walk import leaves
+from bt_jax.encoding.walk import decorators, leaves
 from bt_jax.gp.achievements.goals import Measured
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.config import GPConfig
@@ -31,7 +31,7 @@ from bt_jax.tasks import Task
 from bt_jax.training.bar import GenerationBar, is_interactive
 from bt_jax.training.baseline import evolvable
 from bt_jax.training.checkpoint import Checkpoint
-from bt_jax.training.goals import enough, goals_of, measured, mostly
+from bt_jax.training.goals import enough, goals_of, measured
 from bt_jax.training.levels import make_level
 from bt_jax.training.result import Result, Test
 from bt_jax.training.run_config import RunConfig
@@ -64,7 +64,8 @@ class Training:
         self.task, self.config, self.settings = task, config, settings
         baseline = None if baseline is None else evolvable(baseline, config)
         own = [] if baseline is None else leaves(baseline)
-        self.vocabulary = gene_pool(task).extended([*extra_leaves, *own])
+        counting = [] if baseline is None else decorators(baseline)
+        self.vocabulary = gene_pool(task).extended([*extra_leaves, *own], counting)
         self.level = make_level(task, settings)
         self.run_config = _pinned(RunConfig(task, config, settings, baseline, extra_leaves), self.level.name)
         learns = config.method == "achievements"
@@ -132,8 +133,7 @@ class Training:
 
     def _measured(self, trees: Trees) -> Measured:
         runs, population, _ = trees.tokens.shape
-        found = measured(self._evaluation(trees), self.task, (runs, population), robust=self.settings.robust)
-        return dataclasses.replace(found, achieved=mostly(found.achieved, self.task))
+        return measured(self._evaluation(trees), self.task, (runs, population), robust=self.settings.robust)
 
     def _confirm(self, run: int, trees: Trees) -> Measured:
         """Return what K trees [K, N] achieve in layouts that are neither those of the run nor those of the test."""
@@ -144,8 +144,8 @@ class Training:
         found = measured(result, self.task, (count, len(own) // count), robust=self.settings.robust)
         return Measured(
             fitness=found.fitness.mean(axis=1),
-            solved=result.solved.reshape(count, -1).mean(axis=1) >= enough(self.task),
-            achieved=mostly(found.achieved.mean(axis=1), self.task),
+            solved=result.solved.reshape(count, -1).mean(axis=1, dtype=np.float32),
+            achieved=found.achieved.mean(axis=1),
             missed=found.missed.mean(axis=1),
             trace=np.bitwise_or.reduce(found.trace, axis=1),
         )
@@ -167,10 +167,11 @@ class Training:
         flat = jax.tree.map(lambda leaf: leaf.reshape(-1, leaf.shape[-1]), jax.device_get(trees))
         return self.evaluator(flat, self.layouts, which, self.fates)
 
-    def carried(self, state: State, vocabulary: Sequence[Behavior]) -> State:
-        """Return the populations of a training with that vocabulary, measured for this one's task: so evolution goes on with
-        another target, more genes or a baseline. Raise UserError if a leaf is not in this vocabulary."""
-        tokens = np.array([*range(FIRST_LEAF), *(self.vocabulary.token(leaf) for leaf in vocabulary)], np.int16)
+    def carried(self, state: State, symbols: Sequence[Behavior | Decorator]) -> State:
+        """Return the populations of a training whose vocabulary has these symbols, measured for this one's task: so
+        evolution goes on with another target, more genes or a baseline. Raise UserError if one is not in this
+        vocabulary."""
+        tokens = np.array([*range(FIRST_LEAF), *map(self.vocabulary.token, symbols)], np.int16)
         old = jax.device_get(self.evolution.kept(state))
         trees = Trees(jnp.asarray(tokens[old.tokens]), jnp.asarray(old.sizes))
         return self.evolution.adopt(trees, generation=state.generation, earlier=state.trees_measured)
@@ -191,7 +192,7 @@ class Training:
 
     def result(self, state: State, history: list[Generation]) -> Result:
         """Return the best trees, the best of all tested in unseen layouts."""
-        checkpoint = Checkpoint(state, self.vocabulary.leaves, self.run_config.phase, history, self.run_config)
+        checkpoint = Checkpoint(state, self.vocabulary.symbols, self.run_config.phase, history, self.run_config)
         tree = self.best_tree(state)
         layouts, fates = self._unseen(self.settings.test_layouts)
         test = explained(self.test(tree), self.table.semantics, self.table.settler, tree, layouts, fates)

@@ -67,7 +67,7 @@ class Tower:
         fitness, solved, achieved, missed, trace = (np.stack(column) for column in zip(*found, strict=True))
         return Measured(
             fitness.astype(np.float32).reshape(shape),
-            solved.reshape(shape),
+            solved.astype(np.float32).reshape(shape),
             achieved.astype(np.float32).reshape(*shape, -1),
             missed.astype(np.float32).reshape(*shape, -1),
             trace.reshape(*shape, -1),

@@ -109,7 +109,7 @@ def test_a_checkpoint_with_other_behaviors_is_refused_and_nothing_changes(done, 
     folder = RunFolder(tmp_path / "run")
     shutil.copytree(done[0].path, folder.path)
     saved = folder.load_checkpoint()
-    folder.save_checkpoint(dataclasses.replace(saved, leaves=leaves(saved.leaves)))
+    folder.save_checkpoint(dataclasses.replace(saved, symbols=leaves(saved.symbols)))
     before = {path.name: path.read_bytes() for path in folder.path.iterdir()}
     with pytest.raises(UserError, match=f"are not of one run: .*{problem}"):
         TrainingRun(folder, folder.config(), resumed=True)

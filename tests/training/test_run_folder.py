@@ -97,7 +97,7 @@ def test_the_checkpoint_is_read_back(tmp_path, runs):
     folder.save_checkpoint(Checkpoint(saved, LEAVES, 3, history, config(runs, phase=3)))
     checkpoint = folder.load_checkpoint()
     found = checkpoint.state
-    assert (checkpoint.history, checkpoint.leaves, checkpoint.phase) == (history, LEAVES, 3)
+    assert (checkpoint.history, checkpoint.symbols, checkpoint.phase) == (history, LEAVES, 3)
     assert checkpoint.config == config(runs, phase=3)
     assert found.generation == 7
     assert_same(

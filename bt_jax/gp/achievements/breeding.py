@@ -1,5 +1,5 @@
 """Offspring of the search: trees that test leaves, that are assembled from what is known, that get what they lack, that are
-refined, and the crossovers and mutations of the other method."""
+refined or hardened, and the crossovers and mutations of the other method."""
 
 from __future__ import annotations
 
@@ -29,6 +29,7 @@ from bt_jax.gp.validity import is_valid
 __all__ = ["Origin", "built", "origins", "varied"]
 
 NEW = 0.5  # share of trees that test leaves, while there is something to test
+HARDENS = 0.3  # share of all others, where there are decorators
 SHARES = (0.27, 0.36, 0.1, 0.135)  # of the others, from `ASSEMBLED` to `CROSSED`; the rest are `MUTATED`
 WITH_STEP = 0.7  # of assembled trees begin with what has done a step on the way
 GUARDED = 0.5  # of new trees, while nobody has done a step
@@ -47,14 +48,19 @@ class Origin(enum.IntEnum):
     REFINED = 3
     CROSSED = 4
     MUTATED = 5
+    HARDENED = 6
 
 
-def origins(rng: np.random.Generator, knowledge: Knowledge, goals: Goals, count: int) -> Int32[np.ndarray, " M"]:
+def origins(
+    rng: np.random.Generator, knowledge: Knowledge, goals: Goals, count: int, *, hardens: bool = False
+) -> Int32[np.ndarray, " M"]:
     """Draw how each of M offspring is made."""
     if not len(knowledge.archive):
         return np.full(count, Origin.TESTING, np.int32)
     testing = NEW if knowledge.linkage.untested(goals) or knowledge.missing_steps(goals).size else 0.0
     other = 1 + (rng.random(count)[:, None] >= np.cumsum(SHARES)).sum(axis=1)
+    if hardens:
+        other = np.where(rng.random(count) < HARDENS, Origin.HARDENED, other)
     return np.where(rng.random(count) < testing, Origin.TESTING, other).astype(np.int32)
 
 

@@ -9,7 +9,7 @@ import dataclasses
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float32, Int32, UInt8
+from jaxtyping import Float32, Int32, UInt8
 
 from bt_jax._util.errors import UserError
 from bt_jax.encoding.status import Status
@@ -28,12 +28,17 @@ class Goals:
     brought about by one of its leaves; one that concerns none, -1, is a step on the way. `guard` is the token of the
     condition that holds from then on once such a step was done, 0 if there is none. `node_cost` is by how much fitness falls
     with each node.
+
+    Where episodes differ by chance, a tree counts as having an achievement, or as solving the task, that is there in a share
+    of `often` of them. `before` are leaves that may help the leaf behind them, 0 for none.
     """
 
     group: Int32[np.ndarray, " V"]  # of each token, -1 for leaves of no group
     concerns: Int32[np.ndarray, " A"]
     guard: Int32[np.ndarray, " A"]
     node_cost: float = 0.0
+    often: float = 1.0
+    before: Int32[np.ndarray, "V H"] | None = None
 
     def check(self) -> None:
         """Raise UserError if there are too many achievements."""
@@ -58,7 +63,7 @@ class Measured:
     """What the episodes of M trees have told."""
 
     fitness: Float32[np.ndarray, "*R M"]
-    solved: Bool[np.ndarray, "*R M"]
-    achieved: Float32[np.ndarray, "*R M A"]  # share of the layouts
-    missed: Float32[np.ndarray, "*R M A"]  # by how much fitness fell with what each lacks, mean of the layouts
+    solved: Float32[np.ndarray, "*R M"]  # share of the episodes
+    achieved: Float32[np.ndarray, "*R M A"]  # share of the episodes
+    missed: Float32[np.ndarray, "*R M A"]  # by how much fitness fell with what each lacks, mean of the episodes
     trace: UInt8[np.ndarray, "*R M N"]  # what each leaf has returned in any of them (see `encoding.tick.Ticked`)

@@ -20,13 +20,14 @@ __all__ = ["Knowledge"]
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Knowledge:
-    """The archive and the counts of one run; whether its fittest tree solves the task, and for how many generations none was
-    fitter."""
+    """The archive and the counts of one run; whether its fittest tree solves the task, for how many generations none was
+    fitter, and which share of the episodes it solves."""
 
     archive: Archive
     linkage: Linkage
     solved: bool = False
     stagnant: int = 0
+    success: float = 0.0
 
     @staticmethod
     def empty(goals: Goals, num_nodes: int, baseline: Trees | None = None) -> Knowledge:
@@ -65,7 +66,7 @@ class Knowledge:
     ) -> Knowledge:
         """Return the knowledge after a generation of M trees [M, N] (NumPy). The archive gets them without the nodes that
         did nothing."""
-        keys = keys_of(measured.achieved >= 1)
+        keys = keys_of(measured.achieved >= goals.often)
         rows = self.archive.entrants(measured.fitness, keys, drift=not self.solved)
         linkage = self.linkage.updated(trees, measured, goals)
         if not rows.size:
@@ -79,11 +80,13 @@ class Knowledge:
         fitness = measured.fitness[rows] + np.float32(goals.node_cost) * removed
         best = int(fitness.argmax())
         better = fitness[best] > self.archive.fitness.max(initial=-np.inf)
+        success = float(measured.solved[rows[best]]) if better else self.success
         return Knowledge(
             self.archive.with_(Archive(entering, fitness, keys[rows], measured.missed[rows])),
             linkage,
-            solved=bool(measured.solved[rows[best]]) if better else self.solved,
+            solved=success >= goals.often if better else self.solved,
             stagnant=0 if better else self.stagnant + 1,
+            success=success,
         )
 
     def complete(self, goals: Goals) -> Int32[np.ndarray, " _"]:
@@ -94,8 +97,10 @@ class Knowledge:
 
     def tried(self, rows: Int32[np.ndarray, " K"], measured: Measured, goals: Goals) -> Knowledge:
         """Return the knowledge after entries of the archive were tried in more layouts: those that do not solve them all are
-        from now on worth what they are worth there."""
-        failed = ~measured.solved
+        from now on worth what they are worth there. Where episodes differ by chance, see `_compared`."""
+        if goals.often < 1:
+            return self._compared(rows, measured, goals)
+        failed = measured.solved < 1
         if not failed.any():
             return self
         worse = Archive(
@@ -109,3 +114,19 @@ class Knowledge:
         solved = archive.fitness.argmax() in known.complete(goals)
         passed = solved and not failed.all()
         return dataclasses.replace(known, solved=solved, stagnant=self.stagnant if passed else 0)
+
+    def _compared(self, rows: Int32[np.ndarray, " K"], measured: Measured, goals: Goals) -> Knowledge:
+        """Return the knowledge after entries of the archive, the fittest among them, were compared in more episodes: their
+        ranking there counts from now on, since the fittest in few episodes is the one that was lucky in them. Their mean
+        fitness stays, so that other trees, which have seen none of the new episodes, compare as before."""
+        fitness = self.archive.fitness.copy()
+        fitness[rows] = measured.fitness + (fitness[rows].mean() - measured.fitness.mean())
+        archive = dataclasses.replace(self.archive, fitness=fitness)
+        best = int(fitness.argmax())
+        if best not in rows:
+            return dataclasses.replace(self, archive=archive, stagnant=0)
+        success = float(measured.solved[np.flatnonzero(rows == best)[0]])
+        solved = success >= goals.often
+        return dataclasses.replace(
+            self, archive=archive, solved=solved, stagnant=self.stagnant if solved else 0, success=success
+        )

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float32, Float64, Int, Int32
 from bt_jax.behaviors.vocabulary import FIRST_LEAF
 from bt_jax.encoding.arrays import Trees
 from bt_jax.encoding.tick import NOTED
-from bt_jax.gp.achievements.goals import SUCCEEDED, Goals, Measured
+from bt_jax.gp.achievements.goals import FAILED, SUCCEEDED, Goals, Measured
 from bt_jax.gp.achievements.pairs import Pairs
 
 __all__ = ["Linkage"]
@@ -30,6 +30,7 @@ class Linkage:
     tested: Int32[np.ndarray, " V"]  # episodes in which a leaf was ticked
     achieves: Float32[np.ndarray, "V A"]  # in which it worked, by achievement
     pairs: Pairs  # of leaves of groups that an achievement concerns
+    failed: Int32[np.ndarray, " V"]  # episodes in which a leaf has failed
 
     @staticmethod
     def empty(goals: Goals, baseline: Trees | None = None) -> Linkage:
@@ -43,7 +44,7 @@ class Linkage:
             leaves = leaves[(leaves >= FIRST_LEAF) & (goals.group[leaves] >= 0)]
             achieves[leaves] = SEED * (goals.group[leaves][:, None] == goals.concerns)
             pairs = _in_order_of(leaves[np.isin(goals.group[leaves], goals.concerns)])
-        return Linkage(np.zeros(tokens, np.int32), achieves, pairs)
+        return Linkage(np.zeros(tokens, np.int32), achieves, pairs, np.zeros(tokens, np.int32))
 
     def updated(self, trees: Trees, measured: Measured, goals: Goals) -> Linkage:
         """Return the counts after the episodes of M trees."""
@@ -52,6 +53,8 @@ class Linkage:
         ticked, succeeded = leaf & (trace > 0), leaf & (trace & SUCCEEDED > 0)
         tested = self.tested.copy()
         np.add.at(tested, tokens[ticked], 1)
+        failed = self.failed.copy()
+        np.add.at(failed, tokens[leaf & (trace & FAILED > 0)], 1)
 
         concerned = goals.group[tokens][..., None] == goals.concerns  # [M, N, A]
         concerned &= (_later(np.where(succeeded, goals.group[tokens], -1)) < goals.wanted()[goals.group[tokens]])[
@@ -74,7 +77,11 @@ class Linkage:
             np.ones(len(tree), np.float32),
             (works[tree, before] + works[tree, after]) / 2,
         )
-        return Linkage(tested, achieves, pairs)
+        return Linkage(tested, achieves, pairs, failed)
+
+    def failing(self) -> Float32[np.ndarray, " V"]:
+        """Return in which share of the episodes each leaf has failed in which it was ticked."""
+        return (self.failed / np.maximum(self.tested, 1)).astype(np.float32)
 
     def known(self) -> Bool[np.ndarray, " A"]:
         """Return which achievements a leaf was seen to bring about."""

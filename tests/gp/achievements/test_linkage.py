@@ -97,7 +97,7 @@ def test_a_leaf_that_tells_of_a_step_is_known_for_it():
     linkage = Linkage.empty(goals)
     assert linkage.step_leaves(rng, 3, 5) is None
     trace[trees.tokens == TOKENS["unlock"]] |= NOTED
-    measured = Measured(np.zeros(2, np.float32), np.zeros(2, bool), achieved, 1 - achieved, trace)
+    measured = Measured(np.zeros(2, np.float32), np.zeros(2, np.float32), achieved, 1 - achieved, trace)
     linkage = linkage.updated(trees, measured, goals)
     assert linkage.step_leaves(rng, 3, 5).tolist() == [TOKENS["unlock"]] * 5
     assert linkage.achieves[:, 3].sum() == 1
@@ -111,7 +111,7 @@ def test_of_leaves_that_move_the_same_the_last_has_done_it(wanted, credited):
     trees, _ = compose(leaf_parts(np.array([leaves]), 8))
     trace = np.where(trees.tokens >= 3, 1 << Status.SUCCESS, 0).astype(np.uint8)
     achieved = np.ones((1, wanted), np.float32)
-    measured = Measured(np.zeros(1, np.float32), np.ones(1, bool), achieved, 1 - achieved, trace)
+    measured = Measured(np.zeros(1, np.float32), np.ones(1, np.float32), achieved, 1 - achieved, trace)
     linkage = Linkage.empty(goals).updated(trees, measured, goals)
     assert linkage.achieves[leaves, 0].tolist() == credited
 
@@ -126,7 +126,7 @@ def test_pairs_of_many_leaves_take_the_memory_of_those_that_were_met():
     trees, _ = compose(leaf_parts(leaves, 32))
     trace = np.where(trees.tokens >= FIRST_LEAF, 1 << Status.SUCCESS, 0).astype(np.uint8)
     nothing = np.zeros((1000, groups), np.float32)
-    measured = Measured(np.zeros(1000, np.float32), np.zeros(1000, bool), nothing, nothing, trace)
+    measured = Measured(np.zeros(1000, np.float32), np.zeros(1000, np.float32), nothing, nothing, trace)
     linkage = Linkage.empty(goals).updated(trees, measured, goals)
     assert linkage.pairs.stood.sum() == 1000 * groups * (groups - 1) / 2
     assert sum(leaf.nbytes for leaf in jax.tree.leaves(linkage)) < 4 << 20
