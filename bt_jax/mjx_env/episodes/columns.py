@@ -57,8 +57,7 @@ class Chances:
 
     def column(self, command: Int32[Array, " E"], tick: Int32[Array, " E"]) -> Int32[Array, " E"]:
         """Return the column of the command that each episode runs in its tick, counted from 0."""
-        rows = np.arange(command.shape[0])
-        return self.first[command] + self.fates.variant[rows, tick, self.classes[command]].astype(np.int32)
+        return self.first[command] + self.fates.variant_of(tick, self.classes[command])
 
     def struck(self, column: Int32[Array, " E"], command: Int32[Array, " E"]) -> Int32[Array, " E"]:
         """Return the faults that happen in a column, as bits."""

@@ -50,6 +50,12 @@ class Fates:
         """Return the fates of some episodes."""
         return jax.tree.map(lambda leaf: leaf[rows], self)
 
+    def variant_of(self, tick: Int32[Array, " E"], of_class: Int32[Array, " E"]) -> Int32[Array, " E"]:
+        """Return how a command of a class goes that each episode runs in its tick: with class -1 nothing goes wrong."""
+        xp = namespace(tick)
+        found = self.variant[np.arange(tick.shape[0]), tick, xp.maximum(of_class, 0)].astype(np.int32)
+        return xp.where(of_class < 0, np.int32(0), found)
+
 
 def sample_fates(
     task: Task, seed: int | list[int], *, layouts: int | range, draws: int | range, continuous: bool = False
@@ -118,8 +124,7 @@ def drawn(
     continuous the error in spreads, for `Variants.mishaps`."""
     xp, rows = namespace(tick), np.arange(tick.shape[0])
     of_class = xp.asarray(variants.classes)[command]
-    drawn_of_class = fates.variant[rows, tick, xp.maximum(of_class, 0)]
-    variant = xp.where(of_class < 0, np.int32(0), drawn_of_class.astype(np.int32))
+    variant = fates.variant_of(tick, of_class)
     if fates.unit is None:
         return variant, None
     return variant, fates.unit[rows, tick, xp.maximum(of_class - 2 - fates.unit.shape[2], 0)]

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from bt_jax.behaviors import gene_pool
+from bt_jax.behaviors import Behavior, gene_pool
+from bt_jax.mjx_env.faults.fates import drawn, sample_fates
 from bt_jax.mjx_env.faults.variants import FRACTIONS, NUM_ERRORS, SLIPS, SOBOL, Variants, bit, unit_errors
 from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.mjx_env.semantics import LeafSemantics
@@ -107,3 +108,18 @@ def test_jax_does_the_same():
     for a, b in zip(jax.tree.leaves(ours), jax.tree.leaves(theirs), strict=True):
         np.testing.assert_allclose(a, b, atol=2e-6)
     assert SLIPS in variant
+
+
+def test_nothing_goes_wrong_with_a_look_or_a_drive():
+    task = with_faults(load_task("mobile_stack"), PRESETS["harsh"])
+    semantics = LeafSemantics(task, gene_pool(task).extended([Behavior("look", ("YellowBox",))]))
+    variants, fates = Variants(semantics), sample_fates(task, 0, layouts=5, draws=4)
+    safe = [i for i, command in enumerate(semantics.commands) if command.name in ("look", "approach")]
+    assert len(safe) == 1 + len(semantics.names) + len(semantics.spots)
+    assert (variants.counts[safe] == 1).all()
+    for tick in range(5):
+        ticks, command = np.full(20, tick, np.int32), np.resize(safe, 20).astype(np.int32)
+        variant, _ = drawn(fates, variants, ticks, command)
+        assert not variant.any()
+        mishaps = variants.mishaps(command, variant)
+        assert not (mishaps.jams | mishaps.slips | (mishaps.share < 1) | mishaps.error.any(axis=1)).any()
