@@ -28,13 +28,15 @@ from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.random_trees import random_trees
 from bt_jax.mjx_env.episodes.evaluator import TableEvaluator
 from bt_jax.mjx_env.episodes.rollout import RolloutEvaluator
+from bt_jax.mjx_env.faults.fates import sample_fates
 from bt_jax.mjx_env.physics.factory import make_physics
 from bt_jax.mjx_env.physics.mjx import settle_fn
 from bt_jax.mjx_env.physics.protocol import Physics, Settled
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.world import World, take
-from bt_jax.tasks import load_task
+from bt_jax.tasks import load_task, with_faults
+from bt_jax.tasks.faults import PRESETS
 
 NODES, MAX_NODES = 8, 16  # of the random trees, and room for them
 LAYOUTS = 10
@@ -42,6 +44,15 @@ SETTLED = (1024, 4096)  # problems that are settled without trees, at most
 NEAR = 0.002  # metres by which the final distances of two engines may differ
 STAGES = ("collision", "constraints", "solver")  # scopes of one step in `mjx_env.physics.mjx_model`
 TOP = 8  # lines of a profile
+CHANCE = "harsh"  # what goes wrong in episodes with chance
+COLUMNS = (  # that only some ways have
+    "of it physics [s]",
+    "simulated",
+    "episodes/s, table full",
+    "with chance, compile [s]",
+    "with chance, run [s]",
+    "with chance, episodes/s",
+)
 
 
 @dataclasses.dataclass
@@ -143,6 +154,7 @@ def engine(job: Job) -> None:
     physics = make_physics(job.semantics.task, "mujoco")
     settling(job, physics, "C engine")
     table(job, physics, "C engine, table")
+    rollout(job, physics, "C engine")
 
 
 def mjx_table(job: Job) -> None:
@@ -200,12 +212,25 @@ def table(job: Job, physics: Physics, way: str) -> None:
 
 def mjx_rollout(job: Job) -> None:
     """Every transition of every episode simulated by MJX, all on the device."""
-    physics = make_physics(job.semantics.task, "mjx", implementation=job.implementation)
+    rollout(
+        job, make_physics(job.semantics.task, "mjx", implementation=job.implementation), f"MJX {job.implementation}"
+    )
+
+
+def rollout(job: Job, physics: Physics, way: str) -> None:
+    """Rollouts, without chance and with a fate of its own for every episode."""
     for size in job.fitting():
+        trees, (layouts, which) = job.some_trees(size), job.starts(size)
         evaluator = RolloutEvaluator(job.semantics, physics, batch=size)
-        run = functools.partial(evaluator, job.some_trees(size), *job.starts(size))
-        seconds, compiling, _ = timed(job, run)
-        speed(f"MJX {job.implementation}, rollout", size, seconds, compiling)
+        seconds, compiling, _ = timed(job, functools.partial(evaluator, trees, layouts, which))
+        unlike = LeafSemantics(with_faults(job.semantics.task, PRESETS[CHANCE]), job.semantics.vocabulary)
+        fates = sample_fates(unlike.task, 0, layouts=LAYOUTS, draws=-(-size // LAYOUTS), continuous=True)
+        starts = take(sample_layouts(unlike.task, 0, LAYOUTS), np.arange(size) % LAYOUTS)
+        own = np.arange(size, dtype=np.int32)[:, None]
+        evaluator = RolloutEvaluator(unlike, physics, batch=size)
+        with_chance, compiling_chance, _ = timed(job, functools.partial(evaluator, trees, starts, own, fates))
+        more = {"compile [s]": compiling_chance, "run [s]": with_chance, "episodes/s": size / with_chance}
+        speed(f"{way}, rollout", size, seconds, compiling, **{f"with chance, {name}": more[name] for name in more})
 
 
 def timed(job: Job, run: Callable[[], Any]) -> tuple[float, float, Any]:
@@ -224,7 +249,7 @@ def timed(job: Job, run: Callable[[], Any]) -> tuple[float, float, Any]:
 
 
 def speed(way: str, episodes: int, seconds: float, compiling: float, **more: float) -> None:
-    columns = {"of it physics [s]": None, "simulated": None, "episodes/s, table full": None} | more
+    columns = dict.fromkeys(COLUMNS) | more
     rate = episodes / seconds
     say(
         "speed",

@@ -19,7 +19,8 @@ def test_a_small_run_measures_every_part_that_can_be_here(tmp_path):
     gpu.main(gpu.Arguments(small=True, out=tmp_path / "gpu.json"))
     found = json.loads((tmp_path / "gpu.json").read_text())
     ways = [row["way"] for row in found["rows"]]
-    assert {"C engine, table", "MJX jax, table", "MJX jax, rollout"} <= set(ways)
+    assert {"C engine, table", "C engine, rollout", "MJX jax, table", "MJX jax, rollout"} <= set(ways)
+    assert all((row["with chance, episodes/s"] or 0) > 0 for row in found["rows"] if "rollout" in row["way"])
     assert all(row["episodes/s"] > 0 and row["episodes"] == 16 for row in found["rows"])
     assert found["parity"][0]["same verdict"] > 0.9
     assert {"collision", "constraints", "solver"} <= {row["stage"] for row in found["profile"]}
