@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import operator
 from pathlib import Path
-from time import perf_counter
-from typing import Any
+from time import perf_counter, process_time
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -142,6 +142,23 @@ def main(arguments: Arguments) -> None:
     )
 
 
+class Seconds(NamedTuple):
+    """A point in time, or how long something took."""
+
+    wall: float
+    processor: float  # of all threads
+
+    @classmethod
+    def now(cls) -> Seconds:
+        return cls(perf_counter(), process_time())
+
+    def since(self) -> Seconds:
+        return Seconds(perf_counter() - self.wall, process_time() - self.processor)
+
+    def times(self, factor: float) -> Seconds:
+        return Seconds(self.wall * factor, self.processor * factor)
+
+
 def stochastic(
     task: Task, vocabulary: Vocabulary, trees: Trees, layouts: World, some: np.ndarray, arguments: Arguments
 ) -> list[dict[str, Any]]:
@@ -154,32 +171,44 @@ def stochastic(
     which = np.arange(count, dtype=np.int32)[:, None]
     rows: list[dict[str, Any]] = []
 
-    def row(way: str, seconds: float, *, steps: float | None = None, **more: Any) -> None:
-        ratio = rows[0]["seconds"] / seconds if rows else 1.0
-        known = {"seconds": seconds, "compile [s]": more.pop("compiling", 0.0), "episodes/s": count / seconds}
-        rows.append({"with chance, by": way, **known, "ratio to (f)": ratio, "physics steps": steps, **more})
+    def row(way: str, seconds: Seconds, *, compiling: float = 0.0, steps: float | None = None, note: str = "") -> None:
+        first = rows[0] if rows else {"seconds": seconds.wall, "of the processor": seconds.processor}
+        rows.append(
+            {
+                "with chance, by": way,
+                "seconds": seconds.wall,
+                "of the processor": seconds.processor,
+                "compile [s]": compiling,
+                "episodes/s": count / seconds.wall,
+                "ratio to (f)": first["seconds"] / seconds.wall,
+                "ratio, processor": first["of the processor"] / seconds.processor,
+                "physics steps": steps,
+                "note": note,
+            }
+        )
 
     sample = some[: arguments.plain]
     classes, mishaps = mishaps_of(Variants(semantics), fates[sample])
     plain, expected = FaultyEpisode(task, classes), []
     decoded = [decode(trees[i], vocabulary) for i in sample]
-    began = perf_counter()
+    began = Seconds.now()
     for i, tree in enumerate(decoded):
         plain.mishaps = jax.tree.map(operator.itemgetter(i), mishaps)
         expected.append(plain.run(tree, take(layouts, 0)))
     scale = count / len(sample)
-    seconds = (perf_counter() - began) * scale
-    row("(f) py_trees + MuJoCo, one by one", seconds, steps=plain.steps * scale, note=f"{len(sample)} trees, scaled up")
+    note = f"{len(sample)} trees, scaled up"
+    row("(f) py_trees + MuJoCo, one by one", began.since().times(scale), steps=plain.steps * scale, note=note)
 
     def rollout(way: str, physics: Physics, chosen: np.ndarray) -> np.ndarray:
         evaluator = RolloutEvaluator(semantics, physics, batch=len(chosen))
         times = []
         for _ in range(2):
-            began = perf_counter()
+            began = Seconds.now()
             found = evaluator(trees[chosen], start, which[chosen], fates)
-            times.append((perf_counter() - began) * count / len(chosen))
-        note = "" if len(chosen) == count else f"{len(chosen)} trees, scaled up"
-        row(way, times[1], compiling=(times[0] - times[1]) * len(chosen) / count, note=note)
+            times.append(began.since())
+        scale = count / len(chosen)
+        note = "" if scale == 1 else f"{len(chosen)} trees, scaled up"
+        row(way, times[1].times(scale), compiling=times[0].wall - times[1].wall, note=note)
         return found.values[:, 0]
 
     found = rollout("(g) mujoco, rollout", make_physics(task, "mujoco"), np.arange(count))

@@ -39,7 +39,9 @@ class HostRollout:
 
     def __init__(self, semantics: LeafSemantics, physics: Physics, *, trace: bool = False) -> None:
         self.semantics, self.trace = semantics, trace
-        self.settler, self._variants = Settler(semantics.task, physics), Variants(semantics)
+        self._variants = Variants(semantics)
+        self._settler = Settler(semantics.task, physics)
+        self._forgetful = Settler(semantics.task, physics, memory=0)
 
     def __call__(
         self, trees: Trees, tree: Int32[np.ndarray, " E"], start: World, chances: Chances | None
@@ -79,7 +81,7 @@ class HostRollout:
         if running.size:
             fates = None if chances is None else chances.fates[running]
             released = carry_out(self._variants, take(world, running), command[running], fates, tick[running])
-            poses, ok = self.settler.settle(released)
+            poses, ok = self._settler_of(chances).settle(released)
             broken[running] = ~ok
             world = _replaced(world, running[ok], settled_world(task, released, poses), ok)
         if chances is not None:
@@ -96,6 +98,10 @@ class HostRollout:
             assert counted.struck is not None
             counted.struck[rows] |= own.struck_between(before, after, tick[rows])
         return world, counted
+
+    def _settler_of(self, chances: Chances | None) -> Settler:
+        """Return what remembers its solutions, unless errors are continuous: then no problem comes twice."""
+        return self._forgetful if chances is not None and chances.fates.unit is not None else self._settler
 
 
 def _replaced(
