@@ -19,6 +19,7 @@ __all__ = ["MujocoPhysics"]
 
 _CONTROL = int(mujoco.mjtState.mjSTATE_MOCAP_POS)
 MODELS = 256  # that are kept
+FIRST_LOOK = 8  # steps, after which most problems rest
 
 
 class MujocoPhysics:
@@ -51,8 +52,12 @@ class MujocoPhysics:
         )
         for count in range(1, poses.shape[1] + 1):
             rows = np.flatnonzero(counts == count)
-            if rows.size:
-                self._settle_equal(rows, count, kits[rows], poses[rows], present[rows], result)
+            # What is not at rest after a few steps begins again in longer pieces, so that the result is theirs.
+            for pieces in ((FIRST_LOOK,), tuple(_pieces(timing(self.task).most_steps))):
+                if rows.size:
+                    rows = rows[
+                        ~self._settle_equal(rows, count, kits[rows], poses[rows], present[rows], pieces, result)
+                    ]
         return result
 
     def _settle_equal(
@@ -62,9 +67,11 @@ class MujocoPhysics:
         kits: Float32[np.ndarray, "n T 3"],
         poses: Float32[np.ndarray, "n B 7"],
         present: Bool[np.ndarray, "n B"],
+        pieces: tuple[int, ...],
         result: Settled,
-    ) -> None:
-        """Solve problems with equally many objects and write them into `result`."""
+    ) -> Bool[np.ndarray, " n"]:
+        """Simulate problems with equally many objects, in pieces of so many steps, until they rest; write them into
+        `result`, and return which of them do."""
         index = np.nonzero(present)[1].reshape(-1, count)
         index = np.take_along_axis(index, np.argsort(self._body[index], axis=1, kind="stable"), axis=1)
         start = np.take_along_axis(poses, index[..., None], axis=1).astype(np.float64)
@@ -76,7 +83,7 @@ class MujocoPhysics:
         state[:, 1 : 1 + 7 * count] = start.reshape(len(rows), -1)
         quiet = _Quiet(self.task, start)
         active = np.arange(len(rows))
-        for nstep in _chunks(quiet.scales.most_steps):
+        for nstep in pieces:
             places = kits[active].reshape(len(active), 1, -1).astype(np.float64)
             control = np.broadcast_to(places, (len(active), nstep, places.shape[2]))
             trajectory = np.empty((len(active), nstep, state.shape[1]))
@@ -99,6 +106,7 @@ class MujocoPhysics:
         np.put_along_axis(reach := result.reach[rows], index, quiet.reach.astype(np.float32), axis=1)
         result.poses[rows], result.reach[rows] = placed, reach
         result.ok[rows], result.steps[rows] = quiet.ok, quiet.steps
+        return np.isin(np.arange(len(rows)), active, invert=True)
 
     def _model(self, bodies: bytes) -> mujoco.MjModel:
         """Return the model of objects with the bodies of these numbers, one int8 each and ascending; objects that only
@@ -175,7 +183,7 @@ class _Quiet:
         return ((begun + qpos.shape[1]) % window == 0) & (self.wandered[active] < 1)
 
 
-def _chunks(most: int) -> Iterator[int]:
+def _pieces(most: int) -> Iterator[int]:
     """Yield numbers of steps between two checks for rest, `most` together: often while most problems end."""
     done = 0
     while done < most:
