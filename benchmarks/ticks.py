@@ -2,12 +2,16 @@
 
 Both are prepared before they are ticked: py_trees builds its objects, bt_jax its jump tables. A tree is ticked up to 15
 times in each layout, so the main ratio is that of ticks alone; the other one counts both preparations and a single tick.
+
+With `--decorators` it measures instead what the state of retry and timeout costs: the same trees as jump tables without
+state, in the walk that counts, and with decorators around some of their subtrees.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable
 from pathlib import Path
 from time import perf_counter
@@ -19,10 +23,11 @@ import numpy as np
 import tyro
 
 from benchmarks._report import best_seconds, report
-from bt_jax.behaviors import gene_pool
-from bt_jax.encoding.arrays import Trees, decode
+from bt_jax.behaviors import Control, Decorator, ExtendedNode, Kind, Tree, gene_pool
+from bt_jax.encoding.arrays import Trees, decode, encode_all
 from bt_jax.encoding.formats.py_trees import to_py_trees
-from bt_jax.encoding.tick import JumpTable, Status, jump_table, tick_trees
+from bt_jax.encoding.tick import JumpTable, Status, counters, jump_table, tick_trees
+from bt_jax.encoding.walk import decorators
 from bt_jax.gp.alphabet import Alphabet
 from bt_jax.gp.random_trees import random_trees
 from bt_jax.tasks import load_task
@@ -40,11 +45,16 @@ class Arguments:
     """sizes of the trees"""
     sample: int = 2_000
     """trees that py_trees ticks; its time is scaled up"""
+    decorators: bool = False
+    """measure what decorators cost instead"""
     out: Path | None = None
     """JSON file to write"""
 
 
 def main(arguments: Arguments) -> None:
+    if arguments.decorators:
+        report("ticks_decorators", "one tick without and with state", _costs(arguments), out=arguments.out)
+        return
     vocabulary = gene_pool(load_task("stack"))
     rng = np.random.default_rng(0)
     rows = []
@@ -86,6 +96,67 @@ def _tables(trees: Trees) -> JumpTable:
 def _walk(table: JumpTable, statuses: jax.Array) -> jax.Array:
     def one_block(rows):
         return tick_trees(table, lambda token: statuses[rows, token], tree=rows).status
+
+    return _in_blocks(one_block, statuses.shape[0])
+
+
+def _costs(arguments: Arguments) -> list[dict[str, float]]:
+    """Measure ticks of `sample` trees, repeated, in the three ways; times are the best of some that take turns."""
+    vocabulary = gene_pool(load_task("stack")).extended((), DECORATORS)
+    count, rng, rows = arguments.trees, np.random.default_rng(0), []
+    which = jnp.arange(count, dtype=jnp.int32) % arguments.sample
+    for nodes in arguments.nodes:
+        key = jax.random.key(0)
+        plain = random_trees(key, Alphabet.of(vocabulary), count=arguments.sample, num_nodes=64, nodes=nodes)
+        trees = [decode(plain[row], vocabulary) for row in range(arguments.sample)]
+        wrapped = [_decorated(tree, rng) for tree in trees]
+        decorated = encode_all(wrapped, vocabulary, 64)
+        statuses = jnp.asarray(rng.integers(0, 3, (count, len(vocabulary)), dtype=np.int8))
+        counting = counters(vocabulary)
+        tables = [jump_table(plain), jump_table(plain, counting), jump_table(decorated, counting)]
+        counts = jnp.asarray(rng.integers(0, 2, (count, 64), dtype=np.uint8))
+        walks = [functools.partial(jax.jit(_repeated), table, statuses, which, counts) for table in tables]
+        for walk in walks:
+            jax.block_until_ready(walk())
+        best = [math.inf] * len(walks)
+        for _ in range(10):
+            best = [min(known, best_seconds(walk, repeat=2)) for known, walk in zip(best, walks, strict=True)]
+        rows.append(
+            {
+                "nodes": nodes,
+                "decorators": float(np.mean([len(decorators(tree)) for tree in wrapped])),
+                "ticks/s": count / best[0],
+                "ticks/s, counting": count / best[1],
+                "ticks/s, decorators": count / best[2],
+                "ratio, counting": best[1] / best[0],
+                "ratio, decorators": best[2] / best[0],
+            }
+        )
+    return rows
+
+
+DECORATORS = tuple(Decorator(kind, number) for kind in (Kind.RETRY, Kind.TIMEOUT) for number in (2, 3, 5))
+
+
+def _decorated(tree: Tree, rng: np.random.Generator) -> Tree:
+    """Return a tree with decorators around a third of its control nodes, actions and genes."""
+    if isinstance(tree, Control):
+        tree = Control(tree.kind, tuple(_decorated(child, rng) for child in tree.children))
+    if rng.random() > 1 / 3 or tree.kind == Kind.CONDITION:
+        return tree
+    one = DECORATORS[rng.integers(len(DECORATORS))]
+    return ExtendedNode(one.kind.name.lower(), (tree,), one.number)
+
+
+def _repeated(
+    table: JumpTable, statuses: jax.Array, which: jax.Array, counts: jax.Array
+) -> tuple[jax.Array, jax.Array | None]:
+    """Tick trees `which`; return what they return, and the counts for the next tick if the walk counts."""
+
+    def one_block(rows):
+        own = None if table.counting is None else counts[rows]
+        ticked = tick_trees(table, lambda token: statuses[rows, token], tree=which[rows], counts=own)
+        return ticked.status, ticked.counts
 
     return _in_blocks(one_block, statuses.shape[0])
 
