@@ -39,13 +39,13 @@ from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.world import World, concatenate, take
 from bt_jax.tasks import Task, load_faults, load_task, task_of_folder, with_faults
-from bt_jax.training.console import failures_met, faults_met, tested_in
+from bt_jax.training.console import failures_met, faults_met, where_tested
 from bt_jax.training.levels import make_level
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import UNSEEN, Backend, Level, Settings
 from bt_jax.training.simplify import simplify
-from bt_jax.training.testing import explained, test_of
+from bt_jax.training.testing import as_test, explained
 
 __all__ = ["robot", "run"]
 
@@ -196,10 +196,10 @@ def _test(console: Console, semantics: LeafSemantics, physics: Physics, tree: Tr
     task, settings = semantics.task, config.settings
     draws = settings.draws_of(task)
     layouts, fates = sample_episodes(task, [UNSEEN, config.gp.seed], layouts=settings.test_layouts, draws=draws)
-    test = test_of(survey(semantics, physics, tree, layouts, fates), len(layouts.held), draws=draws)
+    test = as_test(survey(semantics, physics, tree, layouts, fates), len(layouts.held), draws=draws)
     test = explained(test, semantics, Settler(task, physics), tree, layouts, fates)
     console.print(
-        f"success      [bold]{test.solved.sum()} of {len(test.solved)}[/] {tested_in(test)}, "
+        f"success      [bold]{test.solved.sum()} of {len(test.solved)}[/] {where_tested(test)}, "
         f"fitness there {test.fitness.mean():.1f} ± {test.fitness.std():.1f}\n"
         f"{faults_met(test)}{failures_met(test)}".rstrip()
     )

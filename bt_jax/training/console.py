@@ -25,7 +25,7 @@ from bt_jax.training.progress import Stage
 from bt_jax.training.result import EXPLAINED, Failures, Result, Session, Test
 from bt_jax.training.training import Training
 
-__all__ = ["TrainingDisplay", "failures_met", "faults_met", "tested_in"]
+__all__ = ["TrainingDisplay", "failures_met", "faults_met", "where_tested"]
 
 PLURALS: Mapping[str, str] = MappingProxyType(
     {  # fault, a key of `tasks.faults.FAULTS` -> what a count of episodes with it is called
@@ -84,7 +84,7 @@ class TrainingDisplay:
         success = test.success_rate * len(test.solved)
         self.console.print(
             f"fitness      [bold]{result.fitness:.1f}[/]\n"
-            f"success      [bold]{success:.0f} of {len(test.solved)}[/] {tested_in(test)}, "
+            f"success      [bold]{success:.0f} of {len(test.solved)}[/] {where_tested(test)}, "
             f"fitness there {test.fitness.mean():.1f} ± {test.fitness.std():.1f}\n"
             f"{faults_met(test)}{failures_met(test)}"
             f"evolution    {result.generations} generations, {sum(result.episodes):,} episodes{each}; this session "
@@ -159,7 +159,7 @@ def _extent(config: GPConfig) -> str:
     return f"{config.population} trees a generation, {most}{config.num_generations:,} generations"
 
 
-def tested_in(test: Test) -> str:
+def where_tested(test: Test) -> str:
     """Return what a test counts, with the interval of its success rate where chance has a part in it."""
     if test.struck is None:
         return "unseen layouts"

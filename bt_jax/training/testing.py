@@ -16,10 +16,10 @@ from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.world import World, take
 from bt_jax.training.result import EXPLAINED, Failures, Test
 
-__all__ = ["explained", "test_of"]
+__all__ = ["as_test", "explained"]
 
 
-def test_of(evaluation: Evaluation, rows: int, *, draws: int) -> Test:
+def as_test(evaluation: Evaluation, rows: int, *, draws: int) -> Test:
     """Return the test whose episodes are the first `rows` of an evaluation."""
     struck = None if evaluation.struck is None else evaluation.struck.reshape(-1)[:rows]
     return Test(evaluation.solved.reshape(-1)[:rows], evaluation.values.reshape(-1)[:rows], draws=draws, struck=struck)

@@ -36,7 +36,7 @@ from bt_jax.training.levels import make_level
 from bt_jax.training.result import Result, Test
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.settings import CONFIRMED, CONFIRMING, UNSEEN, Settings
-from bt_jax.training.testing import explained, test_of
+from bt_jax.training.testing import as_test, explained
 
 __all__ = ["Training", "evolve"]
 
@@ -204,7 +204,7 @@ class Training:
         layouts, fates = self._unseen(self.settings.test_layouts if count is None else count)
         rows = len(layouts.held)
         trees, which = self._copies(encode(tree, self.vocabulary, self.config.max_nodes)[None], rows)
-        return test_of(self.evaluator(trees, layouts, which, fates), rows, draws=self.draws)
+        return as_test(self.evaluator(trees, layouts, which, fates), rows, draws=self.draws)
 
     def _unseen(self, count: int) -> tuple[World, Fates | None]:
         return sample_episodes(self.task, [UNSEEN, self.config.seed], layouts=count, draws=self.draws)

@@ -21,6 +21,7 @@ from bt_jax.behaviors.geometry import (
     turn_error,
 )
 from bt_jax.behaviors.pose import Pose
+from bt_jax.mjx_env.episodes.fault_reasons import why_mishap, why_moved, why_unknown
 from bt_jax.mjx_env.episodes.playback import Playback, Tick
 from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.mjx_env.semantics import LeafSemantics
@@ -54,6 +55,8 @@ def explain_failure(task: Task, playback: Playback) -> str:
     assert not playback.solved
     if playback.ending == Ending.BROKEN:
         return ENDINGS[Ending.BROKEN]
+    if reason := why_unknown(task, playback):
+        return reason
     missed = [target for target, met in zip(task.targets, playback.misses.met, strict=True) if not met]
     return _why_missed(task, playback, missed[0]) if missed else ENDINGS[playback.ending]
 
@@ -65,11 +68,11 @@ def _why_missed(task: Task, playback: Playback, target: Target) -> str:
     if len(task.instances[name]) > 1:
         puts = [tick for tick in puts if _is_meant(task, tick, target)]
     if puts and not _arrived(task, puts[-1]):
-        return _why_not_there(task, puts[-1])
+        return why_mishap(puts[-1], _carried(task, puts[-1])) or _why_not_there(task, puts[-1])
     if puts and _is_met(task, puts[-1].after, target):
         one = _carried(task, puts[-1])
         if is_upright(task.thing(one), poses[one]) and is_off_floor(task, poses, one):
-            return f"{one} does not stay in its place"
+            return why_moved(playback, puts[-1], one) or f"{one} does not stay in its place"
     inside = [other for other in task.object_names if other != held and _is_inside(task, poses, target, other)]
     own = [other for other in inside if other in task.instances[name]]
     if own:

@@ -30,6 +30,8 @@ GRASP_SECONDS = 0.22
 RISE_SECONDS = 0.4
 PAUSE_SECONDS = 0.4
 END_SECONDS = 1.2
+TROUBLE_SECONDS = 0.6
+MEDDLE_SECONDS = 0.8
 
 Pose = Float[np.ndarray, "7"]
 Poses = Float[np.ndarray, "B 7"]
@@ -49,8 +51,12 @@ def shots(semantics: LeafSemantics, playback: Playback, *, fps: float) -> list[S
     stage = Stage(semantics, playback.start, fps=fps)
     stage.hold(PAUSE_SECONDS)
     for i, tick in enumerate(playback.ticks):
+        stage.meddle(tick.before)
         stage.caption = f"tick {i + 1}: {tick.command or tick.status.name}"
         stage.run(tick, playback.ticks[i + 1 :])
+        for trouble in tick.troubles:
+            stage.caption = trouble
+            stage.hold(TROUBLE_SECONDS)
     stage.caption = "end"
     stage.leave()
     stage.hold(END_SECONDS)
@@ -104,6 +110,9 @@ class Stage:
         released = self._released(tick)
         motion = _fall(self.task, released, tick.after.poses[0].astype(float), self.fps)
         handled = int(released.box[0])
+        if tick.mishaps is not None and (tick.mishaps.jams[0] or tick.mishaps.slips[0]):
+            self._fail(command.name, tick, later, slips=bool(tick.mishaps.slips[0]))
+            return
         match command.name:
             case "pick":
                 grasp = self._choose_grasp(handled, tick, later)
@@ -121,6 +130,35 @@ class Stage:
             case "close_gripper":
                 self.grip(0.0)
         self.poses = tick.after.poses[0].astype(float)
+
+    def _fail(self, name: str, tick: Tick, later: Sequence[Tick], *, slips: bool) -> None:
+        """Show a command that comes to nothing: the gripper goes where it would have done it, and, if the object `slips`,
+        closes and rises without it."""
+        assert tick.command is not None
+        released = self._carried_out(tick)
+        handled = int(released.box[0])
+        if name == "pick":
+            grasp = self._choose_grasp(handled, tick, later)
+            self.travel(self._tip(tick.before.poses[0, handled], grasp.lift), grasp.yaw, WIDE * grasp.width)
+            if slips:
+                self.grip(grasp.width)
+                above = self.tip + np.array([0, 0, 0.5 * self.tall])
+                self.move(self._line(above), self.rising, opening=0.0)
+        elif name == "place":
+            lift = self.tip[2] - self.poses[handled, 2]
+            turn = _turned(tick.before.poses[0, handled], released.poses[0, handled])
+            self.travel(self._tip(released.poses[0, handled], lift), self.yaw + turn, self.opening)
+
+    def meddle(self, world: World) -> None:
+        """Show what has happened to objects since the last tick: they glide to where they are now."""
+        before, after = self.poses, world.poses[0].astype(float)
+        if np.array_equal(before.astype(np.float32), after.astype(np.float32)):
+            return
+        count = max(1, round(MEDDLE_SECONDS * self.fps))
+        for k in range(1, count + 1):
+            self.poses = _between(before, after, _ease(k / count))
+            self.shoot()
+        self.poses = after
 
     def leave(self) -> None:
         """Send an empty gripper back to where it hides nothing."""
@@ -203,7 +241,15 @@ class Stage:
         return lambda s: start + s * (np.asarray(goal, float) - start)
 
     def _released(self, tick: Tick) -> Released:
-        return act(self.semantics, tick.before, np.array([self.semantics.commands.index(tick.command)], np.int32))
+        """Return the state in the middle of a command, in the way it goes."""
+        return act(self.semantics, tick.before, self._number(tick), tick.mishaps)
+
+    def _carried_out(self, tick: Tick) -> Released:
+        """Return the state in the middle of a command as if nothing went wrong."""
+        return act(self.semantics, tick.before, self._number(tick))
+
+    def _number(self, tick: Tick) -> np.ndarray:
+        return np.array([self.semantics.commands.index(tick.command)], np.int32)
 
     def _choose_grasp(self, box: int, tick: Tick, later: Sequence[Tick]) -> Grasp:
         """Return the grasp with most room for the fingers where the object is taken and where it is put, the narrowest of
