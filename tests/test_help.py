@@ -8,7 +8,7 @@ import pytest
 from bt_jax.tasks import task_names
 
 HEAVY = ("jax", "mujoco", "sklearn", "scipy", "matplotlib", "cv2", "pinocchio", "nicegui")
-DEPLOY = ("twin", "check", "run", "markers", "calibrate", "rapid", "replay")
+DEPLOY = ("twin", "check", "run", "markers", "calibrate", "rapid", "rates", "replay")
 COMMANDS = (
     "train",
     "learn",

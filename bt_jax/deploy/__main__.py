@@ -25,6 +25,7 @@ COMMANDS = {  # name -> module, arguments, function, one line
     "markers": ("markers", "MarkersArguments", "markers_command", "print the markers of a task"),
     "calibrate": ("calibrate", "CalibrateArguments", "calibrate_command", "measure the camera and where it stands"),
     "rapid": ("rapid", "RapidArguments", "rapid_command", "write the program of the robot's controller"),
+    "rates": ("rates", "RatesArguments", "rates_command", "estimate from logs how often what goes wrong"),
     "replay": (
         "replay",
         "ReplayArguments",

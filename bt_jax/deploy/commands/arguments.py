@@ -23,6 +23,7 @@ __all__ = [
     "MarkersArguments",
     "MovingArguments",
     "RapidArguments",
+    "RatesArguments",
     "RealCellArguments",
     "RecoverArguments",
     "ReplayArguments",
@@ -340,6 +341,27 @@ class RapidArguments:
     def check(self) -> None:
         """Raise UserError for arguments that cannot work."""
         _check_mass(self.gripper_mass)
+
+
+@dataclasses.dataclass(frozen=True)
+class RatesArguments:
+    """Estimate from logs how often what goes wrong: slips, drops, jams, errors of places, and what a person does.
+
+    Each rate comes with its 95 % interval, which is wide where there were few tries. The file says the rates as `--faults`
+    of train, run and twin reads them.
+    """
+
+    logs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG|FOLDER")]
+    """files that twin or run has written, or folders of them"""
+    out: Path | None = None
+    """YAML file to write the rates to"""
+
+    def check(self) -> None:
+        """Raise UserError for arguments that cannot work."""
+        if self.out is not None and self.out.suffix not in (".yaml", ".yml"):
+            raise UserError(f"{self.out} is no file of faults; let its name end in .yaml")
+        if self.out is not None and not self.out.parent.is_dir():
+            raise UserError(f"there is no folder {self.out.parent}; make it, or name another")
 
 
 @dataclasses.dataclass(frozen=True)
