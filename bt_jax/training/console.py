@@ -183,7 +183,7 @@ def failures_met(test: Test) -> str:
             f"{'failures' if not lines else '':12} {len(group.layouts)}: {escape(group.reason)} ({_where(group, test)})\n"
         )
     if rest := sum(len(group.layouts) for group in test.failures[len(shown) :]):
-        lines.append(f"{'':12} {rest}: for other reasons, which result.json names\n")
+        lines.append(f"{'':12} {rest}: for other reasons\n")
     if test.unexplained:
         lines.append(f"{'':12} {test.unexplained}: not looked into (only the first {EXPLAINED} that fail are)\n")
     return "".join(lines)

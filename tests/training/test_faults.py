@@ -73,7 +73,7 @@ def test_a_test_is_told_with_interval_faults_and_the_three_commonest_ways_of_fai
     lines = failures_met(test).splitlines()
     assert lines[0] == "failures     5: reason 0 (layout.draw 1.1, 2.2, 3.3, 4.4, 5.5)"
     assert len(lines) == 4
-    assert lines[3].strip() == "3: for other reasons, which result.json names"
+    assert lines[3].strip() == "3: for other reasons"
 
 
 def test_without_faults_there_are_no_draws():

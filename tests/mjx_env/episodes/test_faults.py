@@ -1,16 +1,19 @@
 """Episodes in which things go wrong: the table, the rollout and the playback of one fate are the same episode."""
 
+import dataclasses
 import functools
 
 import numpy as np
 import pytest
 
+from bt_jax._util.statistics import wilson
 from bt_jax.behaviors import gene_pool
 from bt_jax.encoding.arrays import encode_all
+from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.mjx_env.episodes.evaluator import TableEvaluator
 from bt_jax.mjx_env.episodes.playback import play
 from bt_jax.mjx_env.episodes.rollout import RolloutEvaluator
-from bt_jax.mjx_env.faults.fates import nothing_wrong, sample_fates
+from bt_jax.mjx_env.faults.fates import nothing_wrong, sample_episodes, sample_fates
 from bt_jax.mjx_env.faults.variants import bit
 from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.mjx_env.physics.settler import Settler
@@ -70,6 +73,22 @@ def test_a_rollout_is_the_episode_of_the_table(task_name):
     np.testing.assert_array_equal(ours.ending, theirs.ending)
     np.testing.assert_array_equal(ours.ticks, theirs.ticks)
     np.testing.assert_allclose(ours.values, theirs.values, atol=0.5)
+
+
+def test_gaussian_errors_succeed_as_often_as_the_draws_of_the_table():
+    task = with_faults(load_task("stack"), Faults(drop=0.1, place_spread=0.02, turn_spread=3.0))
+    task = dataclasses.replace(task, episode=dataclasses.replace(task.episode, max_ticks=12))  # for one try more
+    pool, count = gene_pool(task), 60
+    tree = parse_tree("Sequence(move(YellowBox, (0, 0, 0.055), KittingBox), move(GreenBox, (0, 0, 0.1), YellowBox))")
+    semantics, encoded = LeafSemantics(task, pool), encode_all([tree], pool, 16)
+    layouts, fates = sample_episodes(task, 3, layouts=count, draws=2)
+    gaussian = sample_fates(task, 3, layouts=count, draws=2, continuous=True)
+    table = TableEvaluator(semantics, Kinematic(task), batch=1)(encoded, layouts, fates=fates)
+    rollout = RolloutEvaluator(semantics, Kinematic(task), batch=1)(encoded, layouts, fates=gaussian)
+    assert 0.3 < table.solved.mean() < 1
+    low, high = wilson(int(table.solved.sum()), table.solved.size)
+    assert low <= rollout.solved.mean() <= high
+    assert (table.misses.distance != rollout.misses.distance).any()
 
 
 def test_every_fault_happens_in_the_episodes():
