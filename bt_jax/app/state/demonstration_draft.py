@@ -12,6 +12,7 @@ import numpy as np
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.state.workspace import Workspace
+from bt_jax.mjx_env.driving import start as base_at_start
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Task, task_from_dict
@@ -93,6 +94,7 @@ class DemonstrationDraft:
                 held=np.array(start["held"], np.int8).reshape(1),
                 gripper_open=np.array(start["gripper_open"], bool).reshape(1),
                 reached=np.array(start["reached"], bool).reshape(1, len(task.subgoals)),
+                base=base_at_start(task, 1),
             )
             inputs = tuple(Input(kind, what) for kind, what in data["inputs"])
             valid = _is_plausible(world) and all(map(_is_valid, inputs))

@@ -13,6 +13,7 @@ from bt_jax._util.errors import UserError
 from bt_jax.app.plain_words import Words
 from bt_jax.lfd import Action, Demonstration, Frames
 from bt_jax.lfd.contact import supports
+from bt_jax.mjx_env.driving import start
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Task
@@ -78,6 +79,7 @@ def world_of(action: Action, task: Task) -> World:
         held=np.array([-1], np.int8),
         gripper_open=np.array([True]),
         reached=np.zeros((1, len(task.subgoals)), bool),
+        base=start(task, 1),
     )
 
 

@@ -97,7 +97,7 @@ export default {
       this.scene.add(key);
       this.bodies = {};
       this.ghosts = {};
-      this.motion = this.drag = this.frozen = this.dropped = this.gripper = null; // until Python shows a state
+      this.motion = this.drag = this.frozen = this.dropped = this.gripper = this.base = null; // until Python shows a state
       this.dragging = "";
       for (const geom of this.model.geoms.filter(({ type }) => type !== "plane")) this.body(geom.body).add(meshOf(geom));
       this.tags = this.model.objects.map(({ name }) => {
@@ -130,7 +130,7 @@ export default {
       return this.model.objects.find((thing) => thing.name === name);
     },
 
-    // Glides to a state: {objects: [pose, ...], kits: [pose, ...], gripper: [x, y, z, opening, yaw]}.
+    // Glides to a state: {objects: [pose, ...], kits: [pose, ...], gripper: [x, y, z, opening, yaw], base: [x, y, z] or null}.
     show(state, glide = true) {
       this.model.kits.forEach(({ name }, k) => setPose(this.bodies[name], state.kits[k]));
       const now = this.state();
@@ -138,7 +138,7 @@ export default {
       this.last = state;
       if (!glide || document.hidden || STILL.matches) {
         this.motion = null;
-        this.place(state.objects, state.gripper);
+        this.place(state);
       } else {
         this.motion = { states: [now, state], began: performance.now(), milliseconds: GLIDE };
       }
@@ -151,7 +151,7 @@ export default {
       this.last = states.at(-1);
       if (STILL.matches) {
         this.motion = null;
-        this.place(this.last.objects, this.last.gripper);
+        this.place(this.last);
         return this.draw();
       }
       this.motion = { states, began: performance.now(), milliseconds };
@@ -191,7 +191,7 @@ export default {
     // Python has taken or refused what was dropped, and shows the scene next.
     drop() {
       this.dropped = null;
-      if (!this.motion && !this.frozen) this.place(this.last.objects, this.last.gripper);
+      if (!this.motion && !this.frozen) this.place(this.last);
       this.draw();
     },
 
@@ -202,15 +202,18 @@ export default {
     },
 
     state() {
-      return { objects: this.model.objects.map(({ name }) => poseOf(this.bodies[name])), gripper: this.gripper };
+      const objects = this.model.objects.map(({ name }) => poseOf(this.bodies[name]));
+      return { objects, gripper: this.gripper, base: this.base };
     },
 
-    place(objects, gripper) {
+    place({ objects, gripper, base }) {
       this.model.objects.forEach(({ name }, i) => {
         const body = this.bodies[name];
         if (body !== this.drag?.object && body !== this.dropped) setPose(body, objects[i]);
       });
       this.gripper = gripper;
+      this.base = base;
+      if (base) this.bodies["scene/base"].position.set(...base);
       const [x, y, z, opening, yaw] = gripper;
       const along = new THREE.Vector3(Math.cos(yaw), Math.sin(yaw), 0);
       for (const [name, side] of [["scene/gripper", 0], ["scene/finger_right", 1], ["scene/finger_left", -1]]) {
@@ -221,8 +224,7 @@ export default {
 
     advance(time) {
       const { states, began, milliseconds } = this.motion;
-      const { objects, gripper } = stateAt(states, (time - began) / milliseconds);
-      this.place(objects, gripper);
+      this.place(stateAt(states, (time - began) / milliseconds));
       if (time >= began + milliseconds) this.motion = null;
     },
 

@@ -148,7 +148,7 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
         else:
             shot, self._cue = _at_rest(self.studio.edited.task, world), None
         kits = [[*_plain(origin), 1, 0, 0, 0] for origin in np.asarray(world.kits)[0]]
-        self._call("show", {**_state(shot), "kits": kits}, glide)
+        self._call("show", {**self._state(shot), "kits": kits}, glide)
         self._show_targets()
 
     def _show_targets(self) -> None:
@@ -172,10 +172,19 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
             return
         self._cue = cue
         if cue.kind == "play":
-            self._call("play", [_state(shot) for shot in cue.shots], 1000 * cue.seconds)
+            self._call("play", [self._state(shot) for shot in cue.shots], 1000 * cue.seconds)
             self._show_targets()
         else:
             self._call("freeze", cue.kind == "freeze")
+
+    def _state(self, shot: Shot) -> dict[str, Any]:
+        """Return what the browser shows of one moment."""
+        gripper = shot.gripper
+        return {
+            "objects": [_plain(pose) for pose in shot.poses],
+            "gripper": _plain([*gripper.position, gripper.opening, gripper.yaw]),
+            "base": None if shot.base is None else _plain([*shot.base, self.studio.edited.task.floor]),
+        }
 
     def _call(self, method: str, *arguments: Any) -> None:
         if self._ready:
@@ -285,14 +294,6 @@ def _at_rest(task: Task, world: World) -> Shot:
     """Return the scene between two motions."""
     semantics = LeafSemantics(task, Vocabulary.of([Behavior("open_gripper")]))
     return Stage(semantics, world, fps=1.0).shots[-1]
-
-
-def _state(shot: Shot) -> dict[str, Any]:
-    gripper = shot.gripper
-    return {
-        "objects": [_plain(pose) for pose in shot.poses],
-        "gripper": _plain([*gripper.position, gripper.opening, gripper.yaw]),
-    }
 
 
 def _plain(values: Pose) -> list[float]:

@@ -32,6 +32,7 @@ PAUSE_SECONDS = 0.4
 END_SECONDS = 1.2
 TROUBLE_SECONDS = 0.6
 MEDDLE_SECONDS = 0.8
+DRIVE_SPEED = 1.2  # metres a second
 
 Pose = Float[np.ndarray, "7"]
 Poses = Float[np.ndarray, "B 7"]
@@ -39,11 +40,13 @@ Poses = Float[np.ndarray, "B 7"]
 
 @dataclasses.dataclass(frozen=True)
 class Shot:
-    """One frame: poses of all objects (metres, world; quaternion wxyz) and of the gripper, and what is being done."""
+    """One frame: poses of all objects (metres, world; quaternion wxyz) and of the gripper, what is being done, and where a
+    base is that the robot has."""
 
     poses: Poses
     gripper: GripperPose
     caption: str = ""
+    base: Float[np.ndarray, "2"] | None = None
 
 
 def shots(semantics: LeafSemantics, playback: Playback, *, fps: float) -> list[Shot]:
@@ -80,7 +83,7 @@ class Stage:
         self.scale = math.sqrt(self.tall / REFERENCE_SIZE)
         self.rising = RISE_SECONDS * self.scale
         self.top = max(table.top for table in self.task.tables)
-        self.home = self._home()
+        self.base = None if start.base is None else start.base[0].astype(float)
         self.tip, self.yaw = self.home, 0.0
         self.held: int | None = None
         self.opening = WIDE * self.unit if start.gripper_open[0] else 0.0
@@ -97,7 +100,7 @@ class Stage:
     def shoot(self) -> None:
         x, y, z = map(float, self.tip)
         gripper = GripperPose((x, y, z), float(self.opening), float(self.yaw))
-        self.shots.append(Shot(self.poses.copy(), gripper, self.caption))
+        self.shots.append(Shot(self.poses.copy(), gripper, self.caption, self.base))
 
     def hold(self, seconds: float) -> None:
         self.shots += [self.shots[-1]] * round(seconds * self.fps)
@@ -106,6 +109,9 @@ class Stage:
         """Show the command of a tick, if it has one; `later` ticks tell where an object that is taken will be put."""
         command = tick.command
         if command is None:
+            return
+        if command.name == "approach":
+            self.drive(tick)
             return
         released = self._released(tick)
         motion = _fall(self.task, released, tick.after.poses[0].astype(float), self.fps)
@@ -159,6 +165,21 @@ class Stage:
             self.poses = _between(before, after, _ease(k / count))
             self.shoot()
         self.poses = after
+
+    def drive(self, tick: Tick) -> None:
+        """Move the base to where it is after a tick at an even pace, with the gripper, and what it holds, above it."""
+        assert self.base is not None and tick.after.base is not None  # noqa: PT018
+        start, goal = self.base, tick.after.base[0].astype(float)
+        tip_before, before, after = self.tip, self.poses, tick.after.poses[0].astype(float)
+        over = self._over(goal)
+        if self.held is not None:
+            over = self._tip(after[self.held], self.tip[2] - self.poses[self.held, 2])
+        count = max(1, round(float(np.linalg.norm(goal - start)) / DRIVE_SPEED * self.fps))
+        for k in range(1, count + 1):
+            self.base = start + k / count * (goal - start)
+            self.tip = tip_before + k / count * (over - tip_before)
+            self.poses = _between(before, after, k / count)
+            self.shoot()
 
     def leave(self) -> None:
         """Send an empty gripper back to where it hides nothing."""
@@ -228,8 +249,16 @@ class Stage:
         above = self.tip + np.array([0, 0, 1.3 * self.tall])
         self.move(self._line(above), self.rising, motion=motion[first:])
 
-    def _home(self) -> np.ndarray:
-        """Return a point over the edge of the middle of the tables on the robot's side, where it hides nothing."""
+    def _over(self, base: Float[np.ndarray, "2"]) -> np.ndarray:
+        """Return where the fingertips are above a base."""
+        return np.array([*base, self.task.robot_position[2] + self.tall])
+
+    @property
+    def home(self) -> np.ndarray:
+        """A point above the base or, without one, over the edge of the middle of the tables on the robot's side, where the
+        gripper hides nothing."""
+        if self.base is not None:
+            return self._over(self.base)
         middle = np.mean([table.position[:2] for table in self.task.tables], axis=0)
         toward = np.array(self.task.robot_position[:2]) - middle
         half = min(min(table.size[:2]) for table in self.task.tables) / 2

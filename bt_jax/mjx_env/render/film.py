@@ -49,7 +49,7 @@ def film(
     with Renderer(semantics.task, width=width, height=height) as renderer:
         for shot in takes:
             caption = shot.caption if stills else ""
-            frames.append(frames[-1] if shot is last else renderer(kits, shot.poses, shot.gripper, caption))
+            frames.append(frames[-1] if shot is last else renderer(kits, shot.poses, shot.gripper, caption, shot.base))
             last = shot
             progress(len(frames) / len(takes))
     write_film(path, frames, fps)
@@ -64,7 +64,8 @@ def final_picture(task: Task, playback: Playback, *, width: int = 960, height: i
     final = playback.final
     try:
         with Renderer(task, width=width, height=height) as renderer:
-            frame = renderer(final.kits[0], final.poses[0])
+            base = None if final.base is None else final.base[0]
+            frame = renderer(final.kits[0], final.poses[0], base=base)
     except UserError:
         return None
     buffer = io.BytesIO()

@@ -20,12 +20,15 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from bt_jax._util.errors import UserError
-from bt_jax.mjx_env.scene.mjcf import FIELD_OF_VIEW, GRIPPER, compile_scene
+from bt_jax.mjx_env.scene.mjcf import DRIVEN_BASE, FIELD_OF_VIEW, GRIPPER, compile_scene, gripper_unit
 from bt_jax.tasks import Task
 
 __all__ = ["GripperPose", "Renderer", "View", "available", "contact_sheet", "write_film"]
 
+ARM_COLOUR = (0.62, 0.64, 0.67, 1.0)
 Picture = UInt8[np.ndarray, "height width 3"]
+LINK = 0.62  # length of each of the arm's two links, in its reach
+WRIST = 1.5  # height of the wrist over the fingertips, in units of the gripper
 INSTALL = "on Debian or Ubuntu install libegl1, libegl-mesa0 and libgl1-mesa-dri, or libosmesa6"
 
 
@@ -38,6 +41,15 @@ class GripperPose:
     position: Float[np.ndarray, "3"] | tuple[float, float, float]
     opening: float
     yaw: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Rod:
+    """A straight piece of an arm: its ends and its radius, metres in the world."""
+
+    one: Float[np.ndarray, "3"]
+    other: Float[np.ndarray, "3"]
+    radius: float
 
 
 class View:
@@ -65,13 +77,16 @@ class View:
         self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
         self._camera.fixedcamid = model.camera(camera).id
 
-    def __call__(self, data: mujoco.MjData, caption: str = "") -> Picture:
-        """Return an RGB picture of a state whose kinematics, cameras and lights are up to date."""
+    def __call__(self, data: mujoco.MjData, caption: str = "", rods: Sequence[Rod] = ()) -> Picture:
+        """Return an RGB picture of a state whose kinematics, cameras and lights are up to date, with rods beside what the
+        model has."""
         width, height = self._size
         self._gl.make_current()
         mujoco.mjv_updateScene(
             self._model, data, self._option, None, self._camera, mujoco.mjtCatBit.mjCAT_ALL.value, self._scene
         )
+        for rod in rods:
+            self._add(rod)
         view = mujoco.MjrRect(0, 0, width, height)
         mujoco.mjr_render(view, self._scene, self._context)
         if caption:
@@ -80,6 +95,13 @@ class View:
         picture = np.empty((height, width, 3), np.uint8)
         mujoco.mjr_readPixels(picture, None, view, self._context)
         return np.ascontiguousarray(picture[::-1])
+
+    def _add(self, rod: Rod) -> None:
+        geom = self._scene.geoms[self._scene.ngeom]
+        kind, colour = mujoco.mjtGeom.mjGEOM_CAPSULE, np.array(ARM_COLOUR, np.float32)
+        mujoco.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.eye(3).ravel(), colour)
+        mujoco.mjv_connector(geom, kind, rod.radius, np.asarray(rod.one, float), np.asarray(rod.other, float))
+        self._scene.ngeom += 1
 
     def close(self) -> None:
         """Release the graphics memory."""
@@ -116,16 +138,20 @@ class Renderer:
         poses: Float[np.ndarray, "B 7"],
         gripper: GripperPose | None = None,
         caption: str = "",
+        base: Float[np.ndarray, "2"] | None = None,
     ) -> Picture:
         """Return an RGB picture, with a caption at its top left. `kits` [m, world] are the kits' frames, `poses` are xyz and
-        wxyz of all boxes of the task."""
+        wxyz of all boxes of the task, `base` is where a base stands that the task has, with an arm to the gripper."""
         data = self._data
         data.qpos[:] = np.asarray(poses, float).ravel()
         data.mocap_pos[list(self._ids.kit_mocaps)] = kits
         self._place_gripper(gripper)
+        if base is not None:
+            body = self._model.body_mocapid[self._model.body(DRIVEN_BASE).id]
+            data.mocap_pos[body] = (*base, self._task.floor)
         mujoco.mj_kinematics(self._model, data)
         mujoco.mj_camlight(self._model, data)
-        return self._view(data, caption)
+        return self._view(data, caption, self._arm(gripper, base))
 
     def _place_gripper(self, gripper: GripperPose | None) -> None:
         parts = [self._model.body_mocapid[self._model.body(name).id] for name in GRIPPER]
@@ -136,6 +162,24 @@ class Renderer:
         along = np.array([math.cos(gripper.yaw), math.sin(gripper.yaw), 0.0])
         self._data.mocap_pos[parts] = np.asarray(gripper.position) + np.array([0 * along, half * along, -half * along])
         self._data.mocap_quat[parts] = (math.cos(gripper.yaw / 2), 0, 0, math.sin(gripper.yaw / 2))
+
+    def _arm(self, gripper: GripperPose | None, base: Float[np.ndarray, "2"] | None) -> list[Rod]:
+        """Return the two links of the arm on a base, which meet at an elbow above the line from its shoulder to the
+        gripper."""
+        if gripper is None or base is None or self._task.robot.base is None:
+            return []
+        shoulder = np.array([*base, self._task.robot_position[2]])
+        x, y, z = gripper.position
+        wrist = np.array([x, y, z + WRIST * gripper_unit(self._task)])
+        apart, up = wrist - shoulder, np.array([0.0, 0.0, 1.0])
+        half, link = float(np.linalg.norm(apart)) / 2, LINK * self._task.robot.base.reach
+        across = up - (up @ apart) * apart / max(4 * half**2, 1e-9)
+        if np.linalg.norm(across) < 0.05:  # the gripper is above the shoulder
+            across = np.array([1.0, 0.0, 0.0])
+        rise = math.sqrt(max(link**2 - half**2, 0.0)) / float(np.linalg.norm(across))
+        elbow = shoulder + apart / 2 + rise * across
+        radius = 0.16 * self._task.robot.base.radius
+        return [Rod(shoulder, elbow, radius), Rod(elbow, wrist, radius)]
 
     def close(self) -> None:
         """Release the graphics memory."""

@@ -17,10 +17,11 @@ import mujoco
 import numpy as np
 
 from bt_jax._util.errors import UserError
-from bt_jax.tasks import Kit, Object, Slot, Task
+from bt_jax.tasks import Base, Kit, Object, Slot, Task
 from bt_jax.tasks.support import kit_origin
 
 __all__ = [
+    "DRIVEN_BASE",
     "FLOOR",
     "GRIPPER",
     "PAD",
@@ -50,6 +51,7 @@ FILLED = 0.97  # how much of the picture's width the tables fill
 PALM, PAD = 0.92, 0.3  # height of the palm over the tips, and half that of the pads, in units of the gripper
 FLOOR = "scene/floor"
 GRIPPER = ("scene/gripper", "scene/finger_right", "scene/finger_left")  # the bodies of palm and fingers
+DRIVEN_BASE = "scene/base"  # the body of a base that drives
 FIELD_OF_VIEW = 42  # degrees across the picture, whatever its shape
 
 
@@ -104,6 +106,7 @@ def build_mjcf(task: Task, boxes: Sequence[str] | None = None, *, gripper: bool 
         *(_kit(task, kit) for kit in task.kits),
         *(_box(box, i, task) for i, box in enumerate(chosen)),
         *([_gripper(task)] if gripper else []),
+        *([_base(task, task.robot.base)] if gripper and task.robot.base is not None else []),
         _cameras_and_lights(task),
     ]
     return f"""<mujoco model="{task.name}">
@@ -278,6 +281,18 @@ def _gripper(task: Task) -> str:
     ]
     mirrored: list[Geom] = [(kind, (-pos[0], *pos[1:]), size, material) for kind, pos, size, material in finger]
     return "\n".join(map(_visual_body, GRIPPER, (palm, finger, mirrored)))
+
+
+def _base(task: Task, base: Base) -> str:
+    """Return a mocap body without contacts: a disc on the floor, and a column on it that carries the arm; `render` places
+    it."""
+    top, foot = task.robot_position[2] - task.floor, min(0.3, task.robot_position[2] - task.floor)
+    parts: list[Geom] = [
+        ("cylinder", (0, 0, foot / 2 + 0.02), (base.radius, foot / 2 - 0.02), "metal"),
+        ("cylinder", (0, 0, 0.02), (0.9 * base.radius, 0.02), "rubber"),
+        ("cylinder", (0, 0, top / 2), (0.35 * base.radius, top / 2), "metal"),
+    ]
+    return _visual_body(DRIVEN_BASE, parts)
 
 
 def _visual_body(name: str, geoms: Iterable[Geom]) -> str:

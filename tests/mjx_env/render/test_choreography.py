@@ -17,7 +17,7 @@ from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.mjx_env.physics.settler import Settler
 from bt_jax.mjx_env.render.choreography import shots
 from bt_jax.mjx_env.render.film import check_film, film, final_picture
-from bt_jax.mjx_env.render.offscreen import available
+from bt_jax.mjx_env.render.offscreen import Renderer, available
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.scene.mjcf import GRIPPER, compile_scene
 from bt_jax.mjx_env.semantics import LeafSemantics
@@ -178,3 +178,30 @@ def test_without_a_renderer(monkeypatch, tmp_path):
     assert final_picture(semantics.task, played) is None
     with pytest.raises(UserError, match="there is no EGL"):
         check_film(tmp_path / "film.gif")
+
+
+def test_a_base_drives_with_the_gripper_and_what_it_holds():
+    carried = "carry(YellowBox, (0, 0, 0.055), KittingBox)"
+    semantics, played = played_tree("mobile_stack", carried, seed=1, level="kinematic")
+    taken = shots(semantics, played, fps=FPS)
+    bases, tips = np.array([shot.base for shot in taken]), np.array([shot.gripper.position for shot in taken])
+    np.testing.assert_allclose(bases[0], played.start.base[0])
+    np.testing.assert_allclose(bases[-1], played.final.base[0])
+    driven = np.linalg.norm(np.diff(bases, axis=0), axis=1)
+    assert 0 < driven.max() < 0.05
+    assert driven.sum() == pytest.approx(played.travel, abs=1e-3)
+    assert np.linalg.norm(tips[:, :2] - bases, axis=1).max() < semantics.task.robot.base.reach + 0.05
+    yellow = np.array([shot.poses[0, :2] for shot in taken])
+    carries = [i for i, shot in enumerate(taken) if "approach(KittingBox" in shot.caption]
+    np.testing.assert_allclose(yellow[carries[-1]], bases[carries[-1]], atol=1e-3)
+
+
+@draws
+def test_a_base_is_drawn_where_it_stands():
+    task = load_task("mobile_stack")
+    world = sample_layouts(task, 0, 1)
+    with Renderer(task, width=160, height=90, samples=0) as renderer:
+        here, there = (renderer(world.kits[0], world.poses[0], base=np.array([x, 1.2])) for x in (-1.5, 1.5))
+    changed = np.abs(here.astype(int) - there).sum(axis=(0, 2))
+    assert changed[:80].any()
+    assert changed[80:].any()

@@ -1,4 +1,4 @@
-// Motions: states {objects: [pose, ...], gripper} that follow each other evenly.
+// Motions: states {objects: [pose, ...], gripper, base} that follow each other evenly.
 import { THREE } from "nicegui-scene";
 
 // The state at a part (0 to 1) of a motion.
@@ -16,5 +16,6 @@ function between(a, b, part) {
     turn.slerp(new THREE.Quaternion(to[4], to[5], to[6], to[3]), part);
     return [...mix(from.slice(0, 3), to.slice(0, 3)), turn.w, turn.x, turn.y, turn.z];
   });
-  return { objects, gripper: a.gripper ? mix(a.gripper, b.gripper) : b.gripper };
+  const [gripper, base] = ["gripper", "base"].map((key) => (a[key] && b[key] ? mix(a[key], b[key]) : b[key]));
+  return { objects, gripper, base };
 }
