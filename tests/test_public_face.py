@@ -16,7 +16,8 @@ FACES = {
     "bt_jax.behaviors": [
         "CLOSED", "CONTROLS", "EXTENDED", "FIRST_LEAF", "NOTHING", "OPEN", "SIGNATURES", "Argument", "Behavior", "Control",
         "Decorator", "ExtendedNode", "Kind", "Leaf", "Node", "Parser", "Symbol", "Token", "Tree", "Vocabulary",
-        "check_names", "expand", "gene_pool", "not_memoryless", "not_reactive", "parse_behavior", "subgoal_conditions",
+        "check_names", "expand", "gene_pool", "is_spot", "not_memoryless", "not_reactive", "parse_behavior",
+        "placing_gene", "subgoal_conditions",
     ],
     "bt_jax.deploy": [
         "YUMI", "ArmState", "Executor", "Exit", "GraspSettings", "Irc5Link", "Limits", "LinkConfig", "LinkTiming",
@@ -41,9 +42,9 @@ FACES = {
         "sample_layouts",
     ],
     "bt_jax.tasks": [
-        "Episode", "Faults", "GeneSettings", "Kit", "Layout", "Object", "Slot", "Subgoal", "Table", "Target", "Task",
-        "Weights", "load_faults", "load_task", "task_from_dict", "task_names", "task_of_folder", "with_faults",
-        "with_goal_of", "with_subgoal", "with_target", "with_targets",
+        "Base", "Episode", "Faults", "GeneSettings", "Kit", "Layout", "Object", "Robot", "Slot", "Subgoal", "Table",
+        "Target", "Task", "Weights", "load_faults", "load_task", "task_from_dict", "task_names", "task_of_folder",
+        "with_faults", "with_goal_of", "with_subgoal", "with_target", "with_targets",
     ],
     "bt_jax.experiments": [
         "EXPERIMENTS", "Experiment", "PublishedCurve", "VariantResult", "perform", "published_curves",

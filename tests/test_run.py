@@ -260,5 +260,5 @@ def test_a_tree_of_300_nodes_runs_in_many_layouts(tmp_path):
     path = tmp_path / "large.txt"
     path.write_text(STACK + "  reachable(YellowBox)\n" * 297)
     assert "2 of 2 layouts" in shown(source=path, layouts=2)
-    with pytest.raises(UserError, match="it has 300 nodes; give Sequences and Fallbacks, 250 nodes at most"):
+    with pytest.raises(UserError, match="it has 300 nodes; give a tree of Sequence, Fallback, retry and timeout, 250"):
         shown(source=path, simplify=True)
