@@ -1,8 +1,9 @@
 """How a command may go: each has variants, numbered from 0, of which the first is without faults.
 
-The continuous error of a `place` stands in the table as NUM_ERRORS joint quasi-random draws of x, y and turn. They are the
-first points of Sobol's sequence in three dimensions, unscrambled, in the middles of sixteenths, mapped by the quantile of
-the normal distribution and scaled to a variance of 1 in each dimension.
+The continuous error of a `place` stands in the table as NUM_ERRORS joint quasi-random draws of x, y and turn: the first
+points of Sobol's sequence in three dimensions, unscrambled, shifted modulo 1 by an offset of the place's own (Cranley and
+Patterson 1976) and mapped by the quantile of the normal distribution. Over places, each draw has that distribution: 16
+draws that all places shared would succeed more or less often than it, by up to a sixteenth.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+import zlib
 from statistics import NormalDist
 
 import numpy as np
@@ -27,6 +29,7 @@ NUM_ERRORS = 16
 JAMS, SLIPS = 1, 2  # variants of every command but `place`, which has its errors, then jams, then drops
 FRACTIONS = (0.2, 0.5, 0.8)  # of the way, after which what is carried may drop
 
+LEAST = 1e-4  # of a probability whose quantile is taken: errors end at 3.7 spreads
 SOBOL = (
     (0, 8, 12, 4, 6, 14, 10, 2, 3, 11, 15, 7, 5, 13, 9, 1),
     (0, 8, 4, 12, 6, 14, 2, 10, 5, 13, 1, 9, 3, 11, 7, 15),
@@ -50,12 +53,12 @@ def num_errors(faults: Faults | None) -> int:
     return NUM_ERRORS if faults is not None and (faults.place_spread or faults.turn_spread) else 0
 
 
-@functools.cache
-def unit_errors() -> Float32[np.ndarray, "16 3"]:
-    """Return the quasi-random draws of a normal distribution in three dimensions."""
-    quantiles = [NormalDist().inv_cdf((i + 0.5) / NUM_ERRORS) for i in range(NUM_ERRORS)]
-    points = np.array(quantiles)[np.array(SOBOL).T]
-    return (points / points.std(axis=0)).astype(np.float32)
+@functools.lru_cache(maxsize=1 << 16)
+def unit_errors(place: str) -> Float32[np.ndarray, "16 3"]:
+    """Return the draws of a place, as a tree writes it, from a normal distribution in three dimensions."""
+    shift = np.random.default_rng(zlib.crc32(place.encode())).random(3)
+    points = np.clip((np.array(SOBOL).T / NUM_ERRORS + shift) % 1, LEAST, 1 - LEAST)
+    return np.array([[NormalDist().inv_cdf(u) for u in point] for point in points.tolist()], np.float32)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,6 +112,12 @@ class Variants:
         found |= np.where(mishaps.share < 1, bit("drop"), 0)
         return (found | np.where(mishaps.error.any(axis=1), bit("misplace"), 0)).astype(np.int32)
 
+    @functools.cached_property
+    def unit(self) -> Float32[np.ndarray, "places 16 3"]:
+        """The draws of each place."""
+        each = [unit_errors(str(place)) for place in self.semantics.places]
+        return np.array(each, np.float32).reshape(-1, NUM_ERRORS, 3)
+
     def mishaps(
         self, command: Int32[Array, " S"], variant: Int32[Array, " S"], unit: Float32[Array, "S 3"] | None = None
     ) -> Mishaps:
@@ -122,8 +131,11 @@ class Variants:
         drops = is_place & (fall >= 0)
         strays = is_place & (variant >= 1) & (variant <= errors)
         fractions = xp.asarray(np.array(FRACTIONS, np.float32))[xp.clip(fall, 0, len(FRACTIONS) - 1)]
-        if unit is None:
-            unit = xp.asarray(unit_errors())[xp.clip(variant - 1, 0, NUM_ERRORS - 1)]
+        if unit is None and errors and semantics.places:
+            place = xp.maximum(command - semantics.first_place, 0)
+            unit = xp.asarray(self.unit)[place, xp.clip(variant - 1, 0, NUM_ERRORS - 1)]
+        elif unit is None:
+            unit = xp.zeros((command.shape[0], 3), np.float32)
         turn_spread = math.radians(faults.turn_spread)
         spread = np.array([[faults.place_spread, faults.place_spread, turn_spread]], np.float32)
         return Mishaps(
