@@ -144,7 +144,7 @@ class _Node:
 
     @property
     def kind(self) -> Kind | None:
-        """Its kind in arrays, None for other nodes with children."""
+        """Its kind, None for nodes with children that are neither Sequence nor Fallback."""
         return None if isinstance(self.tree, ExtendedNode) else self.tree.kind
 
     @property
