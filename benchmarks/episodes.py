@@ -1,4 +1,4 @@
-"""What do episodes cost? All distinct trees of one evolution, evaluated in five ways."""
+"""What do episodes cost? All distinct trees of one evolution, evaluated in several ways, without and with chance."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ FAULTS = ("slip", "jam", "misplace")  # of the preset harsh, that the plain alte
 
 @dataclasses.dataclass(frozen=True)
 class Arguments:
-    """Episodes per second by five ways of evaluating the distinct trees of one evolution."""
+    """Episodes per second by several ways of evaluating the distinct trees of one evolution, without and with chance."""
 
     task: str = "stack"
     """task to evolve for"""
@@ -45,7 +45,7 @@ class Arguments:
     plain: int = 600
     """trees evaluated by py_trees and MuJoCo, one after another; the time is scaled up"""
     rollout: int = 256
-    """trees evaluated by the plain MJX rollout; the time is scaled up"""
+    """trees evaluated by rollouts in MJX; the time is scaled up"""
     mjx: bool = True
     """whether to measure the MJX backend too"""
     out: Path | None = None
@@ -124,7 +124,7 @@ def main(arguments: Arguments) -> None:
         fitness = rollout(trees[batch], layouts).fitness
         seconds = perf_counter() - began
         row(
-            "(d) mjx, plain rollout",
+            "(d) mjx, rollout",
             seconds * count / len(batch),
             compile_seconds=first - seconds,
             note=f"{len(batch)} trees, scaled up; {np.mean(np.abs(fitness - mjx_fitness[batch]) < 5):.1%} as (c)",

@@ -26,7 +26,9 @@ def episodes(task_name, count=COUNT):
     return semantics, mixed_trees(semantics, 10, count, NODES), sample_layouts(semantics.task, 5, LAYOUTS)
 
 
-@pytest.mark.parametrize("task_name", ["stack3", pytest.param("restack", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "task_name", ["stack3", *(pytest.param(name, marks=pytest.mark.slow) for name in ("restack", "mobile_stack"))]
+)
 def test_rollouts_in_the_c_engine_are_those_of_the_table(task_name):
     semantics, trees, layouts = episodes(task_name)
     physics = make_physics(semantics.task, "mujoco")
