@@ -62,8 +62,8 @@ class Diagnosis:
     def hopeless(self, action: Behavior, undecided: frozenset[Behavior], now: float, *, looked: bool) -> str:
         """Return why an action need not be begun, "" if it may work: what it acts on has not been seen for long, though it
         was looked for, or missing in an attempt; or the tree wants it only because of `undecided` places in frames that
-        have not been seen for long either, so that nothing can be placed there."""
-        gone = self._gone([action.object, action.frame], now)
+        have not been seen for long either, so that nothing can be placed there. A `look` is how to wait for that."""
+        gone = [] if action.name == "look" else self._gone([action.object, action.frame], now)
         if gone and (looked or action in self.runner.failures):
             return joined(f"{action} cannot be carried out", self.troubles(frozenset([action])))
         gone = self._gone([condition.frame for condition in undecided if condition.name == "at"], now)

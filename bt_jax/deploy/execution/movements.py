@@ -191,15 +191,15 @@ class Movements:
             if not now - began <= self.grasp.patience:
                 raise Failed(f"the {arm} fingers do not move as they should; calibrate the gripper", "jam")
 
-    def found(self, *names: str) -> Routine:
+    def found(self, *names: str, patience: float | None = None) -> Routine:
         """Wait until one of some things is seen, with the arms out of the camera's way if none is.
 
-        Raise Failed if none is seen in time.
+        Raise Failed if none is seen within `patience` [s], by default that of an attempt that needs it.
         """
         if any(map(self._is_seen, names)):
             return
         yield from self.go_home(self.link.arms)
-        end = self.link.now() + self.motion.sight
+        end = self.link.now() + (self.motion.sight if patience is None else patience)
         while not any(map(self._is_seen, names)):
             if not self.link.now() <= end:
                 raise Failed(f"{' or '.join(names)} is not seen")

@@ -10,7 +10,7 @@ from bt_jax.deploy.execution.handling import Handling, Place
 from bt_jax.deploy.execution.movements import Failed, Movements, Routine
 from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.recovery import recovery
-from bt_jax.deploy.execution.settings import GraspSettings, MotionSettings
+from bt_jax.deploy.execution.settings import SIMULATED_TICK, GraspSettings, MotionSettings
 from bt_jax.deploy.execution.statuses import Context, Statuses
 from bt_jax.deploy.link.protocol import RobotLink
 from bt_jax.deploy.link.safety import Rejected
@@ -76,7 +76,8 @@ class RobotSkills:
             case Behavior(name="place", object=str(box), position=(x, y, z), frame=str(frame), turn=turn):
                 self._begin(self._handling.place(box, Place((x, y, z), frame, turn)))
             case Behavior(name="look", object=str(name)):
-                self._begin(self._moves.found(*self._task.instances[name]))
+                patience = SIMULATED_TICK * self._task.episode.action_ticks
+                self._begin(self._moves.found(*self._task.instances[name], patience=patience))
             case _:
                 raise ValueError(f"{action} is no action")
 

@@ -1,8 +1,8 @@
 """What goes wrong in the twin as the faults of its task say: the fates that the simulation draws happen to the robot.
 
 The first attempt at an action meets the fate of an episode's first tick, the second that of its second, and so on; a tick of
-events takes TICK seconds, as long as an attempt in the mean. Where an object ends that was dropped or misplaced, the
-simulation's own skills say. No arm is touched: objects are put elsewhere, markers are covered, and fingers do not obey.
+events is a SIMULATED_TICK, as long as an attempt in the mean. Where an object ends that was dropped or misplaced, the skills
+of the simulation say. No arm is touched: objects are put elsewhere, markers are covered, and fingers do not obey.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from bt_jax.behaviors import Behavior, Vocabulary, expand
 from bt_jax.deploy.execution.decision import Step
 from bt_jax.deploy.execution.outcome import TickReport
 from bt_jax.deploy.execution.program import Program
+from bt_jax.deploy.execution.settings import SIMULATED_TICK
 from bt_jax.deploy.twin.cell import Qpos, TwinScene, box_poses
 from bt_jax.deploy.twin.controller import Controller
 from bt_jax.deploy.twin.person import PersonsHand, Touch
@@ -31,9 +32,8 @@ from bt_jax.mjx_env.skills import Mishaps, act
 from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Task
 
-__all__ = ["TICK", "FaultInjector", "check_faults", "true_world"]
+__all__ = ["FaultInjector", "check_faults", "true_world"]
 
-TICK = 6.0  # s of an attempt, with what the camera then has to see: 36 s for the six attempts of yumi_stack
 LONGEST = 1000  # ticks for which fates are drawn
 UNDER_WAY = (str(Step.ACTING), str(Step.UNSEEN), "committed")  # phases of an attempt
 NEAR = 0.03  # m from its place within which an object was put there, and not down elsewhere
@@ -103,7 +103,7 @@ class FaultInjector:
                 self._end(self._attempt, now, qpos)
         if shown.phase == Step.STARTING and shown.action is not None:
             self._begin(shown.action, now, shown, qpos)
-        while now - self.start >= TICK * (self._ticks + 1):
+        while now - self.start >= SIMULATED_TICK * (self._ticks + 1):
             self._between_ticks(now, self._ticks % LONGEST)
             self._ticks += 1
         self._due = [(what, name) for what, name in self._due if not self._person_acts(now, what, name)]

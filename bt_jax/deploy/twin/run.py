@@ -22,7 +22,7 @@ from bt_jax.deploy.execution.log import Log
 from bt_jax.deploy.execution.observer import Observer, Perceiving
 from bt_jax.deploy.execution.outcome import RunOutcome, TickReport
 from bt_jax.deploy.execution.program import Program
-from bt_jax.deploy.execution.settings import TWIN_SECONDS, Limits
+from bt_jax.deploy.execution.settings import SIMULATED_TICK, TWIN_SECONDS, Limits
 from bt_jax.deploy.execution.skills import RobotSkills
 from bt_jax.deploy.link.cell_rules import cell_rules
 from bt_jax.deploy.link.irc5_link import Irc5Link
@@ -37,7 +37,7 @@ from bt_jax.deploy.twin.cell import CAMERA, TwinScene, build_scene, solved, targ
 from bt_jax.deploy.twin.controller import Controller, ControllerStats
 from bt_jax.deploy.twin.disturbances import disturbance as disturbance_named
 from bt_jax.deploy.twin.disturber import Disturbance, Disturber
-from bt_jax.deploy.twin.fault_injector import TICK, FaultInjector, check_faults
+from bt_jax.deploy.twin.fault_injector import FaultInjector, check_faults
 from bt_jax.deploy.twin.network import free_ports
 from bt_jax.deploy.twin.person import Person, Touch
 from bt_jax.deploy.twin.rendered_camera import RenderedCamera
@@ -183,7 +183,7 @@ def _lasting(limits: Limits, task: Task) -> Limits:
     faults = task.faults
     if faults is None or not (faults.hide or faults.move or faults.take):
         return limits
-    return dataclasses.replace(limits, success=max(limits.success, TICK * task.episode.success_ticks))
+    return dataclasses.replace(limits, success=max(limits.success, SIMULATED_TICK * task.episode.success_ticks))
 
 
 @contextlib.contextmanager

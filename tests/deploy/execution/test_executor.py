@@ -10,7 +10,7 @@ from bt_jax.behaviors import Behavior, Control
 from bt_jax.deploy.commands.replay import replay
 from bt_jax.deploy.execution.log import Log
 from bt_jax.deploy.execution.log_reader import read_log
-from bt_jax.deploy.execution.settings import Exit, Limits
+from bt_jax.deploy.execution.settings import SIMULATED_TICK, Exit, Limits
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.status import Status
 from bt_jax.mjx_env.episodes.playback import play
@@ -142,12 +142,13 @@ def test_a_tree_that_looks_goes_on_once_the_object_is_seen():
 
 
 def test_a_timeout_counts_ticks_of_the_simulation():
-    """Three of them are 7.5 s, however often the robot ticks."""
-    cell = IdealCell(parse_tree("Sequence(timeout(3, look(YellowBox)), close_gripper)"))
+    """However often the robot ticks."""
+    cell = IdealCell(parse_tree("Sequence(timeout(2, look(YellowBox)), close_gripper)"))
+    cell.skills.polls = 10**6
     cell.hide.add("YellowBox")
     assert cell.executor.run().exit_code == Exit.FAILED
     failed = next(shown for shown in cell.shown if shown.statuses and shown.statuses[1] == Status.FAILURE)
-    assert failed.seen.time == pytest.approx(7.4)
+    assert failed.seen.time == pytest.approx(2 * SIMULATED_TICK - 0.1)
 
 
 def test_a_box_is_not_picked_from_under_one_that_is_out_of_sight_for_a_moment():

@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from bt_jax.behaviors import parse_behavior
+from bt_jax.deploy.execution.settings import SIMULATED_TICK
 from bt_jax.deploy.execution.skills import RobotSkills
 from bt_jax.deploy.planning.unplannable import Unplannable
 from bt_jax.deploy.robot.yumi import YUMI
@@ -355,3 +356,11 @@ def test_an_attempt_that_fails_says_which_fault_it_was(link, skills):
     assert carried_out(skills, link, PLACE, seconds=started + 240) == Status.FAILURE
     assert "not seen" in skills.reason
     assert skills.fault == ""
+
+
+def test_a_look_waits_as_long_as_it_may_in_the_simulation(link, skills):
+    """An object that is out of sight for three ticks of the simulation is waited for."""
+    link.hidden.add("YellowBox")
+    back = once(lambda: link.time > 3 * SIMULATED_TICK, link.hidden.clear)
+    assert carried_out(skills, link, parse_behavior("look(YellowBox)"), each=back) == Status.SUCCESS, skills.reason
+    assert not link.grips

@@ -13,10 +13,11 @@ from bt_jax.behaviors import parse_behavior
 from bt_jax.deploy.execution.observation import Observation
 from bt_jax.deploy.execution.outcome import TickReport
 from bt_jax.deploy.execution.program import Program
+from bt_jax.deploy.execution.settings import SIMULATED_TICK
 from bt_jax.deploy.robot.yumi import YUMI
 from bt_jax.deploy.twin.cell import box_poses, build_scene
 from bt_jax.deploy.twin.controller import Controller
-from bt_jax.deploy.twin.fault_injector import TICK, FaultInjector, check_faults
+from bt_jax.deploy.twin.fault_injector import FaultInjector, check_faults
 from bt_jax.deploy.twin.rendered_camera import RenderedCamera
 from bt_jax.deploy.twin.simulated_gripper import GripperFault
 from bt_jax.encoding.formats.text import parse_tree
@@ -185,7 +186,7 @@ def test_an_object_is_out_of_sight_for_so_many_ticks():
     hidden = np.flatnonzero(np.diff([True, *seen, True])).reshape(-1, 2)
     assert len(hidden)
     lengths = [end - begin for begin, end in hidden if end < 600]
-    assert np.allclose(lengths, 2 * TICK / 0.1, atol=1)
+    assert np.allclose(lengths, 2 * SIMULATED_TICK / 0.1, atol=1)
 
 
 def test_a_person_moves_takes_and_brings_back_what_is_free():
