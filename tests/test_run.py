@@ -20,7 +20,7 @@ from bt_jax.encoding.formats.xml_reader import from_xml
 from bt_jax.gp.config import GPConfig
 from bt_jax.mjx_env.render.offscreen import available
 from bt_jax.run import main
-from bt_jax.tasks import load_task
+from bt_jax.tasks import load_faults, load_task, with_faults
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import Settings
@@ -135,6 +135,29 @@ def test_a_layout_of_the_runs_test_is_played_again(stack, tmp_path):
         shown(source=folder.path, layout=1, layouts=2)
 
 
+def test_an_episode_in_which_things_go_wrong_is_repeated_by_its_numbers(stack, tmp_path):
+    task = with_faults(load_task("stack"), load_faults("harsh"))
+    settings = Settings(level="kinematic", test_layouts=2, draws=3)
+    gp, tree = GPConfig(seed=7), parse_tree(STACK)
+    folder = RunFolder.create(tmp_path / "run", RunConfig(task, gp, settings))
+    folder.save_tree(tree, title="stack")
+    test = Training(task, gp, settings).test(tree)
+    for k in range(0, 6, 2):
+        layout, draw = divmod(k, 3)
+        text = shown(source=folder.path, layout=layout + 1, draw=draw + 1)
+        assert f"fitness    {test.fitness[k]:.1f}\n" in text
+        assert "mm off" in text
+    told = shown(source=folder.path, test=True)
+    assert f"success      {test.solved.sum()} of 6 episodes in unseen layouts (95 %: " in told
+    assert "misplaced: " in told
+    assert "faults" not in shown(source=stack, layouts=2)
+    with pytest.raises(UserError, match="nothing does in this task; add --faults"):
+        shown(source=stack, draw=2)
+    with pytest.raises(UserError, match="leave out the options that choose some"):
+        shown(source=folder.path, test=True, draw=2)
+    assert "solved" in shown(source=stack, faults="mild", draw=2)
+
+
 def test_simplify_says_what_it_writes_and_writes_nothing_that_is_the_same(tmp_path):
     folder = RunFolder.create(tmp_path / "run", RunConfig(load_task("stack"), GPConfig(), Settings(level="kinematic")))
     folder.save_tree(parse_tree(STACK), title="")
@@ -207,6 +230,8 @@ def test_renders_stills(stack, tmp_path):
     [
         ({"task": "nonsense"}, "unknown task"),
         ({"layouts": 0}, "--layouts is 0"),
+        ({"faults": "gentle"}, "there are no faults 'gentle'; choose one of mild, harsh"),
+        ({"faults": "mild", "draw": 0}, "--draw is 0; choose 1 or more"),
         ({"seed": -1}, "--seed is -1"),
         ({"delay": -1.0}, "--delay is -1"),
         ({"export": "tree.doc"}, "no kind of tree file"),

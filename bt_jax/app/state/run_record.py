@@ -34,8 +34,8 @@ class RunRecord:
 
 
 def tested(result: dict[str, Any]) -> str:
-    """Say in how many of the test's layouts the best tree works."""
-    count = result["test_layouts"]
+    """Say in how many episodes of the test the best tree works: one in each layout, or several where things go wrong."""
+    count = result["test_layouts"] * result.get("test_draws", 1)
     return f"{round(result['success_rate'] * count)} of {count}"
 
 
