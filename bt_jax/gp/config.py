@@ -84,7 +84,7 @@ class GPConfig:
     """seed of everything random"""
     patience: int | None = None
     """of the method achievements: stop once every run has solved the task and has not improved for this many generations;
-    auto: 10, and never if the number of generations is given"""
+    auto: 10, 20 where things go wrong, and never if the number of generations is given"""
     mutation_parents: int | None = None
     """parents selected for mutation; auto: 3/4 of the population, 12 of 16"""
     mutation_offspring: int = 2

@@ -6,6 +6,7 @@ import abc
 import dataclasses
 import time
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import jax
 import numpy as np
@@ -43,8 +44,8 @@ class Generation:
 
     `baseline_leaves` is how many leaves of the best tree are leaves of the baseline, `baseline_child` the child of the root,
     counted from 0, under which the first of them stands; -1 if there is none. Of an `AchievementSearch`: `kept` trees in its
-    archive, the most targets and subgoals `achieved` by one of them, and how many are `understood`, so that a leaf is known
-    to bring them about or a tree has reached them.
+    archive, the most targets and subgoals `achieved` by one of them, how many are `understood`, so that a leaf is known to
+    bring them about or a tree has reached them, and the share of its episodes that the best tree solves, its `success`.
     """
 
     run: int
@@ -61,6 +62,7 @@ class Generation:
     kept: int = 0
     achieved: int = 0
     understood: int = 0
+    success: float = 0.0
 
 
 class Procedure(abc.ABC):
@@ -131,7 +133,7 @@ class Procedure(abc.ABC):
             for run, row in enumerate(fitness)
         ]
 
-    def _learnt(self, state: State, run: int) -> dict[str, int]:
+    def _learnt(self, state: State, run: int) -> dict[str, Any]:
         """Return what a generation tells of the knowledge of a run, if it has any."""
         return state.knowledge[run].summary() if state.knowledge else {}
 

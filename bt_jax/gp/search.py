@@ -28,6 +28,7 @@ from bt_jax.gp.steps import Population, first_trees, hashes_of
 
 __all__ = ["AchievementSearch"]
 
+CAREFUL = 2  # by how much patience grows where episodes differ by chance
 ROUNDS = 8  # in which what is not valid or not new is drawn again; in the second half everything is mutated
 
 
@@ -48,9 +49,9 @@ class AchievementSearch(Procedure):
 
     or give `evaluate`, which takes Trees [R, P, N] and returns `Measured`, and call `step` or `run`. The population of a
     state is its best tree and what was measured last; `config.population` trees are measured each generation. A run has
-    ended once its best tree solves the task and was not improved for `config.num_patience` generations. `confirm`, if given,
-    then takes the run and its best trees [K, N], and returns what they achieve in more layouts; the run goes on unless one
-    solves the task there, too.
+    ended once its best tree solves the task and was not improved for `config.patience` generations; unless that is given,
+    for PATIENCE, and twice as many where episodes differ by chance. `confirm`, if given, then takes the run and its best
+    trees [K, N], and returns what they achieve in more layouts; the run goes on unless one solves the task there, too.
     """
 
     def __init__(
@@ -71,6 +72,7 @@ class AchievementSearch(Procedure):
         alphabet.check()
         super().__init__(config, baseline=baseline, episodes_per_tree=episodes_per_tree)
         self.kinds, self.goals, self.evaluate, self.confirm = kinds, goals, evaluate, confirm
+        self._patience = PATIENCE * (1 if goals.often == 1 else CAREFUL) if config.patience is None else config.patience
         self._decorates = first_decorator(kinds) < len(kinds)
         self._before = np.zeros((len(kinds), 0), np.int32) if goals.before is None else goals.before
         self._alphabet = jax.tree.map(lambda count: np.array(count, np.int32), alphabet)
@@ -219,8 +221,7 @@ class AchievementSearch(Procedure):
 
     def _confirmed(self, run: int, known: Knowledge) -> Knowledge:
         """Return what a run knows after its best trees were tried in more layouts, if it is time for that."""
-        patience = PATIENCE if self.config.num_patience is None else self.config.num_patience
-        if self.confirm is None or not known.solved or known.stagnant != patience:
+        if self.confirm is None or not known.solved or known.stagnant != self._patience:
             return known
         rows = known.complete(self.goals)[:PER_KEY]
         return known.tried(rows, self.confirm(run, known.archive.trees[rows]), self.goals)
@@ -246,8 +247,9 @@ class AchievementSearch(Procedure):
 
     def has_ended(self, state: State) -> bool:
         """Return whether all runs have solved their task and none improves any more."""
-        patience = self.config.num_patience
-        return patience is not None and all(known.solved and known.stagnant >= patience for known in state.knowledge)
+        if self.config.num_patience is None:
+            return False
+        return all(known.solved and known.stagnant >= self._patience for known in state.knowledge)
 
 
 def _stacked(trees: Sequence[Trees]) -> Trees:

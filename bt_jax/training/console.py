@@ -50,7 +50,9 @@ class TrainingDisplay:
     def __init__(self, training: Training, folder: Path) -> None:
         self.training, self.folder = training, folder
         self.console = Console(highlight=False)
-        self._bar = GenerationBar(self.console, training.config.num_generations)
+        self._bar = GenerationBar(
+            self.console, training.config.num_generations, by_chance=training.task.faults is not None
+        )
 
     def on_stage(self, stage: Stage, message: str = "") -> None:
         """Say what is evolved before it begins, and show the bar until the evolution ends."""
@@ -77,7 +79,7 @@ class TrainingDisplay:
         if session.stopped:
             self.console.print(f"stopped after generation {result.generations}; go on with --resume {quoted}")
         training, test = self.training, result.test
-        layouts, draws = training.settings.layouts, training.draws
+        layouts, draws = training.settings.layouts_of(training.task), training.draws
         of_chance = f" and {draws} draws of chance" if draws > 1 else ""
         measured = f" ({sum(result.trees_measured):,} trees in {layouts} layouts{of_chance} each)"
         each = measured if layouts * draws > 1 else ""

@@ -29,7 +29,7 @@ def draw_pictures(
 
     folder.save_picture("learning_curve.png", learning_curve(history, title=config.task.name, phases=folder.phases()))
     settler = settler or Settler(config.task, make_level(config.task, config.settings))
-    layouts = sample_layouts(config.task, config.gp.seed, config.settings.layouts)
+    layouts = sample_layouts(config.task, config.gp.seed, config.settings.layouts_of(config.task))
     semantics = LeafSemantics(config.task, Vocabulary.of(leaves(tree)))
     scene = final_picture(config.task, play(semantics, settler, tree, take(layouts, slice(1))))
     if scene is not None:

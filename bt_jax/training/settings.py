@@ -17,6 +17,9 @@ Evaluator = Literal["table", "rollout"]
 UNSEEN = 1 << 20  # seeds of layouts for tests; training uses the seeds of its runs
 CONFIRMING = 1 << 21  # seeds of layouts in which a run tries its best trees before it ends,
 CONFIRMED = 30  # so many
+LAYOUTS = (
+    4  # in which individuals are measured where things go wrong: with 5 draws each, a success rate is known to 0.1
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,8 +35,9 @@ class Settings:
     evaluator: Evaluator = "table"
     """table: simulate each distinct transition once, and rollout where fewer than 30 % of them come again; rollout: simulate
     every transition of every episode"""
-    layouts: int = 1
-    """layouts K in which every individual of a run is measured; its fitness is the mean"""
+    layouts: int | None = None
+    """layouts K in which every individual of a run is measured; its fitness is the mean; auto: 1, and 4 where things go
+    wrong"""
     draws: int = 5
     """where things go wrong (--faults): draws of chance in which every individual is measured in each layout"""
     robust: float = 1.0
@@ -46,7 +50,13 @@ class Settings:
 
     def episodes(self, task: Task) -> int:
         """Return in how many episodes every individual of a run is measured."""
-        return self.layouts * self.draws_of(task)
+        return self.layouts_of(task) * self.draws_of(task)
+
+    def layouts_of(self, task: Task) -> int:
+        """Return in how many layouts every individual of a run is measured."""
+        if self.layouts is not None:
+            return self.layouts
+        return 1 if task.faults is None else LAYOUTS
 
     def draws_of(self, task: Task) -> int:
         """Return how many draws of chance there are in each layout: 1 where nothing goes wrong."""
@@ -55,8 +65,9 @@ class Settings:
     def check(self) -> None:
         """Raise UserError for a setting that cannot work."""
         for name in ("layouts", "draws", "test_layouts"):
-            if getattr(self, name) < 1:
-                raise UserError(f"{name} is {getattr(self, name)}; choose 1 or more")
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise UserError(f"{name} is {value}; choose 1 or more")
         if not 0 < self.robust <= 1:
             raise UserError(f"robust is {self.robust:g}; choose a share of the episodes, above 0 and at most 1")
         if not 0 < self.memory < math.inf:

@@ -80,7 +80,7 @@ class Training:
             self.evaluator = AdaptiveEvaluator(table, self.level)
         self.draws, self.episodes_per_tree = settings.draws_of(task), settings.episodes(task)
         episodes = [
-            sample_episodes(task, config.seed + run, layouts=settings.layouts, draws=self.draws)
+            sample_episodes(task, config.seed + run, layouts=settings.layouts_of(task), draws=self.draws)
             for run in range(config.runs)
         ]
         self.layouts = concatenate([starts for starts, _ in episodes])
@@ -238,7 +238,8 @@ def evolve(
     """
     training = Training(task, config, settings, baseline=baseline, extra_leaves=extra_leaves)
     history: list[Generation] = []
-    bar = GenerationBar(Console(quiet=not (is_interactive() if progress is None else progress)), config.num_generations)
+    console = Console(quiet=not (is_interactive() if progress is None else progress))
+    bar = GenerationBar(console, config.num_generations, by_chance=task.faults is not None)
     with bar:
         for state in training.evolution.run(target=target, time_limit=time_limit):
             rows = training.evolution.describe(state)

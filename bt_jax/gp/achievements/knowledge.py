@@ -49,11 +49,11 @@ class Knowledge:
         had = self.done() | (self.linkage.achieves.max(axis=0, initial=0) > 0)
         return np.flatnonzero(np.array(tested, bool) & (goals.concerns >= 0) & ~had).astype(np.int32)
 
-    def summary(self) -> dict[str, int]:
+    def summary(self) -> dict[str, int | float]:
         """Return the figures of the knowledge that `Generation` has."""
         most = int(np.bitwise_count(self.archive.keys).max(initial=0))
         understood = int((self.done() | self.linkage.known()).sum())
-        return {"kept": len(self.archive), "achieved": most, "understood": understood}
+        return {"kept": len(self.archive), "achieved": most, "understood": understood, "success": self.success}
 
     def updated(
         self,
