@@ -1,5 +1,6 @@
 import dataclasses
 import io
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -65,6 +66,20 @@ def test_shows_what_changes_from_tick_to_tick(stack):
         "✓ ├── move(YellowBox, (0, 0, 0.055), KittingBox)",
         "… └── move(GreenBox, (0, 0, 0.1), YellowBox)",
     ]
+
+
+def test_drives_and_their_metres_are_told(tmp_path):
+    path = tmp_path / "mobile.txt"
+    path.write_text(STACK.replace("move", "carry"))
+    text = shown(source=path, task="mobile_stack")
+    assert "drives towards YellowBox\n" in text
+    assert "drives towards (0, 0, 0.1) in the frame of YellowBox\n" in text
+    assert "solved     yes" in text
+    (metres,) = re.findall(r"driven     ([\d.]+) m\n", text)
+    assert 3 < float(metres) < 40
+    path.write_text(STACK)
+    text = shown(source=path, task="mobile_stack")
+    assert "solved     no, YellowBox is out of reach: nothing approaches it" in text
 
 
 def test_a_failure_is_told(tmp_path):

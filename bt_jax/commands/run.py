@@ -56,6 +56,7 @@ WORDS = {
     "pick": "picks {object}",
     "place": "places {object} at {position} in the frame of {frame}",
     "look": "looks for {object}",
+    "approach": "drives towards {object}",
 }
 EXPORTS = {".txt": format_tree, ".xml": to_xml, ".svg": to_svg, ".dot": to_dot}
 LISTED = 20  # failures
@@ -217,6 +218,8 @@ def _survey(console: Console, semantics: LeafSemantics, physics: Physics, tree: 
         f"success    [bold]{solved.sum()} of {len(solved)}[/] layouts ({100 * solved.mean():.0f} %)\n"
         f"fitness    {values.mean():.1f} ± {values.std():.1f}"
     )
+    if result.travel is not None:
+        console.print(f"driven     {result.travel.mean():.1f} m, mean")
     failures = np.flatnonzero(~solved)
     for k in failures[:LISTED]:
         away = [
@@ -272,6 +275,8 @@ def _words(command: Behavior | None) -> str:
         return "does nothing"
     position = None if command.position is None else f"({', '.join(f'{x:g}' for x in command.position)})"
     words = WORDS[command.name].format(object=command.object, position=position, frame=command.frame)
+    if command.name == "approach" and position is not None:
+        return f"drives towards {position} in the frame of {command.object}"
     return words if command.turn is None else f"{words}, turned by {command.turn:g} degrees"
 
 
@@ -285,5 +290,7 @@ def _verdict(task: Task, playback: Playback) -> Text:
         turned = "" if target.turn is None else f", turned {math.degrees(turn):.1f} degrees off"
         place = target.slot or f"its place in {target.frame}"
         parts += ["target     ", mark, f" {target.object} {1000 * distance:.1f} mm from {place}{turned}\n"]
+    if task.robot.base is not None:
+        parts.append(f"driven     {playback.travel:.1f} m\n")
     parts += [f"fitness    {playback.fitness:.1f}\nsolved     ", (word, style)]
     return Text.assemble(*parts, "" if playback.solved else f", {explain_failure(task, playback)}")
