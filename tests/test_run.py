@@ -209,12 +209,24 @@ def test_the_robot_gets_what_was_given_and_its_exit_code_is_returned(monkeypatch
     monkeypatch.setattr(
         "bt_jax.deploy.commands.twin.twin_command", lambda arguments, console: got.append(arguments) or 4
     )
-    words = ["runs/mine", "--level", "robot", "--task", "yumi_stack", "--seed", "3", "--layouts", "2"]
+    words = [
+        "runs/mine",
+        "--level",
+        "robot",
+        "--task",
+        "yumi_stack",
+        "--seed",
+        "3",
+        "--layouts",
+        "2",
+        "--faults",
+        "harsh",
+    ]
     monkeypatch.setattr(sys, "argv", ["run", *words])
     with pytest.raises(SystemExit) as end:
         main()
     assert end.value.code == 4
-    assert got == [TwinArguments(Path("runs/mine"), "yumi_stack", seed=3, layouts=2)]
+    assert got == [TwinArguments(Path("runs/mine"), "yumi_stack", faults="harsh", seed=3, layouts=2)]
     monkeypatch.setattr(sys, "argv", ["run", *words, "--expand", "--delay", "0"])
     with pytest.raises(SystemExit) as end:
         main()

@@ -33,7 +33,6 @@ __all__ = [
 
 NOT_ROBOT = (
     "backend",
-    "draw",
     "test",
     "expand",
     "verbose",

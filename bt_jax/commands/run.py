@@ -72,7 +72,13 @@ def robot(arguments: RunArguments, console: Console | None = None) -> int:
     except ModuleNotFoundError as error:
         raise UserError(f'{error.name} is not installed; run pip install -e ".[robot]"') from error
     twin = TwinArguments(
-        arguments.source, arguments.task, seed=arguments.seed, layouts=arguments.layouts, render=arguments.render
+        arguments.source,
+        arguments.task,
+        faults=arguments.faults,
+        draw=1 if arguments.draw is None else arguments.draw,
+        seed=arguments.seed,
+        layouts=arguments.layouts,
+        render=arguments.render,
     )
     return twin_command(twin, console)
 

@@ -203,9 +203,9 @@ class TwinArguments:
     touches: int = 1
     """how often the person does so in a run, with --disturb"""
     faults: str | None = None
-    """what goes wrong, by the same rules as in the simulation: mild, harsh, or a YAML file (default: as the task says)"""
-    draw: int = 0
-    """number of what chance has in store for a layout, with faults"""
+    """what goes wrong, as in the simulation, in place of what the task says: mild, harsh, or a YAML file"""
+    draw: int = 1
+    """number, from 1, of the draw of chance in the layout, with faults"""
     seed: int = 0
     """number of the layout"""
     layouts: int = 1
@@ -246,8 +246,8 @@ class TwinArguments:
 
     def check(self) -> None:
         """Raise UserError for arguments that cannot work."""
-        if self.layouts < 1 or self.touches < 1 or self.seed < 0 or self.draw < 0:
-            raise UserError("--layouts and --touches start at 1, --seed and --draw at 0; choose others")
+        if self.layouts < 1 or self.touches < 1 or self.seed < 0 or self.draw < 1:
+            raise UserError("--layouts, --touches and --draw start at 1 and --seed at 0; choose others")
         if self.faults is not None and self.disturb:
             raise UserError("--faults says what a person does, too; leave out --disturb")
         if not 0 < self.seconds <= 3600:

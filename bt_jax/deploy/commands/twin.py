@@ -16,6 +16,7 @@ from rich.markup import escape
 from rich.progress import track
 from rich.text import Text
 
+from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
 from bt_jax._util.statistics import wilson
 from bt_jax.deploy.commands.arguments import DEFAULT_TASK, TwinArguments
@@ -49,6 +50,8 @@ def twin_command(arguments: TwinArguments, console: Console | None = None) -> in
         task = with_faults(program.task, load_faults(arguments.faults), source=f"--faults {arguments.faults}")
         program = dataclasses.replace(program, task=task)
     check_faults(program.task, realtime=arguments.realtime)
+    if arguments.draw > 1 and program.task.faults is None:
+        raise UserError("--draw is of what goes wrong, and nothing does in this task; add --faults")
     name = (
         arguments.log
         or Path("runs") / f"twin-{time.strftime('%Y%m%d-%H%M%S')}{'' if arguments.layouts > 1 else '.jsonl'}"
@@ -63,7 +66,7 @@ def twin_command(arguments: TwinArguments, console: Console | None = None) -> in
             realtime=arguments.realtime,
             seconds=arguments.seconds,
             realism=arguments.realism,
-            draw=arguments.draw,
+            draw=arguments.draw - 1,
             folder=name,
             console=console,
         )
@@ -140,7 +143,7 @@ def _single(program: Program, arguments: TwinArguments, log: Path, console: Cons
             limits=Limits(run=arguments.seconds),
             on_tick=tick,
             realism=arguments.realism,
-            draw=arguments.draw,
+            draw=arguments.draw - 1,
         )
     console.print(_verdict(program, run))
     console.print(f"log        {escape(str(log))}")

@@ -45,3 +45,25 @@ def test_single_values_count_before_a_preset(monkeypatch, words, expected):
 def test_presets_that_exclude_each_other_are_refused(capsys, words):
     assert main(["twin", "tree.txt", *words]) == Exit.USER_ERROR
     assert "--worse" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--faults", "wind"], "there are no faults 'wind'; choose one of mild, harsh"),
+        (["--faults", "faults.yaml"], "there is no object 'RedBox'; use some of YellowBox"),
+        (["--faults", "mild", "--realtime"], "need simulated time; leave out --realtime"),
+        (["--faults", "mild", "--disturb"], "leave out --disturb"),
+        (["--draw", "2"], "nothing does in this task; add --faults"),
+        (["--draw", "0"], "--draw start at 1"),
+    ],
+)
+def test_faults_that_cannot_be_provoked_are_one_sentence(tmp_path, monkeypatch, capsys, words, said):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "tree.txt").write_text("pick(YellowBox)")
+    (tmp_path / "faults.yaml").write_text("{slip: 0.1, objects: [RedBox]}")
+    assert main(["twin", "tree.txt", *words]) == Exit.USER_ERROR
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "runs").exists(), "nothing was begun"

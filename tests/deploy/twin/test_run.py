@@ -1,5 +1,6 @@
 import dataclasses
 
+import numpy as np
 import pytest
 
 from bt_jax.deploy.commands.replay import replay
@@ -11,7 +12,7 @@ from bt_jax.deploy.twin.run import run_twin
 from bt_jax.deploy.twin.settings import Realism
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.mjx_env.render.offscreen import available
-from bt_jax.tasks import load_task
+from bt_jax.tasks import Faults, load_task, with_faults
 from tests.helpers.six_axis import SIX_AXIS
 
 pytestmark = [
@@ -36,6 +37,26 @@ def test_the_twin_stacks_three_boxes_though_a_person_interferes_and_its_log_repl
     assert len(run.touches) >= 1
     assert list(read_log(log))[-1]["exit_code"] == Exit.DONE
     assert all(tick.same for tick in replay(log))
+
+
+def test_the_twin_does_again_what_faults_undo_and_no_setpoint_leaves_the_limits(tmp_path):
+    """With fingers that slip, jam and drop every other time. What was provoked is what the robot's log says of attempts."""
+    task, log = load_task("yumi_stack"), tmp_path / "faults.jsonl"
+    task = dataclasses.replace(task, targets=task.targets[:1])
+    task = with_faults(task, Faults(slip=0.3, drop=0.3, jam=0.2, place_spread=0.004))
+    program = Program(task, parse_tree("move(YellowBox, (0, 0, 0.022), KittingBox)"))
+    run = run_twin(YUMI, program, 0, log=log, realism=PERFECT, draw=5)
+    assert run.exit_code == Exit.DONE, run.outcome.reason
+    assert run.counters.rejected == 0
+    entries = list(read_log(log))
+    provoked = [entry["what"] for entry in entries if entry["kind"] == "disturbance" and entry["what"] != "misplace"]
+    noticed = [entry["fault"] for entry in entries if entry.get("fault")]
+    assert provoked == noticed
+    assert provoked
+    for arm in YUMI.arms:
+        setpoints = [row for entry in entries if entry.get("arm") == arm.name for row in entry["setpoint"]]
+        assert np.all(np.array(setpoints) >= arm.lower - 1e-5)
+        assert np.all(np.array(setpoints) <= arm.upper + 1e-5)
 
 
 def test_a_box_is_handed_over_where_no_arm_reaches_both_ends():
