@@ -51,7 +51,7 @@ def random_trees(seed: int, leaves: Sequence[Behavior], count: int, *, most_leav
 def mixed_trees(semantics: LeafSemantics, seed: int, count: int, num_nodes: int) -> Trees:
     """Half of them from genes alone, which act; half from all leaves, which often fail."""
     leaves = semantics.vocabulary.leaves
-    genes = [leaf for leaf in leaves if leaf.name == "move"]
+    genes = [leaf for leaf in leaves if leaf.name in ("move", "carry")]
     found = random_trees(seed, genes, count, most_leaves=6) + random_trees(seed + 1, leaves, count, most_leaves=8)
     found = [tree for tree in found if len(prefix(tree)) <= num_nodes]
     rng = np.random.default_rng(seed)
