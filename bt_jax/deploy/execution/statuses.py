@@ -75,8 +75,12 @@ class Statuses:
                 least = OPENED * self.task.gripper_opening
                 opened = all(opening >= least for opening in self.seen.opening.values())
                 return opened == (condition.args[0] == OPEN)
-            case "is_seen":  # never undecided: it asks for what is known
-                return any(map(self._knows, self.task.instances[name]))
+            case "is_seen":
+                seen = any(map(self._knows, self.task.instances[name]))
+                attempt = self.context.attempt
+                if not seen and attempt is not None and attempt.name != "look":  # an arm may hide it
+                    self.undecided.append(condition)
+                return seen
             case "reached":
                 return self._is_reached(str(condition.args[0]))
         raise ValueError(f"{condition} is no condition")

@@ -141,6 +141,20 @@ def test_a_tree_that_looks_goes_on_once_the_object_is_seen():
     assert cell.shown[-1].seen.time > 1 + Limits().success, "it must have succeeded for a while"
 
 
+def test_what_an_arm_hides_is_not_looked_for_before_it_has_acted():
+    cell = IdealCell(parse_tree("Sequence(look(YellowBox), move(YellowBox, (0, 0, 0.055), KittingBox))"))
+
+    def hide(shown):
+        cell.hide.clear()
+        if cell.skills.action == PICK["YellowBox"] and shown.phase in ("starting", "acting", "acting unseen"):
+            cell.hide.add("YellowBox")
+
+    cell.on_tick = hide
+    assert cell.executor.run().exit_code == Exit.DONE
+    assert any(shown.phase == "acting unseen" for shown in cell.shown)
+    assert [action.name for action in cell.skills.started] == ["pick", "place"]
+
+
 def test_a_timeout_counts_ticks_of_the_simulation():
     """However often the robot ticks."""
     cell = IdealCell(parse_tree("Sequence(timeout(2, look(YellowBox)), close_gripper)"))
