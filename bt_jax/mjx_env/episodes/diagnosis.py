@@ -68,7 +68,7 @@ def _why_missed(task: Task, playback: Playback, target: Target) -> str:
     if len(task.instances[name]) > 1:
         puts = [tick for tick in puts if _is_meant(task, tick, target)]
     if puts and not _arrived(task, puts[-1]):
-        return why_mishap(puts[-1], _carried(task, puts[-1])) or _why_not_there(task, puts[-1])
+        return why_mishap(task, puts[-1], _carried(task, puts[-1])) or _why_not_there(task, puts[-1])
     if puts and _is_met(task, puts[-1].after, target):
         one = _carried(task, puts[-1])
         if is_upright(task.thing(one), poses[one]) and is_off_floor(task, poses, one):
@@ -227,7 +227,7 @@ def _released(task: Task, tick: Tick) -> Pose:
     assert tick.command is not None
     semantics = LeafSemantics(task, Vocabulary.of([tick.command]))
     command = np.array([semantics.commands.index(tick.command)], np.int32)
-    return poses_by_name(act(semantics, tick.before, command).world, task)[_carried(task, tick)]
+    return poses_by_name(act(semantics, tick.before, command, tick.mishaps).world, task)[_carried(task, tick)]
 
 
 def _tops_under(task: Task, world: World, name: str, released: Pose) -> list[tuple[float, str]]:

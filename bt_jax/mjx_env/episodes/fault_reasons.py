@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from bt_jax.mjx_env.episodes.playback import Playback, Tick
@@ -28,7 +30,7 @@ def why_unknown(task: Task, playback: Playback) -> str:
     return f"the tree fails while {hidden[0]} is out of sight" if hidden and playback.ending == Ending.FAILURE else ""
 
 
-def why_mishap(tick: Tick, name: str) -> str:
+def why_mishap(task: Task, tick: Tick, name: str) -> str:
     """Return what went wrong with the last `place` of an object that did not arrive, or an empty text."""
     if tick.mishaps is None:
         return ""
@@ -36,7 +38,7 @@ def why_mishap(tick: Tick, name: str) -> str:
         return f"the gripper does not let go of {name}, and that is not tried again"
     if tick.mishaps.share[0] < 1:
         return f"{name} drops on the way and is not put there again"
-    if tick.mishaps.error[0].any():
+    if math.hypot(*tick.mishaps.error[0, :2].tolist()) >= task.episode.tolerance:
         return f"{name} is put down too far off and stays there"
     return ""
 

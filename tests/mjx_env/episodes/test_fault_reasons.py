@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -37,6 +39,12 @@ def jammed(fate):
     fate.variant[0, :, PLACE] = NUM_ERRORS + 1
 
 
+def strayed(fate):
+    units = np.full((1, TASK.episode.max_ticks, len(TASK.kinds), 3), 4.0, np.float32)
+    fate.variant[0, :, PLACE] = 1
+    return dataclasses.replace(fate, unit=units)
+
+
 def hidden(fate):
     fate.sight[0, 1] = hides(YELLOW)
 
@@ -58,13 +66,13 @@ PUT = f"Fallback(Sequence({ONCE}, place(YellowBox, {FIRST})), close_gripper, gri
         (hidden, SOLUTION, "the tree fails while YellowBox is out of sight"),
         (taken, SOLUTION, "the tree fails while a person has GreenBox"),
         (dropped, PUT, "YellowBox drops on the way and is not put there again"),
+        (strayed, PUT, "YellowBox is put down too far off and stays there"),
         (jammed, PUT, "the gripper does not let go of YellowBox, and that is not tried again"),
     ],
 )
 def test_the_reason_is_the_fault_that_the_tree_does_not_get_over(happens, text, reason):
     fate = nothing_wrong(TASK, 1)
-    happens(fate)
-    semantics, found = played(text, fate)
+    semantics, found = played(text, happens(fate) or fate)
     assert not found.solved
     assert explain_failure(TASK, found) == reason
     assert shots(semantics, found, fps=5.0)
