@@ -17,7 +17,7 @@ from bt_jax.behaviors.geometry import heading, turn_error
 from bt_jax.lfd.demonstration import END_EFFECTOR_HEIGHT, Action, Demonstration, Frames, Pose
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.physics.settler import Settler
-from bt_jax.mjx_env.predicates import graspable, is_clear, reachable
+from bt_jax.mjx_env.predicates import graspable, is_clear, off_floor
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.skills import act, settled_world
 from bt_jax.mjx_env.surfaces import (
@@ -124,7 +124,7 @@ class Teleoperation:
         own = [one for one in task.instances[name] if name in names or one not in moved]
         left = own
         for able, why in (
-            (reachable, "it lies out of reach"),
+            (off_floor, "it lies out of reach"),
             (is_clear, "something stands on it"),
             (graspable, "it leaves the gripper no room"),
         ):
@@ -227,7 +227,7 @@ class Teleoperation:
         turned[0, held, 3:] = self._now.carried[3:] if self._now.carried is not None else turned[0, held, 3:]
         before = dataclasses.replace(self._now.world, poses=turned)
         after, released = self._done(LeafSemantics(self.task, Vocabulary.of([action])), before, action)
-        known, now = (reachable(world, self.task)[0] for world in (before, after))
+        known, now = (off_floor(world, self.task)[0] for world in (before, after))
         if np.any(known & ~now):
             raise UserError(self._lost(self.task.object_names[int(np.argmax(known & ~now))]))
         let_go = self._end_effector(before, released[held, :3].astype(float), moved=held, turned=self._now.turned)

@@ -13,7 +13,8 @@ from jaxtyping import Float
 from bt_jax._util.errors import UserError
 from bt_jax.app.state.extents import TOUCHING, Point, Pose, half_of, heading, inside, poses_now, stands, turned
 from bt_jax.mjx_env.physics.protocol import Physics
-from bt_jax.mjx_env.semantics import reachable, subgoals_by_sight
+from bt_jax.mjx_env.predicates import off_floor
+from bt_jax.mjx_env.semantics import subgoals_by_sight
 from bt_jax.mjx_env.skills import Released, settled_world
 from bt_jax.mjx_env.surfaces import Surfaces, fixed_surfaces, outline_of, overlaps, surface_names
 from bt_jax.mjx_env.world import World
@@ -61,7 +62,7 @@ def put(task: Task, physics: Physics, world: World, name: str, position: Point, 
         raise UserError(f"the simulation diverged with {name} there; put it elsewhere")
     released = Released(dataclasses.replace(world, poses=poses), poses, present, np.array([-1], np.int32))
     after = settled_world(task, released, np.asarray(settled.poses))
-    lost = reachable(world, task)[0] & ~reachable(after, task)[0]
+    lost = off_floor(world, task)[0] & ~off_floor(after, task)[0]
     if lost.any():
         fallen = task.object_names[int(np.flatnonzero(lost)[0])]
         raise UserError(f"{fallen} would fall off the table; put {name} further in")

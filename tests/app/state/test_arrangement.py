@@ -8,6 +8,7 @@ from bt_jax._util.errors import UserError
 from bt_jax.app.state.arrangement import fixed_layout, free_layout, kit_table, kit_tables, move_kit, put
 from bt_jax.app.state.extents import heading
 from bt_jax.mjx_env.physics.mujoco import MujocoPhysics
+from bt_jax.mjx_env.predicates import reachable
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.tasks import load_task, task_from_dict
 from tests.helpers.trays import TRAYS
@@ -174,3 +175,19 @@ def test_kits_with_a_table_of_their_own_stay_there():
     np.testing.assert_allclose(moved.kits[0, 1] - world.kits[0, 1], [1, 0, 0], atol=1e-6)
     both = dataclasses.replace(task, kits=(kits[0], dataclasses.replace(kits[1], table="TableRight")))
     assert kit_tables(both) == []
+
+
+def test_an_object_may_be_put_where_a_robot_that_drives_does_not_reach_now():
+    task = load_task("mobile_stack")
+    world = sample_layouts(task, 0, 1)
+    index, (near, far) = (
+        task.object_names.index("BlueBox"),
+        [np.add(t.position, (0, 0.2, 0.43)) for t in task.tables[:2]],
+    )
+    physics = MujocoPhysics(task, threads=1)
+    beside = dataclasses.replace(world, base=np.array([[near[0], 0.675]], np.float32))
+    beside = put(task, physics, beside, "BlueBox", near)
+    assert reachable(beside, task)[0, index]
+    after = put(task, physics, beside, "BlueBox", far)
+    assert not reachable(after, task)[0, index]
+    np.testing.assert_allclose(after.poses[0, index, :2], far[:2], atol=2e-3)
