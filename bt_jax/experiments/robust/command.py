@@ -16,7 +16,7 @@ from bt_jax.experiments.machine import machine
 from bt_jax.experiments.robust.arguments import RobustArguments
 from bt_jax.experiments.robust.models import CONDITIONS, MODELS, SEEDED, Model, known, make, solved
 from bt_jax.experiments.robust.records import Records
-from bt_jax.experiments.robust.report import Tested, figure, markdown
+from bt_jax.experiments.robust.report import Outcomes, figure, markdown
 from bt_jax.tasks import load_faults, load_task
 
 __all__ = ["run"]
@@ -50,9 +50,9 @@ def run(arguments: RobustArguments) -> None:
             records.note(key, found)
             records.save(source)
             console.print(f"{escape(name)}, {model}, {condition}: {int(found.sum())} of {len(found)}")
-    tested = _tested(arguments, records)
-    write_atomic(arguments.out / "robust.png", figure(tested))
-    write_atomic(arguments.out / "report.md", markdown(tested, settings=settings, machine=machine()))
+    outcomes = _outcomes(arguments, records)
+    write_atomic(arguments.out / "robust.png", figure(outcomes))
+    write_atomic(arguments.out / "report.md", markdown(outcomes, settings=settings, machine=machine()))
     console.print(f"report     {escape(str(arguments.out / 'report.md'))}")
 
 
@@ -64,7 +64,8 @@ def _wanted(arguments: RobustArguments) -> Iterator[tuple[str, Model, int]]:
                 yield name, model, seed
 
 
-def _tested(arguments: RobustArguments, records: Records) -> list[Tested]:
+def _outcomes(arguments: RobustArguments, records: Records) -> list[Outcomes]:
+    """Return what was found for each task and model."""
     episodes = arguments.layouts * arguments.draws
     found = []
     for name in arguments.tasks:
@@ -75,5 +76,5 @@ def _tested(arguments: RobustArguments, records: Records) -> list[Tested]:
                 condition: np.stack([records.solved(f"{name}/{condition}/{tree}", episodes) for tree in trees])
                 for condition in CONDITIONS
             }
-            found.append(Tested(name, model, trees, solved_by))
+            found.append(Outcomes(name, model, trees, solved_by))
     return found

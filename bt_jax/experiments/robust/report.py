@@ -14,7 +14,7 @@ from bt_jax.encoding.drawing.terminal import draw_text
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.experiments.robust.models import ALL, CONDITIONS, MODELS, Model
 
-__all__ = ["Tested", "comparison", "figure", "markdown", "rates"]
+__all__ = ["Outcomes", "comparison", "figure", "markdown", "rates"]
 
 NAMES: dict[Model, str] = {
     "evolved_without": "evolved without faults",
@@ -27,7 +27,7 @@ COLORS = ("#d55e00", "#0072b2", "#e69f00", "#56b4e9", "#009e73")
 
 
 @dataclasses.dataclass(frozen=True)
-class Tested:
+class Outcomes:
     """The trees of one model for one task, one for each seed, and the episodes that they solve."""
 
     task: str
@@ -42,7 +42,7 @@ class Tested:
         return int(order[(len(order) - 1) // 2])
 
 
-def rates(tested: Sequence[Tested]) -> list[dict[str, str]]:
+def rates(tested: Sequence[Outcomes]) -> list[dict[str, str]]:
     """Return one row for each task and model: the share solved by the tree in the middle, with its interval of Wilson, and
     from the worst tree to the best."""
     rows = []
@@ -58,7 +58,7 @@ def rates(tested: Sequence[Tested]) -> list[dict[str, str]]:
     return rows
 
 
-def comparison(tested: Sequence[Tested]) -> list[dict[str, str]]:
+def comparison(tested: Sequence[Outcomes]) -> list[dict[str, str]]:
     """Return for each task and seed how many episodes under all faults only the tree evolved with faults solves, how many
     only the one without, and the p-value of McNemar's test."""
     rows = []
@@ -83,7 +83,7 @@ def comparison(tested: Sequence[Tested]) -> list[dict[str, str]]:
     return rows
 
 
-def figure(tested: Sequence[Tested]) -> bytes:
+def figure(tested: Sequence[Outcomes]) -> bytes:
     """Return a PNG: for each task and condition the share of episodes solved, that of the tree in the middle as a bar, from
     the worst tree to the best as a line."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # heavy: only a report draws
@@ -114,7 +114,7 @@ def figure(tested: Sequence[Tested]) -> bytes:
     return out.getvalue()
 
 
-def markdown(tested: Sequence[Tested], *, settings: dict[str, str], machine: str) -> str:
+def markdown(tested: Sequence[Outcomes], *, settings: dict[str, str], machine: str) -> str:
     """Return the report."""
     said = ", ".join(f"{name} {value}" for name, value in settings.items())
     parts = [
