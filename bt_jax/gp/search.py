@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Int8, Int32, UInt64
+from jaxtyping import Bool, Int, Int8, UInt64
 
 from bt_jax.encoding.arrays import Trees
 from bt_jax.gp.achievements.archive import PER_KEY
@@ -151,7 +151,7 @@ class AchievementSearch(Procedure):
         rng: np.random.Generator,
         parents: Trees,
         trees: Trees,
-        origin: Int32[np.ndarray, " M"],
+        origin: Int[np.ndarray, " M"],
         valid: Bool[np.ndarray, " M"],
         knowledge: Knowledge,
     ) -> tuple[Trees, Bool[np.ndarray, " M"]]:

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from bt_jax._util.errors import UserError
-from bt_jax.behaviors import gene_pool
+from bt_jax.behaviors import Control, gene_pool
 from bt_jax.encoding.formats.text import parse_tree
-from bt_jax.encoding.walk import leaves
+from bt_jax.encoding.walk import decorators, leaves
 from bt_jax.gp.config import GPConfig
 from bt_jax.gp.search import AchievementSearch
 from bt_jax.lfd import plan_task
-from bt_jax.tasks import Target, load_task
+from bt_jax.tasks import Faults, Target, load_task, with_faults
 from bt_jax.training.checkpoint import Checkpoint
 from bt_jax.training.console import TrainingDisplay
 from bt_jax.training.goals import goals_of, measured
@@ -119,6 +119,27 @@ def test_a_run_goes_on_from_its_checkpoint_as_if_it_had_never_stopped(tmp_path, 
     assert_same([state.population for state in again], [state.population for state in states[3:]])
     for one, other in zip(again, states[3:], strict=True):
         assert_same(one.seen, other.seen)
+
+
+@pytest.mark.slow
+def test_a_run_under_faults_learns_to_wait_and_goes_on_where_it_stopped(tmp_path):
+    """Only what is out of sight makes a tree of genes fail; a retry gets over that, or a look before the gene."""
+    task = with_faults(load_task("stack"), Faults(hide=0.15))
+    config, settings = GPConfig(seed=1, generations=14), Settings(level="kinematic", layouts=2, draws=8)
+    training = Training(task, config, settings)
+    states = list(training.evolution.run())
+    tree = training.best_tree(states[-1])
+    assert decorators(tree) or any(leaf.name == "look" for leaf in leaves(tree))
+    plain = Control.sequence(*(leaf for leaf in leaves(tree) if leaf.name == "move"))
+    plain, found = (training.test(one, count=20).success_rate for one in (plain, tree))
+    assert found > plain + 0.2
+    row = training.evolution.describe(states[-1])[0]
+    assert 0.5 < row.success <= 1
+    Checkpoint(states[9], training.vocabulary.symbols, 0, [], training.run_config).save(tmp_path / "state.npz")
+    saved = Checkpoint.load(tmp_path / "state.npz")
+    assert saved.symbols == training.vocabulary.symbols
+    again = list(Training(task, config, settings).evolution.run(saved.state))
+    assert_same([state.knowledge for state in again], [state.knowledge for state in states[9:]])
 
 
 def test_a_checkpoint_of_before_misses_were_kept_goes_on(tmp_path):
