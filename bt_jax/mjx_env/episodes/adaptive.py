@@ -15,7 +15,7 @@ from bt_jax.mjx_env.world import World
 __all__ = ["LEAST_HITS", "AdaptiveEvaluator"]
 
 LEAST_HITS = 0.3  # of the commands that episodes run, the share whose transition a useful table knows already
-TRIED = 10_000  # commands after which that is judged
+TRIED = 50_000  # commands after which that is judged: the first generations have little in common
 
 
 class AdaptiveEvaluator:

@@ -16,6 +16,7 @@ from jaxtyping import Int32
 
 from bt_jax.mjx_env.episodes.rules import Tally
 from bt_jax.mjx_env.faults.events import (
+    is_away,
     num_person_events,
     num_sight_events,
     person_acts,
@@ -28,6 +29,7 @@ from bt_jax.mjx_env.faults.variants import Variants, bit
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.skills import Released, act, reach
 from bt_jax.mjx_env.world import Array, World, namespace
+from bt_jax.tasks import Task
 
 __all__ = ["Chances", "Columns", "Extent", "tick_of"]
 
@@ -77,16 +79,17 @@ class Chances:
             event = events[rows, tick].astype(np.int32)
             yield event > 0, np.int32(first) + event, bits[event]
 
-    def struck_between(self, before: World, after: World, tick: Int32[Array, " E"]) -> Int32[Array, " E"]:
+    def struck_between(self, task: Task, before: World, after: World, tick: Int32[Array, " E"]) -> Int32[Array, " E"]:
         """Return the faults that happened after the tick of each episode, counted from 0, as bits: those that have changed
-        the state."""
+        the state, first what a person does, then what gets out of sight."""
+        assert before.unseen is not None
+        assert after.unseen is not None
         xp, rows, zero = namespace(tick), np.arange(tick.shape[0]), np.int32(0)
         moved = (before.poses != after.poses).any(axis=(1, 2))
-        found = xp.where(moved, self.person_bits[self.fates.person[rows, tick].astype(np.int32)], zero)
-        if before.unseen is None or after.unseen is None:
-            return found
-        hidden = (before.unseen != after.unseen).any(axis=1)
-        return found | xp.where(hidden, self.sight_bits[self.fates.sight[rows, tick].astype(np.int32)], zero)
+        person = xp.where(moved, self.person_bits[self.fates.person[rows, tick].astype(np.int32)], zero)
+        was_away, away = is_away(before, task), is_away(after, task)
+        hidden = ((before.unseen & ~was_away | away) != after.unseen).any(axis=1)
+        return person | xp.where(hidden, self.sight_bits[self.fates.sight[rows, tick].astype(np.int32)], zero)
 
     def of(self, rows: np.ndarray) -> Chances:
         """Return those of some episodes."""

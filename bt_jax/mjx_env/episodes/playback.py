@@ -24,7 +24,6 @@ from bt_jax.mjx_env.episodes.rules import (
     resolve,
     used_up,
 )
-from bt_jax.mjx_env.faults.events import person_bits, sight_bits
 from bt_jax.mjx_env.faults.fates import Fates, between_ticks, drawn
 from bt_jax.mjx_env.faults.words import between_words, command_words
 from bt_jax.mjx_env.outcomes import command_of, subgoals_of
@@ -134,15 +133,11 @@ class EpisodeState:
 
     def _counted(self, fate: Fates, tally: Tally, before: World, after: World) -> Tally:
         """Return the tally with the faults that happened between this tick and the next."""
-        task, tick, struck = self.semantics.task, self.tally.ticks, tally.struck
-        assert struck is not None
-        rows = np.zeros(1, int)
-        person, sight = fate.person[rows, tick], fate.sight[rows, tick]
-        if (before.poses != after.poses).any():
-            struck = struck | person_bits(task)[person]
-        if after.unseen is not None and before.unseen is not None and (before.unseen != after.unseen).any():
-            struck = struck | sight_bits(task)[sight]
-        return dataclasses.replace(tally, struck=struck)
+        chances = Columns(self.semantics).chances(fate, 1)
+        assert chances is not None
+        assert tally.struck is not None
+        found = chances.struck_between(self.semantics.task, before, after, self.tally.ticks)
+        return dataclasses.replace(tally, struck=tally.struck | found)
 
     def _ticked(
         self, *, exhausted: Int32[np.ndarray, "1"], fails_once: bool

@@ -162,7 +162,7 @@ def _finished(
     tally = count_tick(lanes.tally, lanes.status, command, ~sane, task.episode, traced, counts, struck, travel)
     if chances is not None:
         after = _where(tally.ending == Ending.OPEN, between_ticks(world, task, chances.fates, tick), world)
-        found = chances.struck_between(world, after, tick)
+        found = chances.struck_between(task, world, after, tick)
         assert tally.struck is not None
         world, tally = after, dataclasses.replace(tally, struck=tally.struck | found)
     return world, tally

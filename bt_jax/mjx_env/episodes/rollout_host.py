@@ -96,7 +96,7 @@ class HostRollout:
             after = between_ticks(before, task, own.fates, tick[rows])
             world = _replaced(world, rows, after)
             assert counted.struck is not None
-            counted.struck[rows] |= own.struck_between(before, after, tick[rows])
+            counted.struck[rows] |= own.struck_between(self.semantics.task, before, after, tick[rows])
         return world, counted
 
     def _settler_of(self, chances: Chances | None) -> Settler:

@@ -10,6 +10,7 @@ from bt_jax._util.statistics import wilson
 from bt_jax.behaviors import gene_pool
 from bt_jax.encoding.arrays import encode_all
 from bt_jax.encoding.formats.text import parse_tree
+from bt_jax.mjx_env.episodes.adaptive import AdaptiveEvaluator
 from bt_jax.mjx_env.episodes.evaluator import TableEvaluator
 from bt_jax.mjx_env.episodes.playback import play
 from bt_jax.mjx_env.episodes.rollout import RolloutEvaluator
@@ -73,6 +74,21 @@ def test_a_rollout_is_the_episode_of_the_table(task_name):
     np.testing.assert_array_equal(ours.ending, theirs.ending)
     np.testing.assert_array_equal(ours.ticks, theirs.ticks)
     np.testing.assert_allclose(ours.values, theirs.values, atol=0.5)
+
+
+def test_a_table_of_which_little_comes_again_is_given_up_without_a_change_of_results(monkeypatch):
+    one = case("stack3", MUCH)
+    monkeypatch.setattr("bt_jax.mjx_env.episodes.adaptive.TRIED", 1)
+    monkeypatch.setattr("bt_jax.mjx_env.episodes.adaptive.LEAST_HITS", 1.0)
+    table = TableEvaluator(one.semantics, Kinematic(one.task), batch=len(one.trees))
+    adaptive = AdaptiveEvaluator(table, Kinematic(one.task))
+    first = adaptive(one.encoded, one.layouts, fates=one.fates)
+    assert adaptive.rolls_out
+    assert 0 < table.hit_rate < 1
+    second, known = adaptive(one.encoded, one.layouts, fates=one.fates), table.num_followed
+    np.testing.assert_array_equal(first.values, second.values)
+    np.testing.assert_array_equal(first.struck, second.struck)
+    assert table.num_followed == known
 
 
 def test_gaussian_errors_succeed_as_often_as_the_draws_of_the_table():
