@@ -76,7 +76,8 @@ class DemonstrationDraft:
 
     def to_json(self) -> str:
         """Return the text of a file that `from_json` reads."""
-        start = {field.name: getattr(self.start, field.name).tolist() for field in dataclasses.fields(World)}
+        values = {field.name: getattr(self.start, field.name) for field in dataclasses.fields(World)}
+        start = {name: value.tolist() for name, value in values.items() if value is not None}
         inputs = [[each.kind, each.what] for each in self.inputs]
         return json.dumps({"task": self.task.to_dict(), "set": self.set_name, "start": start, "inputs": inputs})
 
@@ -94,8 +95,11 @@ class DemonstrationDraft:
                 held=np.array(start["held"], np.int8).reshape(1),
                 gripper_open=np.array(start["gripper_open"], bool).reshape(1),
                 reached=np.array(start["reached"], bool).reshape(1, len(task.subgoals)),
+                unseen=None if task.faults is None else np.zeros((1, boxes), bool),
                 base=base_at_start(task, 1),
             )
+            if world.base is not None:
+                world = dataclasses.replace(world, base=np.array(start["base"], np.float32).reshape(1, 2))
             inputs = tuple(Input(kind, what) for kind, what in data["inputs"])
             valid = _is_plausible(world) and all(map(_is_valid, inputs))
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
