@@ -41,6 +41,7 @@ def test_decorators_are_removed_too():
         "Sequence(retry(3, pick(A)), open_gripper)",
         "Sequence(retry(3, pick(B)), open_gripper)",
         "Sequence(pick(A), pick(B), open_gripper)",
+        "retry(3, Sequence(pick(A), pick(B)))",
     }
 
 

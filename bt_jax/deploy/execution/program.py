@@ -38,7 +38,7 @@ class Program:
 def refuse_driving(task: Task) -> Task:
     """Return a task. Raise UserError if its robot drives."""
     if task.robot.base is not None:
-        raise UserError(f"the robot of task {task.name} drives, and a YuMi does not; use a task without robot.base")
+        raise UserError(f"the robot of task {task.name} drives, and this one does not; use a task without robot.base")
     return task
 
 

@@ -27,5 +27,5 @@ def test_a_task_whose_robot_drives_is_refused(command, tmp_path):
     with pytest.raises(UserError) as caught:
         command(tree)
     assert str(caught.value) == (
-        "the robot of task mobile_stack drives, and a YuMi does not; use a task without robot.base"
+        "the robot of task mobile_stack drives, and this one does not; use a task without robot.base"
     )
