@@ -224,7 +224,7 @@ def test_one_broken_layout_is_enough():
     ],
 )
 def test_settings_that_cannot_work(settings):
-    with pytest.raises(UserError, match="choose (1 or more|more than 0|a share of the episodes, above 0)"):
+    with pytest.raises(UserError, match=r"choose (1 or more|more than 0|a share of the episodes, above 0)"):
         settings.check()
 
 

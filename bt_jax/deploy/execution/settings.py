@@ -7,7 +7,7 @@ import dataclasses
 __all__ = ["SIMULATED_TICK", "TWIN_SECONDS", "CalibrationLimits", "Exit", "GraspSettings", "Limits", "MotionSettings"]
 
 TWIN_SECONDS = 240.0  # for a run on the twin
-SIMULATED_TICK = 6.0  # s that a tick of the simulation stands for: the six attempts at a stack of three take the twin 36 s
+SIMULATED_TICK = 6.0  # s that a tick of the simulation stands for: six attempts take the twin 36 s
 
 
 class Exit:
