@@ -56,7 +56,7 @@ def within_reach(world: World, task: Task, points: Float32[Array, "S n 3"]) -> B
 def stations_near(task: Task, points: Float32[Array, "S n 3"]) -> Bool[Array, "S n stations"]:
     """Return from which stations the arm reaches each point of the world."""
     assert task.robot.base is not None
-    return distances(_ways(task).stations[None, None], points[:, :, None]) <= np.float32(task.robot.base.reach)
+    return distances(points[:, :, None], _ways(task).stations[None, None]) <= np.float32(task.robot.base.reach)
 
 
 def driven(before: Float32[Array, "*S 2"] | None, after: Float32[Array, "*S 2"] | None) -> Float32[Array, "*S"] | None:

@@ -129,9 +129,9 @@ def test_single_ticks_show_what_happens_and_the_gripper_carries_the_box(page, se
     page.evaluate(f"""() => {{ {COMPONENT}
       window.seen = [];
       const draw = c.place.bind(c);
-      c.place = (boxes, gripper) => {{
-        draw(boxes, gripper);
-        seen.push([...boxes[0].slice(0, 3), ...gripper.slice(0, 3)]);
+      c.place = (state) => {{
+        draw(state);
+        seen.push([...state.objects[0].slice(0, 3), ...state.gripper.slice(0, 3)]);
       }};
     }}""")
     see("run-tick").click()
