@@ -13,8 +13,10 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float32, Int, Int32
 
+from bt_jax.mjx_env.conditions import subgoals_by_sight
 from bt_jax.mjx_env.driving import drive, stations_near
-from bt_jax.mjx_env.semantics import LeafSemantics, subgoals_by_sight, taken_by, turn_error
+from bt_jax.mjx_env.predicates import turn_error
+from bt_jax.mjx_env.semantics import LeafSemantics, taken_by
 from bt_jax.mjx_env.surfaces import (
     fixed_surfaces,
     joined,

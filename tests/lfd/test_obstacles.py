@@ -20,8 +20,8 @@ from bt_jax.lfd.obstacles import Obstacles
 from bt_jax.lfd.placements import condition_of
 from bt_jax.lfd.planner import plan, plan_task
 from bt_jax.lfd.starts import above, fills, may_fill
+from bt_jax.mjx_env.conditions import holding_subgoals
 from bt_jax.mjx_env.scene.layouts import sample_layouts
-from bt_jax.mjx_env.semantics import holding_subgoals
 from bt_jax.mjx_env.world import frames, poses_by_name, to_world
 from bt_jax.tasks import Layout, Target, load_task, task_names
 from tests.helpers.demonstrations import RESTACK, STACK3, asides, playbacks

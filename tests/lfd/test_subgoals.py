@@ -9,8 +9,8 @@ from bt_jax.lfd import Action, Demonstration, Demonstrations, Frames, Pose, lear
 from bt_jax.lfd.evaluation.synthetic_kits import demonstrate_kit
 from bt_jax.lfd.placements import condition_of
 from bt_jax.lfd.subgoals import derive_subgoal
+from bt_jax.mjx_env.conditions import holding_subgoals
 from bt_jax.mjx_env.scene.layouts import sample_layouts
-from bt_jax.mjx_env.semantics import holding_subgoals
 from bt_jax.tasks import Subgoal, load_task
 from tests.helpers.demonstrations import RESTACK, STACK3, STACKING, UNSTACKING, at, demonstrations
 

@@ -14,9 +14,10 @@ from bt_jax.behaviors import FIRST_LEAF, NOTHING, Behavior, Kind, Vocabulary, su
 from bt_jax.behaviors.geometry import is_at, is_clear, is_in_reach, taken_by
 from bt_jax.encoding.formats.py_trees import to_py_trees
 from bt_jax.encoding.tick import Status
+from bt_jax.mjx_env.conditions import holding_subgoals
 from bt_jax.mjx_env.outcomes import COMMAND_BITS, SUBGOAL_BITS
 from bt_jax.mjx_env.scene.layouts import sample_layouts
-from bt_jax.mjx_env.semantics import LeafSemantics, holding_subgoals
+from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.world import poses_by_name, rotate
 from bt_jax.tasks import load_task
 from tests.helpers.samples import PARTS, kinematic_walk, one, semantics_of

@@ -8,8 +8,8 @@ import pytest
 from bt_jax.behaviors import Behavior
 from bt_jax.behaviors.geometry import heading, turn_error
 from bt_jax.behaviors.pose import Pose
+from bt_jax.mjx_env.conditions import subgoals_by_sight
 from bt_jax.mjx_env.scene.layouts import sample_layouts
-from bt_jax.mjx_env.semantics import subgoals_by_sight
 from bt_jax.mjx_env.skills import LIFT, act, settled_world
 from bt_jax.mjx_env.world import poses_by_name, snap, take
 from tests.helpers.samples import PARTS, assert_same, kinematic_walk, random_commands, semantics_of, sized

@@ -12,9 +12,9 @@ from jaxtyping import Float
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.state.extents import TOUCHING, Point, Pose, half_of, heading, inside, poses_now, stands, turned
+from bt_jax.mjx_env.conditions import subgoals_by_sight
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.predicates import off_floor
-from bt_jax.mjx_env.semantics import subgoals_by_sight
 from bt_jax.mjx_env.skills import Released, settled_world
 from bt_jax.mjx_env.surfaces import Surfaces, fixed_surfaces, outline_of, overlaps, surface_names
 from bt_jax.mjx_env.world import World

@@ -10,8 +10,8 @@ import dataclasses
 
 from bt_jax.app.state.history import History
 from bt_jax.app.state.workspace import Workspace
+from bt_jax.mjx_env.conditions import subgoals_by_sight
 from bt_jax.mjx_env.scene.layouts import sample_layouts
-from bt_jax.mjx_env.semantics import subgoals_by_sight
 from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Task
 

@@ -21,9 +21,9 @@ from bt_jax.app.state.replay import ReplayStep, described, replay_steps
 from bt_jax.app.state.worker import Worker
 from bt_jax.behaviors import Tree
 from bt_jax.lfd import DemonstrationFolder, Frames
+from bt_jax.mjx_env.conditions import subgoals_by_sight
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.scene.layouts import sample_layouts
-from bt_jax.mjx_env.semantics import subgoals_by_sight
 from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Task
 from bt_jax.teaching.script import DEMONSTRATED, reached_by

@@ -13,9 +13,9 @@ import itertools
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
+from bt_jax.mjx_env.conditions import subgoals_by_sight
 from bt_jax.mjx_env.faults.variants import bit
 from bt_jax.mjx_env.predicates import is_clear
-from bt_jax.mjx_env.semantics import subgoals_by_sight
 from bt_jax.mjx_env.world import Array, World, headings, namespace, snap
 from bt_jax.tasks import Task
 

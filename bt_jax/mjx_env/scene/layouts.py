@@ -6,9 +6,9 @@ import dataclasses
 
 import numpy as np
 
+from bt_jax.mjx_env.conditions import subgoals_by_sight
 from bt_jax.mjx_env.driving import start
 from bt_jax.mjx_env.scene.placement import draw_kit_table, draw_poses
-from bt_jax.mjx_env.semantics import subgoals_by_sight
 from bt_jax.mjx_env.world import World, snap
 from bt_jax.tasks import Task
 from bt_jax.tasks.support import kit_origin

@@ -8,9 +8,9 @@ from bt_jax.deploy.execution.statuses import Context, Statuses, subgoals_by_sigh
 from bt_jax.encoding.interpret import tick_tree
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import prefix
+from bt_jax.mjx_env.conditions import holding_subgoals
 from bt_jax.mjx_env.outcomes import command_of
 from bt_jax.mjx_env.scene.layouts import sample_layouts
-from bt_jax.mjx_env.semantics import holding_subgoals
 from bt_jax.tasks import load_task
 from tests.helpers.ideal import observe
 from tests.helpers.samples import kinematic_walk, one
