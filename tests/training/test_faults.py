@@ -9,8 +9,9 @@ import pytest
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.gp.config import GPConfig
 from bt_jax.tasks import Faults, load_faults, load_task, with_faults
+from bt_jax.training import result
 from bt_jax.training.console import failures_met, faults_met, where_tested
-from bt_jax.training.result import Failures, Test
+from bt_jax.training.result import Failures
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.settings import Settings
 from bt_jax.training.training import Training
@@ -67,7 +68,7 @@ def test_a_test_is_told_with_interval_faults_and_the_three_commonest_ways_of_fai
     struck = np.zeros(50, np.int32)
     struck[:10] = 2
     solved = np.arange(50) > 8
-    test = Test(solved, np.zeros(50, np.float32), reasons, draws=5, struck=struck)
+    test = result.Test(solved, np.zeros(50, np.float32), reasons, draws=5, struck=struck)
     assert where_tested(test) == "episodes in unseen layouts (95 %: 69.2 to 90.2 %)"
     assert faults_met(test) == "faults       drops: 1 of 10\n"
     lines = failures_met(test).splitlines()

@@ -70,6 +70,12 @@ class Server:
             self.process.kill()
             self.process.wait()
 
+    def restart(self, page: Page) -> None:
+        """Ends it and serves again; the window has left the page, which would reload itself while another is opened."""
+        page.goto("about:blank")
+        self.stop()
+        self.start()
+
 
 @pytest.fixture(scope="module")
 def options():

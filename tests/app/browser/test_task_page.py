@@ -155,8 +155,7 @@ def test_edits_are_undone_and_redone_by_buttons_and_keys(page, see):
 def test_unsaved_changes_outlive_the_server(page, see, server):
     see("task-remove-GreenBox").click()
     expect(see("task-saved")).to_have_text("Changed, and not saved yet.")
-    server.stop()
-    server.start()
+    server.restart(page)
     page.goto(server.url)
     expect(see("notices")).to_contain_text("Your unsaved changes of stack were restored")
     expect(see("task-words-GreenBox")).to_have_text("may be anywhere")
