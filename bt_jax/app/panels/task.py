@@ -15,7 +15,7 @@ from bt_jax.app.panels.context import PanelContext
 from bt_jax.app.panels.parts import button, css_color, may_leave
 from bt_jax.app.plain_words import Words, differences, differing_settings
 from bt_jax.app.state.arrangement import fixed_layout, free_layout, kit_table, kit_tables, move_kit, put
-from bt_jax.app.state.goals import kind_of, new_key, target_keys
+from bt_jax.app.state.goals import key_of, kind_of, new_key, target_keys
 from bt_jax.app.state.retargeting import retarget, spare_place, untarget
 from bt_jax.app.state.snapping import snapped
 from bt_jax.app.state.spots import Spot, origins, references, spot_at, spot_of_target
@@ -243,9 +243,11 @@ class _Task:
             return
         self.page.steer("task")
         if dragged == "targets":
-            target = target_keys(self.studio.edited.task).get(name)
-            await self._target(name, lambda task, start: position, turn=None if target is None else target.turn)
-            self._say_slot(name)
+            task, start = self.studio.edited.task, self.studio.edited.start
+            key = key_of(task, start, name)
+            target = target_keys(task).get(key)
+            await self._target(key, lambda task, start: position, turn=None if target is None else target.turn)
+            self._say_slot(key)
         else:
             await self._drop_start(name, position)
 

@@ -12,7 +12,7 @@ from bt_jax.app.state.extents import Pose, heading, in_world, stands, turned
 from bt_jax.mjx_env.world import World, frames
 from bt_jax.tasks import Target, Task
 
-__all__ = ["Goal", "goals", "kind_of", "new_key", "target_keys"]
+__all__ = ["Goal", "goals", "key_of", "kind_of", "new_key", "target_keys"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -46,6 +46,15 @@ def new_key(task: Task, kind: str) -> str:
     if kind in task.object_names:
         return kind
     return f"{kind}-{1 + sum(target.object == kind for target in task.targets)}"
+
+
+def key_of(task: Task, world: World, name: str) -> str:
+    """Return the key of the target that is meant by its own key or by an object: the target of the object or, if it is an
+    instance of a part, the one for which it stands now; that of one more target if it has none."""
+    if name in target_keys(task):
+        return name
+    own = next((key for key, goal in goals(task, world).items() if goal.thing == name), None)
+    return new_key(task, task.thing(name).part or name) if own is None else own
 
 
 def goals(task: Task, world: World) -> dict[str, Goal]:

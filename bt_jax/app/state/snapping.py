@@ -12,7 +12,7 @@ from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Kit, Object, Slot, Task
 from bt_jax.tasks.slots import fits, slot_position, slot_turn
 
-__all__ = ["SNAP", "Snapped", "slot_near", "snapped"]
+__all__ = ["SNAP", "Snapped", "catch_radius", "slot_near", "snapped"]
 
 SNAP = 0.25  # what is this near, in sizes of its object, to a place of note is moved there
 CATCH = 0.35  # and to a slot, in distances to the next slot
@@ -34,9 +34,13 @@ def slot_near(kit: Kit, thing: Object, local: Point) -> Slot | None:
     if not places or not -thing.height / 4 < local[2] - kit.plate - thing.height / 2 < kit.wall_height:
         return None
     best = min(places, key=lambda slot: math.dist(slot.position, local[:2]))
-    others = [math.dist(slot.position, best.position) for slot in kit.places if slot is not best]
-    reach = max(SNAP * max(thing.size[:2]), CATCH * min(others, default=min(kit.half)))
-    return best if math.dist(best.position, local[:2]) <= reach else None
+    return best if math.dist(best.position, local[:2]) <= catch_radius(kit, best, thing) else None
+
+
+def catch_radius(kit: Kit, slot: Slot, thing: Object) -> float:
+    """Return how far [m] from the middle of a slot an object may be dropped that is then moved into it."""
+    others = [math.dist(other.position, slot.position) for other in kit.places if other is not slot]
+    return max(SNAP * max(thing.size[:2]), CATCH * min(others, default=min(kit.half)))
 
 
 def snapped(task: Task, world: World, name: str, position: Point) -> Snapped | None:

@@ -132,7 +132,8 @@ export default {
 
     // Glides to a state: {objects: [pose, ...], kits: [pose, ...], gripper: [x, y, z, opening, yaw], base: [x, y, z] or null}.
     show(state, glide = true) {
-      this.model.kits.forEach(({ name }, k) => setPose(this.bodies[name], state.kits[k]));
+      this.origins = state.kits;
+      this.placeKits();
       const now = this.state();
       this.frozen = this.dropped = null;
       this.last = state;
@@ -143,6 +144,10 @@ export default {
         this.motion = { states: [now, state], began: performance.now(), milliseconds: GLIDE };
       }
       this.draw();
+    },
+
+    placeKits() {
+      this.model.kits.forEach(({ name }, k) => setPose(this.bodies[name], this.origins[k]));
     },
 
     // Runs through states that follow each other evenly, in this time.
@@ -181,7 +186,7 @@ export default {
       for (const { key, name, pose, text } of ghosts) {
         const ghost = ghostOf(this.thing(name), pose);
         ghost.name = key;
-        ghost.userData = { group, text, thing: this.thing(name) };
+        ghost.userData = { group, text, thing: this.thing(name), of: name };
         this.ghosts[`${group} ${key}`] = ghost;
         this.scene.add(ghost);
       }
@@ -191,11 +196,12 @@ export default {
     // Python has taken or refused what was dropped, and shows the scene next.
     drop() {
       this.dropped = null;
+      this.placeKits();
       if (!this.motion && !this.frozen) this.place(this.last);
       this.draw();
     },
 
-    // What can be dragged: "objects", "targets" or "" for nothing.
+    // What can be dragged: "objects", "targets", "things" (objects and kits), or "" for nothing.
     setDragging(what) {
       this.cancelDrag();
       this.dragging = what;

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import inspect
-import itertools
-import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-import mujoco
 import nicegui
 import numpy as np
 from jaxtyping import Float
@@ -23,20 +19,18 @@ from bt_jax.app.state.goals import goals
 from bt_jax.app.state.playing import Cue
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.context import PageContext
+from bt_jax.app.widgets.scene_model import plain, scene_model
 from bt_jax.behaviors import Behavior, Vocabulary
 from bt_jax.mjx_env.render.choreography import Shot, Stage
-from bt_jax.mjx_env.scene.mjcf import compile_scene
 from bt_jax.mjx_env.semantics import LeafSemantics
-from bt_jax.mjx_env.surfaces import fixed_surfaces, surface_names
 from bt_jax.mjx_env.world import World
-from bt_jax.tasks import Kit, Task
+from bt_jax.tasks import Task
 
 __all__ = ["Dragging", "Ghost", "SceneView"]
 
 THREE = Path(nicegui.__file__).parent / "elements" / "scene" / "dist"  # NiceGUI's copy of three.js, a private folder
 PARTS = Path(__file__).parents[1] / "static" / "scene"
-PITCH, TURN = math.radians(42), math.radians(-8)  # of the view at the beginning, below the horizon and about z
-Dragging = Literal["", "objects", "targets"]
+Dragging = Literal["", "objects", "targets", "things"]
 Pose = Sequence[float] | Float[np.ndarray, "7"]
 
 
@@ -70,32 +64,39 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
         self._ghosts: dict[str, list[dict[str, Any]]] = {}
         self._on_drop: list[Callable[[Dragging, str, np.ndarray], Any]] = []
         self._on_pick: list[Callable[[str], Any]] = []
+        self._on_point: list[Callable[[str, np.ndarray], Any]] = []
         self.on("ready", self._begin)
         self.on("drop", page.guard(self._drop))
         self.on("pick", page.guard(self._pick))
+        self.on("point", page.guard(self._point))
         page.on("task", self._rebuild)
         page.on("scene", self._show, now=False)
         page.on("player", self._follow, now=False)
         page.on_step(lambda step: self._enter())
 
     def on_drop(self, callback: Callable[[Dragging, str, np.ndarray], Any]) -> None:
-        """Call back with what was dragged (objects or targets), its name or key, and where its centre was dropped [m,
-        world]."""
+        """Call back with what was dragged (objects, targets, or things: objects and kits), its name or key, and where its
+        centre was dropped [m, world]; an object that was dragged as a target without having one has its own name."""
         self._on_drop.append(callback)
 
     def on_pick(self, callback: Callable[[str], Any]) -> None:
         """Call back with the name of an object that was clicked."""
         self._on_pick.append(callback)
 
+    def on_point(self, callback: Callable[[str, np.ndarray], Any]) -> None:
+        """Call back with the name of an object or a kit that was clicked, and where [m, world]; only while both can be
+        dragged."""
+        self._on_point.append(callback)
+
     def arrange(self, dragging: Dragging) -> None:
-        """Set what a person may drag in the step `task`: objects or targets."""
+        """Set what a person may drag in the step `task`: objects, targets, or objects and kits."""
         self._arranging = dragging
         self._enter()
 
     def ghost(self, copies: Mapping[str, Ghost], *, group: str) -> None:
         """Show translucent copies of objects by their keys, in place of those that `group` had before."""
         ghosts = [
-            {"key": key, "name": one.name, "pose": _plain(one.pose), "text": one.text} for key, one in copies.items()
+            {"key": key, "name": one.name, "pose": plain(one.pose), "text": one.text} for key, one in copies.items()
         ]
         if ghosts != self._ghosts.get(group, []):
             self._ghosts[group] = ghosts
@@ -118,7 +119,7 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
         return self.page.step in ("task", "evolve", "combine", "run")
 
     def _rebuild(self) -> None:
-        model = _model(self.studio.edited.task)
+        model = scene_model(self.studio.edited.task)
         if model != self._props.get("model"):
             self._ready, self._ghosts = False, {}
             self._props["model"] = model
@@ -147,7 +148,7 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
             shot, self._cue = playing.player.now.shots[-1], playing.cue
         else:
             shot, self._cue = _at_rest(self.studio.edited.task, world), None
-        kits = [[*_plain(origin), 1, 0, 0, 0] for origin in np.asarray(world.kits)[0]]
+        kits = [[*plain(origin), 1, 0, 0, 0] for origin in np.asarray(world.kits)[0]]
         self._call("show", {**self._state(shot), "kits": kits}, glide)
         self._show_targets()
 
@@ -181,9 +182,9 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
         """Return what the browser shows of one moment."""
         gripper = shot.gripper
         return {
-            "objects": [_plain(pose) for pose in shot.poses],
-            "gripper": _plain([*gripper.position, gripper.opening, gripper.yaw]),
-            "base": None if shot.base is None else _plain([*shot.base, self.studio.edited.task.floor]),
+            "objects": [plain(pose) for pose in shot.poses],
+            "gripper": plain([*gripper.position, gripper.opening, gripper.yaw]),
+            "base": None if shot.base is None else plain([*shot.base, self.studio.edited.task.floor]),
         }
 
     def _call(self, method: str, *arguments: Any) -> None:
@@ -205,96 +206,17 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
         for callback in self._on_pick:
             await _finished(callback(event.args))
 
+    async def _point(self, event: GenericEventArguments) -> None:
+        for callback in self._on_point:
+            await _finished(callback(event.args["name"], np.array(event.args["position"], float)))
+
 
 async def _finished(result: Any) -> None:
     if inspect.isawaitable(result):
         await result
 
 
-@functools.lru_cache(maxsize=8)
-def _model(task: Task) -> dict[str, Any]:
-    """Return what the browser builds the scene from: the shapes of the compiled scene, the surfaces, and the view."""
-    model, _ = compile_scene(task, gripper=True)
-    surfaces = fixed_surfaces(task, np.zeros((1, len(task.kits), 3), np.float32))
-    tops = [
-        {"x": x, "y": y, "half": half, "top": top}
-        for (x, y), half, top in zip(
-            surfaces.centre[0].tolist(), surfaces.half[0].tolist(), surfaces.top[0].tolist(), strict=True
-        )
-    ]
-    of = surface_names(task)
-    low, high = _extent(task)
-    return {
-        "geoms": [_geom(model, i) for i in range(model.ngeom)],
-        "objects": [
-            {"name": thing.name, "shape": thing.shape, "size": thing.size, "color": thing.color}
-            for thing in task.objects
-        ],
-        "kits": [_kit(kit, [top for name, top in zip(of, tops, strict=True) if name == kit.name]) for kit in task.kits],
-        "tables": tops[1 : 1 + len(task.tables)],
-        "top": max(table.top for table in task.tables),
-        "room": [(low - 0.1 * (high - low)).tolist(), (high + 0.1 * (high - low)).tolist()],
-        "light": (np.array([0, 0, 3.0]) - 1.2 * np.array(task.right) - 0.9 * np.array(task.away)).tolist(),
-        "camera": _camera(task),
-    }
-
-
-def _kit(kit: Kit, parts: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return what is drawn of a kit besides its shapes: the surfaces to stand on, and the names of its slots."""
-    slots = {
-        slot.position: slot.name for slot in reversed(kit.places)
-    }  # one that is written hides that of the grid there
-    named = [{"name": name, "position": [*position, kit.plate]} for position, name in slots.items()]
-    return {"name": kit.name, "parts": parts, "slots": named}
-
-
-def _geom(model: mujoco.MjModel, index: int) -> dict[str, Any]:
-    geom = model.geom(index)
-    kinds = {mujoco.mjtGeom.mjGEOM_PLANE: "plane", mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder"}
-    return {
-        "body": model.body(int(geom.bodyid[0])).name,
-        "type": kinds.get(int(geom.type[0]), "box"),
-        "size": geom.size.tolist(),
-        "pose": _plain([*geom.pos, *geom.quat]),
-        "color": model.mat_rgba[int(geom.matid[0]), :3].tolist(),
-    }
-
-
-def _extent(task: Task) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """Return the lowest and highest corner of what is in view [m]: the upper part of the tables, and a stack on them."""
-    middles, halves = (np.array([getattr(t, key) for t in task.tables]) for key in ("position", "size"))
-    low, high = (middles - halves / 2).min(axis=0), (middles + halves / 2).max(axis=0)
-    unit = max(thing.height for thing in task.objects)
-    low[2] = max(low[2], high[2] - 2.5 * unit)
-    high[2] += 4 * unit
-    return low, high
-
-
-def _camera(task: Task) -> dict[str, Any]:
-    """Return the view of a person who faces the robot, from above and a little from the side; `across` and `upright` are the
-    tangents of half the angles of view that show everything."""
-    low, high = _extent(task)
-    right, away, up = np.array(task.right), np.array(task.away), np.array([0.0, 0.0, 1.0])
-    level = math.cos(TURN) * away - math.sin(TURN) * right
-    view = math.cos(PITCH) * level - math.sin(PITCH) * up
-    target, distance = (low + high) / 2, 2.2 * float(np.linalg.norm(high - low))
-    eye = target - distance * view
-    side = np.cross(view, up) / np.linalg.norm(np.cross(view, up))
-    corners = np.array(list(itertools.product(*zip(low, high, strict=True)))) - eye
-    depth = corners @ view
-    return {
-        "eye": eye.tolist(),
-        "target": target.tolist(),
-        "across": float(np.abs(corners @ side / depth).max()),
-        "upright": float(np.abs(corners @ np.cross(side, view) / depth).max()),
-    }
-
-
 def _at_rest(task: Task, world: World) -> Shot:
     """Return the scene between two motions."""
     semantics = LeafSemantics(task, Vocabulary.of([Behavior("open_gripper")]))
     return Stage(semantics, world, fps=1.0).shots[-1]
-
-
-def _plain(values: Pose) -> list[float]:
-    return [round(float(value), 5) for value in values]

@@ -117,6 +117,17 @@ def test_a_target_is_dragged_beside_another(page, see):
     expect(see("task-words-YellowBox")).to_have_text("on top of GreenBox")
 
 
+def test_a_target_is_set_by_dragging_the_box_itself(page, see):
+    kit = position(page, "KittingBox")
+    blue = position(page, "BlueBox")
+    drag(page, "BlueBox", [kit[0] - 0.125, kit[1] + 0.01], arranging="targets")
+    expect(see("task-words-BlueBox")).to_have_text("at the left of the kit")
+    until(page, lambda: exists(page, "BlueBox"))
+    assert close(position(page, "BlueBox"), blue, 1e-6)  # where it starts is as before
+    drag(page, "BlueBox", [kit[0] + 0.125, kit[1] + 0.01], arranging="targets")
+    expect(see("task-words-BlueBox")).to_have_text("at the right of the kit")
+
+
 def test_changes_are_not_lost_unasked(page, see, server):
     see("task-remove-GreenBox").click()
     expect(see("task-saved")).to_have_text("Changed, and not saved yet.")

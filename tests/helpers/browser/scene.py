@@ -45,10 +45,11 @@ def click(page: Page, name: str) -> None:
     page.mouse.click(*on_screen(page, position(page, name)))
 
 
-def drag(page: Page, name: str, to: list[float], *, target: bool = False) -> None:
-    """Takes a box, or its target, at its middle and lets it go over a point of the world [m]."""
+def drag(page: Page, name: str, to: list[float], *, target: bool = False, arranging: str = "") -> None:
+    """Takes a box, or its target, at its middle and lets it go over a point of the world [m]; `arranging`: what can be
+    dragged meanwhile, if it is something else."""
     at_rest(page)
-    what = "targets" if target else "objects"
+    what = arranging or ("targets" if target else "objects")
     page.wait_for_function(f"() => {{ {COMPONENT} return c.dragging === '{what}'; }}")
     here = position(page, name, target=target)
     page.mouse.move(*on_screen(page, here))

@@ -1,11 +1,12 @@
 // Objects and targets under the pointer: they are clicked, or dragged over what can carry them.
 import { THREE } from "nicegui-scene";
-import { poseOf, setPose } from "./shapes.js";
-import { halfOf, supportHeight } from "./support.js";
+import { discard, ghostOf, poseOf, setPose } from "./shapes.js";
+import { halfOf, supportUnder } from "./support.js";
 
 const AXIS = new THREE.Vector3(0, 0, 1);
 const CLICK = 4; // pixels by which a pointer may move in a click
 const WARN = 0xd55e00;
+const FINE = 0.02; // metres: what is smaller moves in steps of a millimetre, all else in steps of five
 
 // Methods of the component.
 export const pointer = {
@@ -19,12 +20,20 @@ export const pointer = {
 
   handle(event) {
     const objects = this.model.objects.map(({ name }) => this.bodies[name]);
-    const targets = Object.values(this.ghosts).filter((ghost) => ghost.userData.group === "targets");
-    const found = this.hit(event, this.dragging === "targets" ? targets : objects);
+    const also = this.dragging === "targets" ? this.targets() : this.dragging === "things" ? this.kits() : [];
+    const found = this.hit(event, [...objects, ...also]);
     if (!found) return null;
     let object = found.object;
     while (object.parent !== this.scene) object = object.parent;
     return { object, point: found.point };
+  },
+
+  targets() {
+    return Object.values(this.ghosts).filter((ghost) => ghost.userData.group === "targets");
+  },
+
+  kits() {
+    return this.model.kits.map(({ name }) => this.bodies[name]);
   },
 
   onDown(event) {
@@ -47,12 +56,16 @@ export const pointer = {
   hover(event) {
     if (event.buttons) return;
     const found = this.handle(event);
-    const text = found ? (found.object.userData.text ?? found.object.name) : "";
     event.target.style.cursor = found ? (this.dragging ? "grab" : "pointer") : "";
+    this.tell(event, found ? (found.object.userData.text ?? found.object.name) : "");
+  },
+
+  // Shows a text beside the pointer.
+  tell(event, text) {
     this.tip.style.display = text ? "block" : "none";
     this.tip.textContent = text;
-    const { left, top } = this.$el.getBoundingClientRect();
-    this.tip.style.left = `${event.clientX - left + 14}px`;
+    const { left, top, width } = this.$el.getBoundingClientRect();
+    this.tip.style.left = `${Math.max(0, Math.min(event.clientX - left + 14, width - this.tip.offsetWidth))}px`;
     this.tip.style.top = `${event.clientY - top + 14}px`;
   },
 
@@ -60,8 +73,21 @@ export const pointer = {
     const { object, point } = this.pressed;
     const plane = new THREE.Plane(AXIS, -point.z);
     const offset = object.position.clone().sub(point);
-    this.tip.style.display = "none";
-    this.drag = { object, plane, offset, before: poseOf(object), half: halfOf(this.thingOf(object), object) };
+    const taken = this.dragging === "targets" ? this.targetOf(object) : object;
+    this.drag = { object: taken, plane, offset, before: poseOf(taken), half: this.halfOf(taken) };
+  },
+
+  // The target that is meant by a target or by an object; an object without one gets a copy to begin with.
+  targetOf(object) {
+    if (object.userData.group) return object;
+    const known = this.targets().find((ghost) => ghost.userData.of === object.name);
+    if (known) return known;
+    const ghost = ghostOf(this.thing(object.name), poseOf(object));
+    ghost.name = object.name;
+    ghost.userData = { group: "targets", thing: this.thing(object.name), of: object.name, isNew: true };
+    this.ghosts[`targets ${ghost.name}`] = ghost;
+    this.scene.add(ghost);
+    return ghost;
   },
 
   dragTo(event) {
@@ -70,13 +96,43 @@ export const pointer = {
     const point = this.raycaster.ray.intersectPlane(plane, new THREE.Vector3());
     if (!point) return;
     const [low, high] = this.model.room;
-    const x = THREE.MathUtils.clamp(point.x + offset.x, low[0], high[0]);
-    const y = THREE.MathUtils.clamp(point.y + offset.y, low[1], high[1]);
-    const height = this.support(x, y, half);
-    object.position.set(x, y, (height ?? this.model.top) + half[2]);
-    this.warn(object, height === null);
+    let x = THREE.MathUtils.clamp(point.x + offset.x, low[0], high[0]);
+    let y = THREE.MathUtils.clamp(point.y + offset.y, low[1], high[1]);
+    const near = this.slotAt(object, x, y);
+    if (near) [x, y] = near.at;
+    const under = this.support(x, y, half);
+    if (under && !near && !event.shiftKey) {
+      const step = Math.min(half[0], half[1]) < FINE ? 0.001 : 0.005;
+      x = under.middle[0] + step * Math.round((x - under.middle[0]) / step);
+      y = under.middle[1] + step * Math.round((y - under.middle[1]) / step);
+    }
+    object.position.set(x, y, (under?.top ?? this.model.top) + half[2]);
+    this.warn(object, !under);
+    this.tell(event, near ? near.text : this.placeText(x, y, under));
     event.target.style.cursor = "grabbing";
     this.draw();
+  },
+
+  // The slot that would catch an object which is let go there: where its middle is, and what it is called.
+  slotAt(object, x, y) {
+    const name = object.userData.of ?? object.name;
+    for (const kit of this.model.kits) {
+      const { x: left, y: front } = this.bodies[kit.name].position;
+      for (const slot of kit.slots) {
+        const at = [left + slot.position[0], front + slot.position[1]];
+        if (Math.hypot(x - at[0], y - at[1]) <= (slot.catches[name] ?? -1)) {
+          return { at, text: `slot ${slot.name} of ${kit.name}` };
+        }
+      }
+    }
+    return null;
+  },
+
+  placeText(x, y, under) {
+    if (!under) return "beside the tables";
+    const [dx, dy] = [x - under.middle[0], y - under.middle[1]];
+    const along = ([a, b]) => (100 * (dx * a + dy * b)).toFixed(1).replace("-0.0", "0.0").replace("-", "\u2212");
+    return `${under.name}: right ${along(this.model.right)}, back ${along(this.model.away)} cm`;
   },
 
   onUp(event) {
@@ -84,8 +140,11 @@ export const pointer = {
     this.pressed = this.drag = null;
     if (!pressed) return;
     event.target.style.cursor = "";
+    this.tip.style.display = "none";
     if (!drag) {
-      if (!this.dragging || this.dragging === "objects") this.$emit("pick", pressed.object.name);
+      const { object, point } = pressed;
+      if (this.dragging === "things") this.$emit("point", { name: object.name, position: point.toArray() });
+      else if (this.dragging !== "targets") this.$emit("pick", object.name);
       return;
     }
     this.warn(drag.object, false);
@@ -96,8 +155,15 @@ export const pointer = {
 
   cancelDrag() {
     if (this.drag) {
-      setPose(this.drag.object, this.drag.before);
-      this.warn(this.drag.object, false);
+      const { object, before } = this.drag;
+      setPose(object, before);
+      this.warn(object, false);
+      if (object.userData.isNew) {
+        delete this.ghosts[`targets ${object.name}`];
+        object.removeFromParent();
+        discard(object);
+      }
+      this.tip.style.display = "none";
       this.draw();
     }
     this.pressed = this.drag = null;
@@ -116,16 +182,29 @@ export const pointer = {
     return object.userData.thing ?? this.thing(object.name);
   },
 
-  // Height of the highest thing that the dragged object would stand on there, null if that is the floor.
+  halfOf(object) {
+    return this.kit(object)?.half ?? halfOf(this.thingOf(object), object);
+  },
+
+  kit({ name }) {
+    return this.model.kits.find((kit) => kit.name === name);
+  },
+
+  // The highest thing that the dragged object would stand on there, {name, middle, top}; null if that is the floor.
   support(x, y, half) {
+    const { object: dragged } = this.drag;
+    if (this.kit(dragged)) return supportUnder(x, y, half, this.model.tables, []);
     const parts = this.model.kits.flatMap(({ name, parts }) => {
       const kit = this.bodies[name].position;
-      return parts.map((part) => ({ x: kit.x + part.x, y: kit.y + part.y, half: part.half, top: kit.z + part.top }));
+      const middle = [kit.x, kit.y];
+      return parts.map((part) => ({ name, middle, x: kit.x + part.x, y: kit.y + part.y, half: part.half, top: kit.z + part.top }));
     });
-    const objects = this.model.objects.map(({ name }) => this.bodies[name]);
-    const others = (this.dragging === "targets" ? Object.values(this.ghosts) : objects)
-      .filter((other) => other !== this.drag.object)
+    const targets = this.dragging === "targets" ? this.targets() : [];
+    const ended = targets.map((ghost) => ghost.userData.of); // these will be at their targets
+    const bodies = this.model.objects.map(({ name }) => this.bodies[name]);
+    const others = [...targets, ...bodies.filter(({ name }) => !ended.includes(name))]
+      .filter((other) => other !== dragged)
       .map((other) => ({ object: other, thing: this.thingOf(other) }));
-    return supportHeight(x, y, half, [...this.model.tables, ...parts], others);
+    return supportUnder(x, y, half, [...this.model.tables, ...parts], others);
   },
 };

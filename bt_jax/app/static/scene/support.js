@@ -3,14 +3,14 @@ import { THREE } from "nicegui-scene";
 
 const TOUCH = 0.02; // as in bt_jax/mjx_env/surfaces.py
 
-// Height of the highest surface under an object with these half extents at x, y, null if there is none. `fixed` are
-// surfaces {x, y, half: [x, y], top}, `others` are {object, thing}; all in metres.
-export function supportHeight(x, y, half, fixed, others) {
+// The highest surface under an object with these half extents at x, y, null if there is none. `fixed` are surfaces {name,
+// middle: [x, y], x, y, half: [x, y], top}, `others` are {object, thing}; all in metres.
+export function supportUnder(x, y, half, fixed, others) {
   const [across, along] = half.map((extent) => extent * (1 - 2 * TOUCH));
   const under = [...fixed, ...others.map(topOf)].filter(
     (top) => Math.abs(top.x - x) < top.half[0] + across && Math.abs(top.y - y) < top.half[1] + along,
   );
-  return under.length ? Math.max(...under.map(({ top }) => top)) : null;
+  return under.reduce((best, one) => (best && best.top >= one.top ? best : one), null);
 }
 
 // Half the extents of a cuboid or cylinder along the world's axes, as it is turned.
@@ -27,5 +27,6 @@ export function halfOf({ shape, size }, { quaternion }) {
 // The upper surface of an object that may be tilted.
 function topOf({ object, thing }) {
   const half = halfOf(thing, object);
-  return { x: object.position.x, y: object.position.y, half: half.slice(0, 2), top: object.position.z + half[2] };
+  const { x, y, z } = object.position;
+  return { name: thing.name, middle: [x, y], x, y, half: half.slice(0, 2), top: z + half[2] };
 }
