@@ -17,6 +17,7 @@ from bt_jax.app.panels.goal_banner import GoalBanner
 from bt_jax.app.phrases import phrase
 from bt_jax.app.state.bus import Kind, Message, Topic
 from bt_jax.app.state.holds import Shared, Window
+from bt_jax.app.state.refreshing import Refreshing
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.context import STEPS, Step
 from bt_jax.app.widgets.message_line import MessageLine
@@ -45,6 +46,9 @@ class Page:
         self.client.on_disconnect(self.let_go)
         self.step: Step = next((name for name in STEPS if name == step), STEPS[0])
         self._on_step: list[Callable[[Step], None]] = []
+        self._refreshing = Refreshing[Step](self._call, self.step)
+        self._building: Step | None = None  # whose panel is being built
+        self._built: set[Step] = set()
         ui.colors(primary=BLUE, secondary="#56616d", positive=GREEN, negative=VERMILION, warning=ORANGE)
         for style in STYLES:
             ui.add_css(STATIC / style)
@@ -78,29 +82,37 @@ class Page:
                         self._panels[name] = ui.element("div").classes("page-panel").props(f"data-testid=panel-{name}")
             with ui.element("div").classes("page-footer"):
                 self._message = MessageLine()
-        for name, panel in self._panels.items():
-            with panel:
-                self._build(name)
         for topic in ("task", "runs", "tree"):
             self.on(topic, lambda: unsaved.set_visibility(studio.unsaved))
         self.on("news", lambda: self._message.hear(studio.bus.news), now=False)
         self._tabs.set_value(self.step)
         self._show(self.step)
+        if not studio.library.read:
+            ui.timer(0, self.guard(studio.library.refresh), once=True)
 
     def _build(self, step: Step) -> None:
-        """Build one panel; if that fails, the others are still there."""
+        """Build one panel, the first time that it is shown; if that fails, the others are still there."""
+        if step in self._built:
+            return
+        self._built.add(step)
+        self._building = step
         try:
-            PANELS[step](self.studio, self)
+            with self._panels[step]:
+                PANELS[step](self.studio, self)
         except Exception as error:
             traceback.print_exc()
-            ui.label(
-                f"This step cannot be shown ({type(error).__name__}: {error}); see the terminal, and use the others."
-            )
+            with self._panels[step]:
+                ui.label(
+                    f"This step cannot be shown ({type(error).__name__}: {error}); see the terminal, and use the others."
+                )
+        finally:
+            self._building = None
 
     def on(self, topic: Topic, callback: Callable[[], Any], *, now: bool = True) -> None:
         """Call back in this window after each change, as long as it is open, and at once if `now`; the function may be a
-        coroutine."""
-        self.client.on_delete(self.studio.bus.subscribe(topic, lambda: self._call(callback)))
+        coroutine. What a panel asks for while it is built waits until that panel is shown."""
+        changed = self._refreshing.notice(self._building, callback)
+        self.client.on_delete(self.studio.bus.subscribe(topic, changed))
         if now:
             self._call(callback)
 
@@ -118,6 +130,8 @@ class Page:
             self._message.clear()
             self.let_go()
         self.step = step
+        self._refreshing.show(step)
+        self._build(step)
         for name, panel in self._panels.items():
             panel.set_visibility(name == step)
         for callback in self._on_step:

@@ -44,8 +44,6 @@ class _Demonstrate:
         page.on("tree", self._refresh)
         page.on("holds", self._lock)
         page.on_step(self._enter)
-        if not self.library.read:
-            ui.timer(0, page.guard(self.library.refresh), once=True)
 
     def _build_idle(self) -> None:
         teaching, page = self.teaching, self.page
@@ -138,8 +136,6 @@ class _Demonstrate:
         await self.library.refresh()
 
     def _refresh(self) -> None:
-        if self.page.step != "demonstrate":
-            return
         making = self.teaching.session is not None
         self.idle.set_visibility(not making)
         self.making.set_visibility(making)

@@ -221,8 +221,6 @@ class _Run:
             self.page.say(f"{name} is put into {found.slot}.", "success")
 
     def _refresh(self) -> None:
-        if self.page.step != "run":
-            return
         studio, player = self.studio, self.studio.playing.player
         on = studio.playing.on
         self.toggle.set_text("Pause" if on else "Play")

@@ -28,7 +28,7 @@ class PageContext(Protocol):
 
     def on(self, topic: Topic, callback: Callable[[], Any], *, now: bool = True) -> None:
         """Call back in this window after each change, as long as it is open, and at once if `now`; the function may be a
-        coroutine."""
+        coroutine. What a panel asks for while it is built waits until that panel is shown."""
 
     def on_step(self, callback: Callable[[Step], Any]) -> None:
         """Call back whenever this window shows another step; the function may be a coroutine."""
