@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 from collections.abc import Iterator
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Literal
 
 import numpy as np
@@ -16,7 +17,7 @@ from benchmarks._report import report
 from bt_jax._util.startup import CompileClock, configure_jax
 from bt_jax.encoding.walk import prefix
 from bt_jax.gp.config import GPConfig
-from bt_jax.tasks import Task, task_names
+from bt_jax.tasks import Task, load_faults, task_names, with_faults
 from bt_jax.training.settings import Settings
 from bt_jax.training.training import Training
 
@@ -40,6 +41,8 @@ class Arguments:
     """most episodes of a run"""
     level: Literal["physics", "kinematic"] = "physics"
     """physics or kinematic"""
+    faults: str | None = None
+    """what goes wrong: mild, harsh or a YAML file; nothing if it is not given"""
     out: Path | None = None
     """JSON file to write"""
 
@@ -53,9 +56,10 @@ class Run:
     solved: bool
     episodes: int
     seconds: float  # without compiling
+    processor_seconds: float  # of all threads; compiling counts
     fitness: float
     nodes: int
-    unseen: int  # of 100 layouts
+    unseen: float  # percent of the episodes in unseen layouts
 
 
 def main(arguments: Arguments) -> None:
@@ -64,16 +68,21 @@ def main(arguments: Arguments) -> None:
     with CompileClock() as clock:
         for name in arguments.tasks:
             task = named(name)
+            if arguments.faults is not None:
+                task = with_faults(task, load_faults(arguments.faults))
             rows.append(_row(task, list(_runs(task, arguments, clock))))
             print(rows[-1], flush=True)
     seeds = f"seeds {arguments.first_seed} to {arguments.first_seed + arguments.seeds - 1}"
-    report("search", f"the method achievements, {arguments.level}, {seeds}", rows, out=arguments.out, seeds=seeds)
+    faults = "" if arguments.faults is None else f", faults {arguments.faults}"
+    report(
+        "search", f"the method achievements, {arguments.level}, {seeds}{faults}", rows, out=arguments.out, seeds=seeds
+    )
 
 
 def _runs(task: Task, arguments: Arguments, clock: CompileClock) -> Iterator[Run]:
     for seed in range(arguments.first_seed, arguments.first_seed + arguments.seeds):
         config = GPConfig(population=arguments.population, seed=seed)
-        before, began = clock.seconds, perf_counter()
+        before, began, used = clock.seconds, perf_counter(), process_time()
         training = Training(task, config, Settings(level=arguments.level))
         solved_after = None
         for state in training.evolution.run():
@@ -82,16 +91,20 @@ def _runs(task: Task, arguments: Arguments, clock: CompileClock) -> Iterator[Run
             if solved_after is None and state.trees_measured[0] >= arguments.episodes:
                 break
         seconds = perf_counter() - began - (clock.seconds - before)
+        used = process_time() - used
         tree = training.best_tree(state)
-        yield Run(
+        run = Run(
             seed,
             solved_after is not None,
             state.trees_measured[0] if solved_after is None else solved_after,
             seconds,
+            used,
             float(np.max(state.population.fitness)),
             len(prefix(tree)),
-            int(training.test(tree).solved.sum()),
+            round(100 * training.test(tree).success_rate, 1),
         )
+        print(f"{task.name}: {run}", file=sys.stderr, flush=True)
+        yield run
 
 
 def _row(task: Task, runs: list[Run]) -> dict:
@@ -104,9 +117,11 @@ def _row(task: Task, runs: list[Run]) -> dict:
         "episodes, most": max((run.episodes for run in solved), default=None),
         "seconds, median": round(float(np.median([run.seconds for run in runs])), 2),
         "seconds, most": round(max(run.seconds for run in runs), 2),
+        "processor seconds, median": round(float(np.median([run.processor_seconds for run in runs])), 2),
+        "processor seconds, most": round(max(run.processor_seconds for run in runs), 2),
         "nodes, least possible": least,
         "nodes, most": max((run.nodes for run in solved), default=None),
-        "unseen layouts of 100, least": min((run.unseen for run in solved), default=None),
+        "unseen episodes solved, least percent": min((run.unseen for run in solved), default=None),
         "fitness, median": round(float(np.median([run.fitness for run in runs])), 1),
         "fitness, worst": round(min(run.fitness for run in runs), 1),
         "seeds not solved": [run.seed for run in runs if not run.solved],

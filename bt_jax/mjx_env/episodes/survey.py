@@ -49,4 +49,5 @@ def survey(
         solved=np.array([[one.solved for one in played]], bool),
         reached=np.array([[one.final.reached[0] for one in played]], bool),
         struck=None if fates is None else np.array([[one.struck for one in played]], np.int32),
+        travel=None if layouts.base is None else np.array([[one.travel for one in played]], np.float32),
     )

@@ -127,3 +127,14 @@ def test_a_memoryless_decorator_is_one_leaf_of_evolution(text):
     frozen, whole = surveyed(Control.fallback(gene, action)), surveyed(Control.fallback(node, action))
     assert np.array_equal(frozen.ending, whole.ending)
     assert np.array_equal(frozen.misses.distance, whole.misses.distance)
+
+
+def test_both_ways_count_the_metres_of_a_base():
+    task = load_task("mobile_stack")
+    tree = parse_tree("carry(YellowBox, (0, 0, 0.055), KittingBox)")
+    semantics, layouts = LeafSemantics(task, Vocabulary.of(leaves(tree))), sample_layouts(task, 0, 2)
+    compiled, plain = (
+        survey(semantics, Kinematic(task), form, layouts).travel for form in (tree, twice_inverted(tree))
+    )
+    assert compiled.min() > 0
+    assert plain == pytest.approx(compiled, abs=1e-4)
