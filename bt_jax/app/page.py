@@ -21,18 +21,30 @@ from bt_jax.app.state.refreshing import Refreshing
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.context import STEPS, Step
 from bt_jax.app.widgets.message_line import MessageLine
+from bt_jax.app.widgets.next_bar import NextBar
 from bt_jax.app.widgets.notice_strip import NoticeStrip
+from bt_jax.app.widgets.page_header import PageHeader
 from bt_jax.app.widgets.scene_text import SceneText
 from bt_jax.app.widgets.scene_view import SceneView
+from bt_jax.app.widgets.tour import Tour
+from bt_jax.app.widgets.view_buttons import view_buttons
 
 __all__ = ["Page"]
 
 STATIC = Path(__file__).parent / "static"
 STYLES = ("appearance.css", "page.css")
-SCRIPTS = ("connection.js", "appearance.js", "keys.js", "undo_keys.js", "focus.js", "menus.js")
-APPEARANCES = (
-    '<option value="system">As the system</option><option value="light">Light</option>'
-    '<option value="dark">Dark</option><option value="contrast">High contrast</option>'
+SCRIPTS = (
+    "memory.js",
+    "connection.js",
+    "appearance.js",
+    "shortcuts.js",
+    "keys.js",
+    "undo_keys.js",
+    "focus.js",
+    "history.js",
+    "menus.js",
+    "splitter.js",
+    "tour.js",
 )
 BLUE, GREEN, ORANGE, VERMILION = "#0072b2", "#009e73", "#e69f00", "#d55e00"  # Okabe and Ito
 
@@ -54,38 +66,31 @@ class Page:
             ui.add_css(STATIC / style)
         for script in SCRIPTS:
             ui.add_head_html(f"<script>{(STATIC / script).read_text(encoding='utf-8')}</script>")
+        tour = Tour(self)
         with ui.element("div").classes("page"):
-            with ui.element("header").classes("page-header"):
-                ui.label("bt_jax").classes("page-name")
-                self._tabs = ui.tabs(on_change=lambda event: self._show(event.value)).props(
-                    "dense no-caps inline-label"
-                )
-                with self._tabs:
-                    for number, name in enumerate(STEPS, start=1):
-                        with ui.tab(name, f"{number} {name.capitalize()}").props(f"data-testid=tab-{name}"):
-                            if name == "task":
-                                unsaved = ui.badge().props("floating rounded color=warning data-testid=unsaved-mark")
-                                unsaved.props('aria-label="not saved" title="not saved"').classes("unsaved-mark")
-                ui.html(APPEARANCES, tag="select", sanitize=False).classes("page-appearance").props(
-                    'data-appearance data-testid=appearance aria-label="Colours" title="Colours"'
-                )
+            self._header = PageHeader(studio, self, tour.begin)
             GoalBanner(studio, self)
             NoticeStrip(studio.notices, self)
             with ui.element("div").classes("page-main"):
                 self.scene_area = ui.element("section").classes("page-scene").props("aria-label=Scene")
                 with self.scene_area:
                     self.scene = SceneView(studio, self)
+                    view_buttons(self.scene)
                     SceneText(studio, self, self.scene)
+                ui.element("div").classes("page-splitter").props(
+                    'data-splitter role=separator tabindex=0 aria-label="Room for the scene" data-testid=splitter'
+                )
                 self._panels: dict[Step, ui.element] = {}
                 with ui.element("section").classes("page-side"):
                     for name in STEPS:
                         self._panels[name] = ui.element("div").classes("page-panel").props(f"data-testid=panel-{name}")
+                    following = ui.element("div").classes("page-next")
             with ui.element("div").classes("page-footer"):
                 self._message = MessageLine()
-        for topic in ("task", "runs", "tree"):
-            self.on(topic, lambda: unsaved.set_visibility(studio.unsaved))
+        with following:
+            NextBar(studio, self)
         self.on("news", lambda: self._message.hear(studio.bus.news), now=False)
-        self._tabs.set_value(self.step)
+        ui.on("step_in_history", lambda event: self._show(event.args if event.args in STEPS else STEPS[0]))
         self._show(self.step)
         if not studio.library.read:
             ui.timer(0, self.guard(studio.library.refresh), once=True)
@@ -121,17 +126,19 @@ class Page:
         self._on_step.append(callback)
 
     def go(self, step: Step) -> None:
-        """Show another step in this window."""
-        self._tabs.set_value(step)
+        """Show another step in this window, to which its history leads back."""
+        if step != self.step:
+            ui.navigate.history.push(f"?step={step}")
+            self._show(step)
 
     def _show(self, step: Step) -> None:
         if step != self.step:
-            ui.navigate.history.replace(f"?step={step}")
             self._message.clear()
             self.let_go()
         self.step = step
         self._refreshing.show(step)
         self._build(step)
+        self._header.show(step)
         for name, panel in self._panels.items():
             panel.set_visibility(name == step)
         for callback in self._on_step:

@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
+from bt_jax.app.units import in_millimetres, length
 from bt_jax.behaviors import NOTHING, Behavior, Control, ExtendedNode, Kind, Tree
 from bt_jax.tasks import Kit, Object, Slot, Target, Task
 from bt_jax.tasks.slots import slot_position, slot_turn
@@ -130,7 +131,7 @@ class Words:
         YellowBox", "in slot a1 of TrayA". If the task does not have the thing or the frame, say it in numbers."""
         turned = "" if turn is None else f", turned by {turn:g} degrees"
         if thing not in self.task.instances or frame not in self.task.frames:
-            return f"at {_numbers(position)} cm from {frame}{turned}"
+            return f"at {_numbers(position)} mm from {frame}{turned}"
         one = self.task.thing(thing)
         if frame in self.task.kit_names:
             kit = self.task.kits[self.task.kit_names.index(frame)]
@@ -150,7 +151,7 @@ class Words:
     def _near(self, node: Behavior) -> str:
         """Say what a robot that drives is to reach: an object, a kit, or a place in a frame."""
         if node.position is not None:
-            return f"the place at {_numbers(node.position)} cm from {node.object}"
+            return f"the place at {_numbers(node.position)} mm from {node.object}"
         return self.kit(str(node.object)) if node.object in self.task.kit_names else self.named(node.object)
 
     def _where(self, node: Behavior) -> str:
@@ -172,22 +173,22 @@ class Words:
             if abs(above) < LEVEL * thing.height:
                 return f"on top of {frame}"
             if above > 0:
-                return f"{_length(above)} above {frame}"
+                return f"{length(above)} above {frame}"
         if abs(level) < LEVEL * thing.height and min(abs(right), abs(away)) < NEAR * size:
             along = self.task.right if abs(right) > abs(away) else self.task.away
             reach = [a + b for a, b in zip(thing.half_at(turn), other.half_at(None), strict=True)]
             gap = max(abs(right), abs(away)) - abs(sum(a * b for a, b in zip(reach, along, strict=True)))
             side = ("right of" if right > 0 else "left of") if abs(right) > abs(away) else None
             side = side or ("behind" if away > 0 else "in front of")
-            return f"{side} {frame}" + (f", {_length(gap)} away" if gap > 0.05 * size else "")
-        raised = f" and {_length(abs(level))} {'higher' if level > 0 else 'lower'}"
+            return f"{side} {frame}" + (f", {length(gap)} away" if gap > 0.05 * size else "")
+        raised = f" and {length(abs(level))} {'higher' if level > 0 else 'lower'}"
         return f"{self._offset(right, away, size)} {frame}" + (raised if abs(level) >= LEVEL * thing.height else "")
 
     def _in_kit(self, thing: Object, position: Vec3, kit: Kit) -> str:
         size, called = min(thing.size[:2]), self.kit(kit.name)
         right, away = self._seen(position)
         raised = position[2] - kit.plate - thing.height / 2
-        height = f", {_length(raised)} up" if raised >= LEVEL * thing.height else ""
+        height = f", {length(raised)} up" if raised >= LEVEL * thing.height else ""
         if max(abs(right), abs(away)) < NEAR * size:
             return f"in the middle of {called}{height}"
         pitch = self.task.genes.pitch
@@ -210,19 +211,19 @@ class Words:
             if all(abs(offset[k]) <= table.size[k] / 2 for k in (0, 1)):
                 right, away = self._seen(offset)
                 raised = point[2] - thing.height / 2 - table.top
-                height = f", {_length(raised)} up" if raised >= LEVEL * thing.height else ""
+                height = f", {length(raised)} up" if raised >= LEVEL * thing.height else ""
                 if max(abs(right), abs(away)) < NEAR * size:
                     return f"in the middle of {table.name}{height}"
                 return f"on {table.name}, {self._offset(right, away, size)} its middle{height}"
-        return f"at {_numbers(position)} cm from the robot"
+        return f"at {_numbers(position)} mm from the robot"
 
     def _offset(self, right: float, away: float, size: float) -> str:
-        """ "5 cm right of and 3 cm behind" """
+        """ "50 mm right of and 30 mm behind" """
         parts = []
         if abs(right) >= NEAR * size:
-            parts.append(f"{_length(abs(right))} {'right' if right > 0 else 'left'} of")
+            parts.append(f"{length(abs(right))} {'right' if right > 0 else 'left'} of")
         if abs(away) >= NEAR * size:
-            parts.append(f"{_length(abs(away))} {'behind' if away > 0 else 'in front of'}")
+            parts.append(f"{length(abs(away))} {'behind' if away > 0 else 'in front of'}")
         return " and ".join(parts) or "at"
 
 
@@ -274,14 +275,8 @@ def slot_at(kit: Kit, thing: Object, position: Vec3) -> Slot | None:
     return min(places, key=lambda slot: math.dist(slot.position, position[:2]), default=None)
 
 
-def _length(metres: float) -> str:
-    return f"{math.floor(round(1000 * metres, 3) + 0.5) / 10:g} cm"
-
-
 def _numbers(position: Vec3) -> str:
-    return ", ".join(
-        f"{axis} {100 * value:.1f}".removesuffix(".0") for axis, value in zip("xyz", position, strict=True)
-    )
+    return ", ".join(f"{axis} {in_millimetres(value):.0f}" for axis, value in zip("xyz", position, strict=True))
 
 
 def _spoken(name: object) -> str:

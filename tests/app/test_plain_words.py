@@ -23,16 +23,16 @@ STACK = Words(load_task("stack"))
         ("move(YellowBox, (0.133, -0.133, 0.055), KittingBox)", "Put YellowBox in the front right corner of the kit"),
         ("place(BlueBox, (0, 0.133, 0.052), KittingBox)", "Set down BlueBox at the back of the kit"),
         ("at(GreenBox, (0, 0, 0.1), YellowBox)", "Is GreenBox on top of YellowBox?"),
-        ("at(GreenBox, (-0.12, 0, 0), YellowBox)", "Is GreenBox left of YellowBox, 2 cm away?"),
-        ("at(GreenBox, (0, -0.12, 0), YellowBox)", "Is GreenBox in front of YellowBox, 2 cm away?"),
+        ("at(GreenBox, (-0.12, 0, 0), YellowBox)", "Is GreenBox left of YellowBox, 20 mm away?"),
+        ("at(GreenBox, (0, -0.12, 0), YellowBox)", "Is GreenBox in front of YellowBox, 20 mm away?"),
         ("at(GreenBox, (0.2, 0.3, 0.05), YellowBox)",
-         "Is GreenBox 20 cm right of and 30 cm behind YellowBox and 5 cm higher?"),
-        ("at(GreenBox, (0.05, 0, 0.1), YellowBox)", "Is GreenBox 5 cm right of YellowBox and 10 cm higher?"),
-        ("at(BlueBox, (0.002, 0, 0.206), YellowBox)", "Is BlueBox 10.6 cm above YellowBox?"),
-        ("at(GreenBox, (-0.065, 0, 0.152), KittingBox)", "Is GreenBox 6.5 cm left of the middle of the kit, 10 cm up?"),
+         "Is GreenBox 200 mm right of and 300 mm behind YellowBox and 50 mm higher?"),
+        ("at(GreenBox, (0.05, 0, 0.1), YellowBox)", "Is GreenBox 50 mm right of YellowBox and 100 mm higher?"),
+        ("at(BlueBox, (0.002, 0, 0.206), YellowBox)", "Is BlueBox 106 mm above YellowBox?"),
+        ("at(GreenBox, (-0.065, 0, 0.152), KittingBox)", "Is GreenBox 65 mm left of the middle of the kit, 100 mm up?"),
         ("place(BlueBox, (-1, -1, 0.75), base_link)", "Set down BlueBox in the middle of TableLeft"),
-        ("place(BlueBox, (0.1, -1, 0.75), base_link)", "Set down BlueBox on TableMiddle, 10 cm right of its middle"),
-        ("place(BlueBox, (5, 0, 0.1), base_link)", "Set down BlueBox at x 500, y 0, z 10 cm from the robot"),
+        ("place(BlueBox, (0.1, -1, 0.75), base_link)", "Set down BlueBox on TableMiddle, 100 mm right of its middle"),
+        ("place(BlueBox, (5, 0, 0.1), base_link)", "Set down BlueBox at x 5000, y 0, z 100 mm from the robot"),
         ("holding(nothing)", "Is the gripper empty?"),
         ("open_gripper", "Open the gripper"),
     ],
@@ -74,9 +74,9 @@ def test_all_that_evolution_may_use_reads_differently_and_without_coordinates(na
 def test_what_another_task_has_is_told_by_numbers():
     assert STACK(parse_behavior("pick(Cup)")) == "Pick up Cup"
     assert (
-        STACK(parse_behavior("at(Cup, (0, 0.01, 0.1), KittingBox)")) == "Is Cup at x 0, y 1, z 10 cm from KittingBox?"
+        STACK(parse_behavior("at(Cup, (0, 0.01, 0.1), KittingBox)")) == "Is Cup at x 0, y 10, z 100 mm from KittingBox?"
     )
-    assert STACK(parse_behavior("move(BlueBox, (0, 0, 0.1), Shelf)")) == "Put BlueBox at x 0, y 0, z 10 cm from Shelf"
+    assert STACK(parse_behavior("move(BlueBox, (0, 0, 0.1), Shelf)")) == "Put BlueBox at x 0, y 0, z 100 mm from Shelf"
 
 
 @given(trees())

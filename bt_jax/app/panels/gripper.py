@@ -17,6 +17,7 @@ from bt_jax.app.panels.parts import button, css_color, heading, known
 from bt_jax.app.plain_words import slot_at
 from bt_jax.app.state.directions import TURN_STEP, Direction
 from bt_jax.app.state.studio import Studio
+from bt_jax.app.units import in_metres, in_millimetres, length
 from bt_jax.app.widgets.dialogs import ask
 from bt_jax.app.widgets.scene_view import Ghost
 from bt_jax.teaching.teleoperation import Landing, Teleoperation
@@ -87,7 +88,7 @@ class GripperControls:
         self.release.set_enabled(held is not None)
         if teaching.step != self._stepped:  # else a step that is being written would be lost
             self._stepped = teaching.step
-            self.step.set_value(round(100 * teaching.step, 3))
+            self.step.set_value(in_millimetres(teaching.step))
         self._refresh_landing(session, landing)
         self._refresh_poses(session)
         if (done := teaching.done) != self._done:
@@ -136,7 +137,7 @@ class GripperControls:
                     larger = "flat round aria-label='Larger step (+)' title='Larger step (+)'"
                     button("", "demonstrate-smaller", "remove", guard(lambda: teaching.change_step(-1)), more=smaller)
                     self.step = (
-                        ui.number("Step", value=100 * teaching.step, format="%g", suffix="cm")
+                        ui.number("Step", value=in_millimetres(teaching.step), format="%g", suffix="mm")
                         .props("dense outlined data-testid=demonstrate-step")
                         .classes("teach-step")
                     )
@@ -218,9 +219,9 @@ class GripperControls:
     def _set_step(self) -> None:
         value = self.step.value
         try:
-            self.teaching.set_step(None if value is None else value / 100)
+            self.teaching.set_step(None if value is None else in_metres(value))
         except UserError:
-            self.step.set_value(100 * self.teaching.step)
+            self.step.set_value(in_millimetres(self.teaching.step))
             raise
 
     def _task_changed(self) -> None:
@@ -266,7 +267,7 @@ class GripperControls:
         if (session, held) != self._posed:
             self._posed = (session, held)
             self.poses.clear()
-            self.held_title.set_text("" if held is None else f"Where {held} is, in cm")
+            self.held_title.set_text("" if held is None else f"Where {held} is, in mm")
             self._cells = {}
             with self.poses:
                 for title in () if held is None else ("seen from", "x", "y", "z", "turned"):
@@ -278,7 +279,7 @@ class GripperControls:
                         for key in ("x", "y", "z", "turn")
                     ]
         for frame, cells in self._cells.items():
-            values = [_number(100 * value) for value in session.position(frame)]
+            values = [_number(in_millimetres(value)) for value in session.position(frame)]
             for cell, text in zip(cells, (*values, f"{_number(session.turn(frame))}°"), strict=True):
                 cell.set_text(text)
 
@@ -287,8 +288,8 @@ class GripperControls:
 
 
 def _number(value: float) -> str:
-    """Format with one digit after the point, and no minus before zero."""
-    return f"{round(float(value), 1) + 0.0:.1f}".replace("-", "\N{MINUS SIGN}")
+    """Format with at most one digit after the point, and no minus before zero."""
+    return f"{round(float(value), 1) + 0.0:g}".replace("-", "\N{MINUS SIGN}")
 
 
 def _landing_sentence(session: Teleoperation, held: str, landing: Landing) -> str:
@@ -303,5 +304,5 @@ def _landing_sentence(session: Teleoperation, held: str, landing: Landing) -> st
         x, y, z = session.position(kit.name).tolist()
         slot = slot_at(kit, session.task.thing(held), (x, y, z - drop)) if kit.name == landing.on else None
         where = where if slot is None else f"set down in slot {slot.name} of {kit.name}"
-    below = f", {100 * drop:.1f} cm below" if drop >= 0.001 else ""
+    below = f", {length(drop)} below" if drop >= 0.001 else ""
     return f"If you let go now, {held} is {where}{below}."

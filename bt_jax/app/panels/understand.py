@@ -15,6 +15,7 @@ from bt_jax.app.panels.parts import button, heading, known
 from bt_jax.app.plain_words import Words
 from bt_jax.app.processes.trial import LAYOUTS
 from bt_jax.app.state.studio import Studio
+from bt_jax.app.units import length
 from bt_jax.app.widgets.clusters import cluster_svg, scores
 from bt_jax.app.widgets.context import PageContext
 from bt_jax.app.widgets.tree_view import TreeView
@@ -193,7 +194,7 @@ def _agreement(candidate: Candidate | None) -> str:
         return "not compared"
     if candidate.score == -math.inf:
         return "no agreement"
-    return f"{candidate.size} within {1000 * max(candidate.spread, SPREAD_FLOOR):.0f} mm"
+    return f"{candidate.size} within {length(max(candidate.spread, SPREAD_FLOOR))}"
 
 
 def _reason(inference: Inference, lesson: Lesson) -> str:

@@ -27,6 +27,7 @@ from bt_jax.app.state.extents import (
 )
 from bt_jax.app.state.goals import goals, kind_of, target_keys
 from bt_jax.app.state.snapping import SNAP, slot_near
+from bt_jax.app.units import length
 from bt_jax.behaviors import gene_pool
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.surfaces import fixed_surfaces, joined, object_surfaces, outline_of, support_height
@@ -158,4 +159,4 @@ def _check_carried(task: Task, world: World, kind: str, name: str, pose: Pose, o
     outline = outline_of(task, np.asarray(pose[None, 3:], np.float32), np.array([task.object_names.index(name)]))
     gap = foot - float(support_height(surfaces, at, reach, below, outline)[0])
     if gap > task.episode.tolerance:
-        raise UserError(f"{kind} would hang in the air, {100 * gap:.0f} cm above what is below it; put it lower")
+        raise UserError(f"{kind} would hang in the air, {length(gap)} above what is below it; put it lower")

@@ -9,6 +9,7 @@ import numpy as np
 
 from bt_jax.app.plain_words import Words
 from bt_jax.app.state.extents import carriers, heading, poses_now
+from bt_jax.app.units import length
 from bt_jax.mjx_env.episodes.fitness import target_misses
 from bt_jax.mjx_env.predicates import is_upright
 from bt_jax.mjx_env.world import World, frames
@@ -55,13 +56,13 @@ def target_words(task: Task, world: World) -> list[str]:
 
 
 def target_state(task: Task, world: World) -> list[str]:
-    """Say of each target how far its object, or the instance that is meant for it, is from there: "12 cm away"."""
+    """Say of each target how far its object, or the instance that is meant for it, is from there: "120 mm away"."""
     misses, said = target_misses(task, world), []
     for away, turn, met in zip(misses.distance[0], misses.turn[0], misses.met[0], strict=True):
         if met:
             said.append(THERE)
         elif away >= task.episode.tolerance:
-            said.append(f"{100 * away:.0f} cm away")
+            said.append(f"{length(away)} away")
         elif turn >= math.radians(task.episode.turn_tolerance):
             said.append(f"turned by {math.degrees(turn):.0f} degrees too far")
         else:

@@ -225,7 +225,7 @@ class Teaching:
     def set_step(self, step: float | None) -> None:
         """Set how far a key moves the gripper [m]."""
         if step is None or not STEP_SIZES[0] <= step <= 0.5:
-            raise UserError("the step must be from 0.1 to 50 cm; choose another")
+            raise UserError("the step must be from 1 to 500 mm; choose another")
         self.step = float(step)
         self._bus.changed("demonstrations")
 

@@ -1,15 +1,9 @@
 // Light, dark or high contrast: as the system says, or as chosen on the page, which the browser remembers. The style sheets see
 // it as data-scheme (light, dark) and data-contrast (normal, more) of <html>; scripts hear the event "appearance".
 (() => {
-  const KEY = "bt_jax-appearance";
   const root = document.documentElement;
   const [dark, contrast] = ["(prefers-color-scheme: dark)", "(prefers-contrast: more)"].map((query) => matchMedia(query));
-  let choice = "system";
-  try {
-    choice = localStorage.getItem(KEY) ?? choice;
-  } catch {
-    // Without a storage, it is not remembered.
-  }
+  let choice = remembered.get("appearance", "system");
 
   function apply() {
     const isDark = choice === "dark" || (choice !== "light" && dark.matches);
@@ -23,11 +17,7 @@
   document.addEventListener("change", (event) => {
     if (!event.target.matches("[data-appearance]")) return;
     choice = event.target.value;
-    try {
-      localStorage.setItem(KEY, choice);
-    } catch {
-      // as above
-    }
+    remembered.set("appearance", choice);
     apply();
   });
   for (const query of [dark, contrast]) query.addEventListener("change", apply);

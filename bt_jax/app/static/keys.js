@@ -1,13 +1,14 @@
 // Sends keys for the gripper to the server as event "teach_key", but only while the element with data-teach-keys is visible and
-// nobody is typing. These keys neither scroll the page nor move the focus.
+// nobody is typing, and unless a person has switched single keys off. These keys neither scroll the page nor move the focus.
 document.addEventListener(
   "keydown",
   (event) => {
     const area = document.querySelector("[data-teach-keys]");
     if (!area || area.offsetParent === null || area.closest("[inert]")) return;
-    if (event.target.closest("input, textarea, select, [contenteditable=true], [role=slider], .q-menu, .q-dialog")) return;
+    if (event.target.closest("input, textarea, select, [contenteditable=true], [role=slider], [role=separator], .q-menu, .q-dialog")) return;
     if (event.key.startsWith("Arrow") && event.target.closest("[role=tab], [role=tablist], [role=radiogroup]")) return;
     const undo = (event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z";
+    if (!undo && document.documentElement.dataset.shortcuts === "off") return;
     if (!undo && (event.ctrlKey || event.metaKey || event.altKey)) return;
     const key = undo ? "undo" : event.key.length === 1 ? event.key.toLowerCase() : event.key;
     if (!undo && !area.dataset.teachKeys.split(" ").includes(key)) return;

@@ -3,6 +3,7 @@
 import { OrbitControls, THREE } from "nicegui-scene";
 import { stateAt } from "bt_jax-scene/motion.js";
 import { pointer } from "bt_jax-scene/pointer.js";
+import { groundOf, lightsOf } from "bt_jax-scene/room.js";
 import { discard, ghostOf, meshOf, poseOf, setPose, softwareOnly } from "bt_jax-scene/shapes.js";
 import { keepApart, nameTag, slotTag } from "bt_jax-scene/tags.js";
 import { view } from "bt_jax-scene/view.js";
@@ -30,6 +31,9 @@ export default {
       // Opaque, which is not the default of three.js: nothing is blended with the page behind.
       const context = canvas.getContext("webgl2", { alpha: false, antialias: !this.software, powerPreference: "low-power" });
       this.renderer = new THREE.WebGLRenderer({ canvas, context });
+      this.renderer.shadowMap.enabled = true;
+      this.renderer.shadowMap.type = this.software ? THREE.BasicShadowMap : THREE.PCFSoftShadowMap;
+      this.renderer.shadowMap.autoUpdate = false; // shadows stay while only the view turns
       this.renderer.debug.checkShaderErrors = false; // each check waits until the shader is compiled
     } catch {
       this.$el.textContent = "This browser cannot draw in 3D; switch WebGL on, or use another browser.";
@@ -37,14 +41,14 @@ export default {
     }
     // Software is too slow for smooth edges: every picture of them would stall the page.
     this.renderer.setPixelRatio(this.software ? 1 : Math.min(window.devicePixelRatio, 2));
-    this.paintFloor();
     canvas.setAttribute("role", "img");
     canvas.setAttribute("aria-label", this.label);
     this.camera = new THREE.PerspectiveCamera(30, 1, 0.02, 80);
     this.camera.up.copy(AXIS);
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.maxPolarAngle = 1.45;
-    this.controls.addEventListener("change", () => this.draw());
+    this.controls.addEventListener("start", () => (this.looking = null));
+    this.controls.addEventListener("change", () => this.redraw());
     this.raycaster = new THREE.Raycaster();
     this.frame = (time) => this.onFrame(time);
     canvas.addEventListener("pointerdown", this.onDown, { capture: true });
@@ -53,7 +57,7 @@ export default {
     canvas.addEventListener("pointercancel", this.cancelDrag);
     canvas.addEventListener("pointerleave", () => (this.tip.style.display = "none"));
     window.addEventListener("keydown", this.onKey);
-    window.addEventListener("appearance", this.paintFloor);
+    window.addEventListener("appearance", this.paintGround);
     canvas.addEventListener("dblclick", () => this.lookAtAll());
     canvas.addEventListener("webglcontextrestored", () => this.draw());
     this.observer = new ResizeObserver(() => this.resize());
@@ -68,7 +72,7 @@ export default {
 
   beforeUnmount() {
     window.removeEventListener("keydown", this.onKey);
-    window.removeEventListener("appearance", this.paintFloor);
+    window.removeEventListener("appearance", this.paintGround);
     clearInterval(this.connecting);
     this.observer?.disconnect();
     this.controls?.dispose();
@@ -91,10 +95,9 @@ export default {
     build() {
       if (this.scene) discard(this.scene);
       this.scene = new THREE.Scene();
-      this.scene.add(new THREE.HemisphereLight(0xffffff, 0x9aa4b0, 1.9));
-      const key = new THREE.DirectionalLight(0xffffff, 1.5);
-      key.position.set(...this.model.light);
-      this.scene.add(key);
+      this.scene.add(...lightsOf(this.model, this.software));
+      this.ground = null;
+      this.paintGround();
       this.bodies = {};
       this.ghosts = {};
       this.motion = this.drag = this.frozen = this.dropped = this.gripper = this.base = null; // until Python shows a state
@@ -113,8 +116,9 @@ export default {
           this.tags.push(tag);
         }
       }
-      this.lookAtAll();
+      this.looking = "home";
       this.resize();
+      this.draw();
     },
 
     body(name) {
@@ -234,13 +238,25 @@ export default {
       if (time >= began + milliseconds) this.motion = null;
     },
 
-    // The floor is what is behind everything: it need not be drawn then.
-    paintFloor() {
-      this.renderer.setClearColor(getComputedStyle(this.$el).getPropertyValue("--scene").trim());
-      if (this.scene) this.draw();
+    paintGround() {
+      const style = getComputedStyle(this.$el);
+      const [ground, behind] = ["--ground", "--scene"].map((name) => new THREE.Color(style.getPropertyValue(name).trim()));
+      this.renderer.setClearColor(behind);
+      if (this.ground) discard(this.ground);
+      this.ground?.removeFromParent();
+      this.ground = groundOf(this.model, ground, behind);
+      this.scene.add(this.ground);
+      this.draw();
     },
 
+    // Draws the scene, in which something may have moved.
     draw() {
+      this.renderer.shadowMap.needsUpdate = true;
+      this.redraw();
+    },
+
+    // Draws the scene, in which nothing has moved, from elsewhere.
+    redraw() {
       if (this.pending) return;
       this.pending = true;
       requestAnimationFrame(this.frame);

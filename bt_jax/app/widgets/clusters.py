@@ -7,6 +7,7 @@ from html import escape
 import numpy as np
 from jaxtyping import Float
 
+from bt_jax.app.units import length
 from bt_jax.lfd import Lesson
 from bt_jax.lfd.clustering import Candidate
 from bt_jax.lfd.figure import LEAST, cluster_points
@@ -44,13 +45,13 @@ def cluster_svg(lesson: Lesson, inference: Inference, frame: str, *, task: Task)
     names = [one.name for one in lesson.demonstrations]
     for instance, point in zip(inference.instances, own, strict=True):
         x, y = at(point)
-        away = 100 * np.linalg.norm(point - centre)
-        title = escape(f"{names[instance.demonstration]}: {away:.1f} cm from the mean")
+        away = length(float(np.linalg.norm(point - centre)))
+        title = escape(f"{names[instance.demonstration]}: {away} from the mean")
         parts.append(f'<circle class="cluster-own" cx="{x:.1f}" cy="{y:.1f}" r="4.5"><title>{title}</title></circle>')
     x, y = at(centre)
     parts.append(f'<path class="cluster-mean" d="M{x - 4:.1f} {y:.1f}h8m-4 -4v8"/>')
     bar = max((length for length in BARS if length <= reach), default=BARS[0])
-    size, end = f"{bar:g} m" if bar >= 1 else f"{100 * bar:g} cm", 2 + bar * scale
+    size, end = length(bar), 2 + bar * scale
     parts.append(f'<path class="cluster-bar" d="M2 {SIDE + 4:g}v4H{end:.1f}v-4"/>')
     parts.append(f'<text class="cluster-text" x="{end + 4:.1f}" y="{SIDE + 10:g}">{size}</text>')
     return "".join([*parts, "</svg>"])

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from bt_jax.app.state.bus import Kind, Topic
 from bt_jax.app.state.holds import Shared, Window
+from bt_jax.app.state.steps import STEPS, Step
 
 __all__ = ["STEPS", "PageContext", "Step"]
-
-Step = Literal["task", "evolve", "demonstrate", "understand", "combine", "run", "keep"]
-STEPS: tuple[Step, ...] = ("task", "evolve", "demonstrate", "understand", "combine", "run", "keep")
 
 
 @runtime_checkable

@@ -1,4 +1,4 @@
-"""A place in number fields: its reference, how far to the right, back and up, in centimetres, and how an object lies there,
+"""A place in number fields: its reference, how far to the right, back and up, in millimetres, and how an object lies there,
 in degrees."""
 
 from __future__ import annotations
@@ -13,11 +13,12 @@ from nicegui import ui
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.state.spots import Spot
+from bt_jax.app.units import in_metres, in_millimetres
 from bt_jax.app.widgets.context import PageContext
 
 __all__ = ["PlaceFields"]
 
-AXES = (("right", "right, cm"), ("away", "back, cm"), ("up", "up, cm"))
+AXES = (("right", "right, mm"), ("away", "back, mm"), ("up", "up, mm"))
 TURN = ("turn", "turned, °")
 APPLY = ("blur", "keydown.enter", "keyup.up", "keyup.down")
 
@@ -50,7 +51,7 @@ class PlaceFields:
         )
         self._fields: dict[str, ui.number] = {}
         for axis, label in (*AXES, TURN) if turns else AXES:
-            field = ui.number(label, step=1, format="%.1f").props(
+            field = ui.number(label, step=1, format="%g").props(
                 f'dense outlined data-testid={step}-{axis}-{name} aria-label="{name}, {label}"'
             )
             for event in APPLY:
@@ -76,7 +77,7 @@ class PlaceFields:
     async def _left(self, axis: str) -> None:
         """Apply what was written into a field, if it is something else than before."""
         value = self._fields[axis].value
-        written = None if value is None else round(value, 1)
+        written = None if value is None else round(value, 1 if axis == "turn" else None)
         async with self._turn:
             if written == _shown(self._spot, axis):
                 return
@@ -86,9 +87,9 @@ class PlaceFields:
 
     async def _move(self, axis: str, written: float | None) -> None:
         if written is None and not (axis == "turn" and self._any_turn):
-            unit = "degrees" if axis == "turn" else "centimetres"
+            unit = "degrees" if axis == "turn" else "millimetres"
             raise UserError(f"a number is missing for {self._name}; write how many {unit}")
-        changed: dict[str, Any] = {axis: written if axis == "turn" or written is None else written / 100}
+        changed: dict[str, Any] = {axis: written if axis == "turn" or written is None else in_metres(written)}
         await self._moved(dataclasses.replace(self._spot, **changed))
 
     async def _change(self) -> None:
@@ -102,7 +103,7 @@ class PlaceFields:
 
 
 def _shown(spot: Spot, axis: str) -> float | None:
-    """Return what a field says: centimetres, or degrees."""
+    """Return what a field says: millimetres, or degrees."""
     if axis == "turn":
         return None if spot.turn is None else round(spot.turn, 1) + 0.0
-    return round(100 * getattr(spot, axis), 1) + 0.0
+    return in_millimetres(getattr(spot, axis))

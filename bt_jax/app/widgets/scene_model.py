@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import itertools
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -20,7 +19,12 @@ from bt_jax.tasks.slots import fits
 
 __all__ = ["plain", "scene_model"]
 
-PITCH, TURN = math.radians(42), math.radians(-8)  # of the view at the beginning, below the horizon and about z
+VIEWS = {
+    "home": (40, -10),
+    "front": (8, 0),
+    "side": (8, 90),
+    "top": (89.9, 0),
+}  # degrees above the horizon, to the right
 
 
 @functools.lru_cache(maxsize=8)
@@ -50,8 +54,10 @@ def scene_model(task: Task) -> dict[str, Any]:
         "tables": tops[1 : 1 + len(task.tables)],
         "top": max(table.top for table in task.tables),
         "room": [(low - 0.1 * (high - low)).tolist(), (high + 0.1 * (high - low)).tolist()],
-        "light": (np.array([0, 0, 3.0]) - 1.2 * np.array(task.right) - 0.9 * np.array(task.away)).tolist(),
-        "camera": _camera(task),
+        "light": (np.array([0, 0, 2.2]) - 0.9 * np.array(task.right) - 0.8 * np.array(task.away)).tolist(),
+        "floor": task.floor,
+        "shown": [low.tolist(), high.tolist()],
+        "views": {name: _view(task, *map(math.radians, angles)) for name, angles in VIEWS.items()},
     }
 
 
@@ -92,24 +98,11 @@ def _extent(task: Task) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]
     return low, high
 
 
-def _camera(task: Task) -> dict[str, Any]:
-    """Return the view of a person who faces the robot, from above and a little from the side; `across` and `upright` are the
-    tangents of half the angles of view that show everything."""
-    low, high = _extent(task)
-    right, away, up = np.array(task.right), np.array(task.away), np.array([0.0, 0.0, 1.0])
-    level = math.cos(TURN) * away - math.sin(TURN) * right
-    view = math.cos(PITCH) * level - math.sin(PITCH) * up
-    target, distance = (low + high) / 2, 2.2 * float(np.linalg.norm(high - low))
-    eye = target - distance * view
-    side = np.cross(view, up) / np.linalg.norm(np.cross(view, up))
-    corners = np.array(list(itertools.product(*zip(low, high, strict=True)))) - eye
-    depth = corners @ view
-    return {
-        "eye": eye.tolist(),
-        "target": target.tolist(),
-        "across": float(np.abs(corners @ side / depth).max()),
-        "upright": float(np.abs(corners @ np.cross(side, view) / depth).max()),
-    }
+def _view(task: Task, above: float, aside: float) -> list[float]:
+    """Return the direction towards a person who faces the robot and looks down from these angles [rad] above the horizon and
+    to the right."""
+    level = math.sin(aside) * np.array(task.right) - math.cos(aside) * np.array(task.away)
+    return plain(math.cos(above) * level + math.sin(above) * np.array([0.0, 0.0, 1.0]))
 
 
 def plain(values: Sequence[float] | Float[np.ndarray, " N"]) -> list[float]:

@@ -123,9 +123,12 @@ class Windows:
         self.others: list[Page] = []
         self.errors: list[str] = []
 
-    def open(self) -> Page:
-        """Opens a window of 1280 x 720 on the page, and waits until it is there."""
-        page = self.browser.new_context(viewport={"width": 1280, "height": 720}, accept_downloads=True).new_page()
+    def open(self, *, first_visit: bool = False) -> Page:
+        """Opens a window of 1280 x 720 on the page, and waits until it is there; the tour begins on a first visit only."""
+        context = self.browser.new_context(viewport={"width": 1280, "height": 720}, accept_downloads=True)
+        if not first_visit:
+            context.add_init_script("localStorage.setItem('bt_jax-tour', 'seen')")
+        page = context.new_page()
         page.set_default_timeout(PATIENCE)
         page.on("pageerror", lambda error: self.errors.append(str(error)))
         page.goto(self.url)
@@ -155,8 +158,8 @@ def windows(server, browser):
 def window(windows, server, request, tmp_path):
     """Opens another window for this test; errors of scripts in any window fail it."""
 
-    def open_window() -> Page:
-        windows.others.append(windows.open())
+    def open_window(*, first_visit: bool = False) -> Page:
+        windows.others.append(windows.open(first_visit=first_visit))
         return windows.others[-1]
 
     windows.errors.clear()

@@ -46,7 +46,7 @@ def test_experiment_1_through_the_page(page, see, server, shoot):
         expect(see("demonstrate-finish")).to_be_visible()
         page.keyboard.press("3")
         expect(see("demonstrate-done")).to_contain_text("Pick up BlueBox")
-        carry(page, see, (0.0, 0.0, 12.0), "GreenBox")
+        carry(page, see, (0.0, 0.0, 120.0), "GreenBox")
         expect(see("demonstrate-landing")).to_contain_text("BlueBox is set down on GreenBox")
         if number == 3:
             shoot("demonstrate")

@@ -192,7 +192,7 @@ def test_the_tree_reacts_to_a_box_that_is_dragged_away(page, see):
 def test_a_box_is_moved_by_numbers(page, see):
     play_to_the_end(see)
     choose_option(page, see("run-box"), "GreenBox")
-    see("run-right-GreenBox").fill("300")
+    see("run-right-GreenBox").fill("3000")
     page.keyboard.press("Enter")
     expect(see("message")).to_contain_text("out of reach for GreenBox")
     seen = moments(see)

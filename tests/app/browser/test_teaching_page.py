@@ -49,7 +49,7 @@ def begin(page, see, number="2"):
     expect(see("demonstrate-finish")).to_be_visible()
     page.keyboard.press(number)
     expect(see("demonstrate-pose-KittingBox-z")).to_be_visible()
-    set_step(page, see, 2)  # a step outlives a demonstration
+    set_step(page, see, 20)  # a step outlives a demonstration
 
 
 def test_three_demonstrations_by_keyboard_only(page, see, demonstrate):
@@ -63,7 +63,7 @@ def test_three_demonstrations_by_keyboard_only(page, see, demonstrate):
         expect(see("demonstrate-finish")).to_be_visible()
         page.keyboard.press("2")
         expect(see("demonstrate-done")).to_contain_text("Pick up GreenBox")
-        carry(page, see, (0.0, 0.0, 12.0), "YellowBox")
+        carry(page, see, (0.0, 0.0, 120.0), "YellowBox")
         expect(see("demonstrate-landing")).to_contain_text("GreenBox is set down on YellowBox")
         page.keyboard.press("r")
         expect(see("demonstrate-done")).to_contain_text("Put GreenBox on top of YellowBox")
@@ -108,17 +108,17 @@ def test_the_buttons_do_what_the_keys_do(page, see):
     see("demonstrate-new").click()
     see("demonstrate-pick-GreenBox").click()
     expect(see("demonstrate-pose-KittingBox-z")).to_be_visible()
-    set_step(page, see, 2)
+    set_step(page, see, 20)
     for name, axis, sign in (
         ("right", "x", 1), ("left", "x", -1), ("away", "y", 1), ("near", "y", -1), ("up", "z", 1), ("down", "z", -1)
     ):  # fmt: skip
         before = position(see, "base_link", axis)
         see(f"demonstrate-{name}").click()
-        expect(see(f"demonstrate-pose-base_link-{axis}")).to_have_text(said(before + 2 * sign))
+        expect(see(f"demonstrate-pose-base_link-{axis}")).to_have_text(said(before + 20 * sign))
     # A button that was clicked has the focus: keys still carry, and do not click it again.
     before = position(see, "base_link", "z")
-    press(page, see, "PageUp", 2, frame="base_link", axis="z", sign=1, step=2)
-    expect(see("demonstrate-pose-base_link-turn")).to_have_text("0.0°")
+    press(page, see, "PageUp", 2, frame="base_link", axis="z", sign=1, step=20)
+    expect(see("demonstrate-pose-base_link-turn")).to_have_text("0°")
     see("demonstrate-over-YellowBox").click()
     expect(see("demonstrate-pose-YellowBox-x")).to_have_text(said(0))
     expect(see("demonstrate-landing")).to_contain_text("is set down on YellowBox")
@@ -129,21 +129,21 @@ def test_the_buttons_do_what_the_keys_do(page, see):
 def test_who_types_does_not_move_the_gripper(page, see):
     begin(page, see)
     before = position(see, "base_link", "x")
-    see("demonstrate-step").fill("7")
+    see("demonstrate-step").fill("70")
     page.keyboard.press("ArrowLeft")
     page.keyboard.press("Enter")
-    press(page, see, "ArrowRight", 1, frame="base_link", axis="x", sign=1, step=7)
-    assert position(see, "base_link", "x") == pytest.approx(before + 7, abs=0.2)
+    press(page, see, "ArrowRight", 1, frame="base_link", axis="x", sign=1, step=70)
+    assert position(see, "base_link", "x") == pytest.approx(before + 70, abs=2)
     see("demonstrate-step").fill("0")
     see("demonstrate-step").evaluate("field => field.blur()")
-    expect(see("message")).to_contain_text("the step must be from 0.1 to 50 cm; choose another")
-    expect(see("demonstrate-step")).to_have_value("7")
+    expect(see("message")).to_contain_text("the step must be from 1 to 500 mm; choose another")
+    expect(see("demonstrate-step")).to_have_value("70")
 
 
 def test_undo_takes_back_one_action_after_the_other(page, see):
     begin(page, see)
     start = position(see, "base_link", "z")
-    press(page, see, "PageUp", 3, frame="base_link", axis="z", sign=1, step=2)
+    press(page, see, "PageUp", 3, frame="base_link", axis="z", sign=1, step=20)
     see("demonstrate-over-YellowBox").click()
     expect(see("demonstrate-pose-YellowBox-x")).to_have_text(said(0))
     page.keyboard.press("r")
@@ -163,11 +163,11 @@ def test_what_cannot_be_done_is_said_and_nothing_is_lost(page, see, demonstrate)
     begin(page, see)
     see("demonstrate-finish").click()
     expect(see("message")).to_contain_text("the gripper still holds GreenBox; release it, then finish")
-    carry(page, see, (0.0, 0.0, 4.0), "YellowBox")
+    carry(page, see, (0.0, 0.0, 40.0), "YellowBox")
     expect(see("demonstrate-landing")).to_contain_text("GreenBox is inside YellowBox: raise it, or carry it aside")
     page.keyboard.press("r")
     expect(see("message")).to_contain_text("GreenBox would be inside YellowBox; raise it or carry it aside")
-    carry(page, see, (50.0, -100.0, 90.0), "base_link")
+    carry(page, see, (500.0, -1000.0, 900.0), "base_link")
     expect(see("demonstrate-landing")).to_contain_text("only the floor")
     page.keyboard.press("r")
     expect(see("message")).to_contain_text(
@@ -318,11 +318,11 @@ def test_two_windows_show_one_demonstration_that_one_of_them_steers(window, page
     other.keyboard.press("PageUp")
     other.evaluate("emitEvent('teach_key', 'PageUp')")  # as a page might that was changed
     expect(look("message")).to_contain_text("has the gripper; wait until")
-    press(page, see, "PageUp", 1, frame="KittingBox", axis="z", sign=1, step=2)
+    press(page, see, "PageUp", 1, frame="KittingBox", axis="z", sign=1, step=20)
     expect(look("demonstrate-pose-KittingBox-z")).to_have_text(said(before + 2))
     go(see, "task")  # lets go
     expect(look("holder-gripper")).to_be_hidden()
-    press(other, look, "PageUp", 1, frame="KittingBox", axis="z", sign=1, step=2)
+    press(other, look, "PageUp", 1, frame="KittingBox", axis="z", sign=1, step=20)
     go(see, "demonstrate")
     expect(see("holder-gripper")).to_contain_text("Another window on this computer has the gripper")
     expect(see("demonstrate-pose-KittingBox-z")).to_have_text(said(before + 4))

@@ -74,7 +74,7 @@ def test_a_target_is_relative_to_what_carries_it():
         ("BlueBox", (0.0, 3.0, 1.0), None, "no table there, out of reach"),
         ("BlueBox", tuple(kit(0.05)), None, "inside YellowBox"),
         ("BlueBox", tuple(kit(TASK.kits[0].inner[0])), None, "kit's wall"),
-        ("BlueBox", tuple(on_table(free_table(), z=0.2)), None, "hang in the air, 20 cm"),
+        ("BlueBox", tuple(on_table(free_table(), z=0.2)), None, "hang in the air, 200 mm"),
         ("BlueBox", tuple(kit(-0.204, -0.176, 0.041)), None, "would not stay there"),
         ("YellowBox", tuple(kit(0.13)), "GreenBox", "circular"),
         ("YellowBox", tuple(kit(0.13)), "YellowBox", "choose another frame"),

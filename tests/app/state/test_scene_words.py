@@ -48,7 +48,7 @@ def test_where_boxes_should_be_and_how_far_they_are_from_there(there):
     said = target_words(TASK, world)
     assert len(said) == len(TASK.targets)
     assert said[0].startswith("YellowBox should be in the middle of the kit: it is ")
-    assert said[0].endswith("there" if there else "cm away")
+    assert said[0].endswith("there" if there else "mm away")
 
 
 def test_slots_turns_parts_and_what_has_toppled():

@@ -201,7 +201,7 @@ async def test_what_cannot_be_done_changes_nothing(studio, tmp_path):
 
 @pytest.mark.parametrize("step", [None, 0.0, 0.6, float("nan")])
 def test_an_invalid_step_is_refused(studio, step):
-    with pytest.raises(UserError, match=r"from 0\.1 to 50 cm"):
+    with pytest.raises(UserError, match=r"from 1 to 500 mm"):
         studio.teaching.set_step(step)
 
 

@@ -42,7 +42,8 @@ def test_dots_are_where_the_demonstrations_are_seen(frame):
     bar = root.find("{http://www.w3.org/2000/svg}path[@class='cluster-bar']").get("d")
     pixels = float(re.search(r"H([\d.]+)", bar)[1]) - 2
     number, unit = root.find("{http://www.w3.org/2000/svg}text").text.split()
-    assert pixels / scale == pytest.approx(float(number) * {"cm": 0.01, "m": 1}[unit], rel=0.03)
+    assert pixels / scale == pytest.approx(0.001 * float(number), rel=0.03)
+    assert unit == "mm"
 
 
 def test_all_frames_but_its_own_can_be_meant():

@@ -8,7 +8,7 @@ KEYS = {"x": ("ArrowRight", "ArrowLeft"), "y": ("ArrowUp", "ArrowDown"), "z": ("
 
 
 def position(see, frame, axis):
-    """What the table says, centimetres."""
+    """What the table says, millimetres."""
     return float(see(f"demonstrate-pose-{frame}-{axis}").inner_text().replace("\N{MINUS SIGN}", "-"))
 
 
@@ -22,7 +22,7 @@ def press(page, see, key, times, *, frame, axis, sign, step):
 
 def said(value):
     """What the table says of a value, which is rounded there."""
-    texts = (f"{near + 0.0:.1f}".replace("-", "\N{MINUS SIGN}") for near in (value - 0.1, value, value + 0.1))
+    texts = (f"{round(near)}".replace("-", "\N{MINUS SIGN}") for near in (value - 1, value, value + 1))
     return re.compile(f"^({'|'.join(map(re.escape, texts))})$")
 
 
@@ -39,8 +39,8 @@ def set_step(page, see, step):
 
 
 def carry(page, see, goal, frame):
-    """Carries the held object to within half a centimetre of a position [cm] in a frame."""
-    for step in (20, 1):
+    """Carries the held object to within 5 mm of a position [mm] in a frame."""
+    for step in (200, 10):
         set_step(page, see, step)
         for axis, value in zip("xyz", goal, strict=True):
             away = value - position(see, frame, axis)

@@ -32,10 +32,11 @@ function outline(geometry, material) {
 
 // Frees the graphics memory of an object and everything in it.
 export function discard(object) {
-  object.traverse(({ geometry, material }) => {
-    geometry?.dispose();
-    material?.map?.dispose();
-    material?.dispose();
+  object.traverse((part) => {
+    part.geometry?.dispose();
+    part.material?.map?.dispose();
+    part.material?.dispose();
+    if (part.isLight) part.dispose();
   });
 }
 
@@ -57,6 +58,7 @@ export function meshOf(geom) {
   const geometry = geometryOf(geom);
   const mesh = new THREE.Mesh(geometry, new THREE.MeshLambertMaterial({ color: new THREE.Color(...geom.color) }));
   setPose(mesh, geom.pose);
+  mesh.castShadow = mesh.receiveShadow = true;
   if (geom.type !== "plane") {
     mesh.add(outline(geometry, new THREE.LineBasicMaterial({ color: 0x1d2733, transparent: true, opacity: 0.35 })));
   }

@@ -1,7 +1,10 @@
-// The camera: a view that shows everything, turned and zoomed by keys.
+// The camera: views that show everything, from where a person wants to look; turned and zoomed by keys.
 import { THREE } from "nicegui-scene";
 
 const AXIS = new THREE.Vector3(0, 0, 1);
+const HALF = Math.tan(THREE.MathUtils.degToRad(15)); // tangent of half the angle of view, across the shorter side
+const MARGIN = 1.04; // by which a view is wider than what it shows
+const NEARER = 0.8;
 const LOOKS = {
   ArrowLeft: [-0.1, 0, 1],
   ArrowRight: [0.1, 0, 1],
@@ -20,30 +23,55 @@ export const view = {
     this.extent = [width, height];
     this.renderer.setSize(width, height, false);
     Object.assign(this.$el.children[0].style, { width: `${width}px`, height: `${height}px` });
-    this.camera.aspect = width / height;
-    this.fit();
-    this.draw();
-  },
-
-  // Sets the angle of view that shows everything across, and up and down.
-  fit() {
-    const { across, upright } = this.model.camera;
-    const tangent = Math.max(upright, across / this.camera.aspect);
+    const aspect = width / height;
+    const tangent = aspect < 1 ? HALF / aspect : HALF;
+    this.camera.aspect = aspect;
     this.camera.fov = 2 * THREE.MathUtils.radToDeg(Math.atan(tangent));
     this.camera.updateProjectionMatrix();
-    const pixel = (2 * tangent) / this.$el.clientHeight;
+    const pixel = (2 * tangent) / height;
     for (const tag of this.tags) {
-      const height = tag.userData.height * pixel;
-      tag.scale.set(height * tag.userData.shape, height, 1);
+      const size = tag.userData.height * pixel;
+      tag.scale.set(size * tag.userData.shape, size, 1);
     }
+    if (this.looking) this.look(this.looking);
+    this.redraw();
+  },
+
+  // Looks from one of the model's views, or goes nearer or farther.
+  look(name) {
+    if (name === "nearer") return this.lookFrom(0, 0, NEARER);
+    if (name === "farther") return this.lookFrom(0, 0, 1 / NEARER);
+    this.showAll(new THREE.Vector3(...this.model.views[name]));
+    this.looking = name; // until a person turns it
+  },
+
+  // Shows everything from a direction, as large and as much in the middle as possible.
+  showAll(towards) {
+    const across = new THREE.Vector3().crossVectors(AXIS, towards).normalize();
+    const upright = new THREE.Vector3().crossVectors(towards, across);
+    const corners = cornersOf(...this.model.shown);
+    const middle = corners.reduce((sum, corner) => sum.addScaledVector(corner, 1 / corners.length), new THREE.Vector3());
+    const [high, wide] = [HALF / Math.min(1, this.camera.aspect), HALF * Math.max(1, this.camera.aspect)];
+    let distance = 1;
+    for (let i = 0; i < 8; i++) {
+      const from = corners.map((corner) => corner.clone().sub(middle));
+      const seen = from.map((one) => ({ x: one.dot(across), y: one.dot(upright), near: one.dot(towards) }));
+      distance = Math.max(...seen.map(({ x, y, near }) => near + MARGIN * Math.max(Math.abs(x) / wide, Math.abs(y) / high)));
+      for (const [axis, key] of [[across, "x"], [upright, "y"]]) {
+        const parts = seen.map((one) => one[key] / (distance - one.near));
+        middle.addScaledVector(axis, (distance * (Math.min(...parts) + Math.max(...parts))) / 2);
+      }
+    }
+    this.controls.target.copy(middle);
+    this.camera.position.copy(middle).addScaledVector(towards, distance);
+    this.controls.minDistance = distance / 12;
+    this.controls.maxDistance = distance * 3;
+    this.controls.update();
+    this.redraw();
   },
 
   lookAtAll() {
-    const { eye, target } = this.model.camera;
-    this.camera.position.set(...eye);
-    this.controls.target.set(...target);
-    this.controls.update();
-    this.draw();
+    this.look("home");
   },
 
   onKey(event) {
@@ -61,7 +89,12 @@ export const view = {
     const across = new THREE.Vector3().crossVectors(AXIS, offset).normalize();
     offset.applyAxisAngle(across, -up).applyAxisAngle(AXIS, right).multiplyScalar(times);
     this.camera.position.copy(target).add(offset);
+    this.looking = null;
     this.controls.update();
-    this.draw();
+    this.redraw();
   },
 };
+
+function cornersOf(low, high) {
+  return [0, 1, 2, 3, 4, 5, 6, 7].map((i) => new THREE.Vector3(...[0, 1, 2].map((k) => ((i >> k) & 1 ? high[k] : low[k]))));
+}
