@@ -12,8 +12,10 @@ from bt_jax.encoding.formats.xml import to_xml
 from bt_jax.gp.config import GPConfig
 from bt_jax.lfd import DemonstrationFolder, Frames
 from bt_jax.tasks import load_task
+from bt_jax.teaching.kit_file import KitFile
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.run_folder import RunFolder
+from bt_jax.training.run_note import RunNote, write_note
 from bt_jax.training.settings import Settings
 from tests.helpers.demonstrations import STACK3, STACKING, demonstrations
 
@@ -39,6 +41,11 @@ def learnt(path):
     (path / "task.yaml").write_text("extends: stack\nname: mine\n")
 
 
+def named(path):
+    trained(path)
+    write_note(path, RunNote("the one for Monday", "slow"))
+
+
 def text(content):
     return lambda path: path.write_text(content)
 
@@ -53,6 +60,11 @@ FINE = {
     "tree.xml": (text(to_xml(parse_tree(TREE))), "tree in XML, 3 nodes"),
     "demos": (demos, "folder of demonstrations, 3 demonstrations, 18 actions"),
     "run": (trained, "run folder, task stack, not begun, 3 nodes"),
+    "named": (named, 'run folder "the one for Monday", task stack, not begun, 3 nodes'),
+    "line.kit.zip": (
+        lambda path: path.write_bytes(KitFile(load_task("stack"), trees={"mine": parse_tree(TREE)}).pack()),
+        "kit, task stack, 0 sets of demonstrations, 1 tree",
+    ),
     "learnt": (learnt, "folder of a learnt tree, task mine, 3 nodes"),
 }
 

@@ -25,9 +25,10 @@ def is_name(text: str) -> bool:
     return re.fullmatch(r"\w[\w .+-]{0,99}", text) is not None
 
 
-def unused(path: Path) -> Path:
-    """Return the path, or the first of path-2, path-3, ... that does not exist."""
-    names = itertools.chain([path], (path.with_name(f"{path.name}-{number}") for number in itertools.count(2)))
+def unused(path: Path, ending: str = "") -> Path:
+    """Return the path, or the first of path-2, path-3, ... that does not exist; numbers come before the ending."""
+    name = path.name.removesuffix(ending)
+    names = itertools.chain([path], (path.with_name(f"{name}-{number}{ending}") for number in itertools.count(2)))
     return next(name for name in names if not name.exists())
 
 

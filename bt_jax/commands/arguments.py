@@ -252,8 +252,8 @@ class CheckArguments:
     """
 
     files: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
-    """tasks, trees (.txt, .xml), folders of demonstrations, of train or of learn, calibration files, logs of the robot; of
-    another folder, everything in it"""
+    """tasks, trees (.txt, .xml), folders of demonstrations, of train or of learn, kits (.kit.zip), calibration files, logs
+    of the robot; of another folder, everything in it"""
 
     def check(self) -> None:
         """Raise UserError if there is nothing to check."""

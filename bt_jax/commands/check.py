@@ -20,23 +20,24 @@ from bt_jax._util.words import counted
 from bt_jax._util.yaml_files import read_yaml
 from bt_jax.behaviors import Tree, subgoal_conditions
 from bt_jax.commands.arguments import CheckArguments
-from bt_jax.commands.trees import check_tree
-from bt_jax.encoding.formats.files import LEARNT, read_tree
+from bt_jax.encoding.formats.files import LEARNT, check_tree, read_tree
 from bt_jax.encoding.walk import prefix
 from bt_jax.lfd import DemonstrationFolder
 from bt_jax.lfd.demonstration_files import read_demonstration
 from bt_jax.lfd.demonstration_info import REBUILT, is_described
 from bt_jax.tasks import load_task, task_of_folder
+from bt_jax.teaching.kit_file import LARGEST, SUFFIX, KitFile
 from bt_jax.teaching.script import parse_script
 from bt_jax.training.checkpoint import Checkpoint
 from bt_jax.training.run_config import RunConfig
 from bt_jax.training.run_folder import RunFolder
+from bt_jax.training.run_note import read_note
 
 __all__ = ["described", "run"]
 
 KNOWN = (
-    "a task (.yaml), a folder of demonstrations, a tree (.txt, .xml), a folder of train or learn, a calibration file "
-    "(.yaml) or a log of the robot (.jsonl)"
+    "a task (.yaml), a folder of demonstrations, a tree (.txt, .xml), a folder of train or learn, a kit (.kit.zip), a "
+    "calibration file (.yaml) or a log of the robot (.jsonl)"
 )
 CONFIG = re.compile(r"config(-\d+)?\.json")
 
@@ -86,6 +87,8 @@ def _parts(path: Path, seen: set[str] | None = None) -> Iterator[Path]:
 
 
 def _reader(path: Path) -> Callable[[Path], str] | None:
+    if path.name.endswith(SUFFIX):
+        return _kit
     return _config if CONFIG.fullmatch(path.name) else READERS.get(path.suffix.lower())
 
 
@@ -109,7 +112,8 @@ def _run_folder(path: Path) -> str:
         learnt = folder.tree()
         check_tree(learnt, config.task, path / LEARNT[0])
         tree = _tree_summary(learnt)
-    return f"run folder, task {config.task.name}, {generation}, {tree}"
+    named = f' "{name}"' if (name := read_note(path).name) else ""
+    return f"run folder{named}, task {config.task.name}, {generation}, {tree}"
 
 
 def _learnt(path: Path) -> str:
@@ -187,6 +191,14 @@ def _text(path: Path) -> str:
 
 def _xml(path: Path) -> str:
     return f"tree in XML, {_tree_summary(read_tree(path))}"
+
+
+def _kit(path: Path) -> str:
+    if path.stat().st_size > LARGEST:
+        raise UserError(f"{path} is larger than any kit; give one that the page has saved")
+    kit = KitFile.unpack(path.read_bytes(), str(path))
+    sets, trees = counted(len(kit.sets), "set"), counted(len(kit.trees), "tree")
+    return f"kit, task {kit.task.name}, {sets} of demonstrations, {trees}"
 
 
 def _config(path: Path) -> str:

@@ -14,8 +14,7 @@ from bt_jax._util.errors import UserError
 from bt_jax._util.startup import configure_jax
 from bt_jax._util.text_files import read_text
 from bt_jax.commands.arguments import DemonstrateArguments
-from bt_jax.commands.trees import check_tree
-from bt_jax.encoding.formats.files import read_tree
+from bt_jax.encoding.formats.files import check_tree, read_tree
 from bt_jax.lfd import DemonstrationFolder, Frames
 from bt_jax.lfd.clustering import NEEDED
 from bt_jax.mjx_env.physics.mujoco import MujocoPhysics

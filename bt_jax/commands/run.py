@@ -17,11 +17,10 @@ from bt_jax._util.files import write_atomic
 from bt_jax._util.startup import configure_jax
 from bt_jax.behaviors import Behavior, Tree, Vocabulary, expand
 from bt_jax.commands.arguments import RunArguments
-from bt_jax.commands.trees import check_tree
 from bt_jax.deploy.commands.arguments import TwinArguments
 from bt_jax.encoding.drawing.svg import to_svg
 from bt_jax.encoding.drawing.terminal import draw_text, to_dot
-from bt_jax.encoding.formats.files import read_tree
+from bt_jax.encoding.formats.files import check_tree, read_tree
 from bt_jax.encoding.formats.text import format_tree
 from bt_jax.encoding.formats.xml import to_xml
 from bt_jax.encoding.tick import Status

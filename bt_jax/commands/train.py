@@ -15,8 +15,7 @@ from bt_jax._util.startup import configure_jax
 from bt_jax._util.words import listed
 from bt_jax.behaviors import subgoal_conditions
 from bt_jax.commands.arguments import TrainArguments
-from bt_jax.commands.trees import check_tree
-from bt_jax.encoding.formats.files import read_tree
+from bt_jax.encoding.formats.files import check_tree, read_tree
 from bt_jax.tasks import Task, load_faults, load_task, with_faults
 from bt_jax.tasks.changes import not_taken_over
 from bt_jax.training.console import TrainingDisplay

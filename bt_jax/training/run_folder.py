@@ -4,7 +4,7 @@ config.json        task, settings and version       history.csv         one row 
 best_tree.txt      the learnt tree                  best_tree.xml       the same for BehaviorTree.CPP and Groot2
 best_tree.svg      its drawing                      learning_curve.png  best and mean fitness over the generations
 result.json        best of each run, times          final_scene.png     the scene after an episode
-checkpoint.npz     populations, to resume
+checkpoint.npz     populations, to resume           note.json           a name and a note, if a person has given any
 
 `episodes` means the same in history.csv, result.json and progress.json: the episodes that the fitness of the distinct trees
 took so far, one for each of `trees_measured` trees in each of the K layouts of its run. In history.csv and result.json they

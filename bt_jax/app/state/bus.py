@@ -11,7 +11,18 @@ from typing import Literal
 __all__ = ["Bus", "Kind", "Message", "Topic"]
 
 Topic = Literal[
-    "task", "scene", "evolution", "tree", "demonstrations", "lesson", "player", "runs", "news", "notices", "holds"
+    "task",
+    "scene",
+    "evolution",
+    "tree",
+    "demonstrations",
+    "lesson",
+    "player",
+    "runs",
+    "news",
+    "notices",
+    "holds",
+    "trash",
 ]
 Kind = Literal["info", "success", "warning", "error"]
 

@@ -12,6 +12,7 @@ from bt_jax.app.processes.trial import Trial, try_out
 from bt_jax.app.state.bus import Bus
 from bt_jax.app.state.edited_task import EditedTask
 from bt_jax.app.state.replay import handled
+from bt_jax.app.state.trash import Trash
 from bt_jax.app.state.worker import Worker
 from bt_jax.app.state.workspace import Workspace
 from bt_jax.lfd import DemonstrationFolder, Lesson
@@ -46,6 +47,7 @@ class DemonstrationLibrary:
         self.trial: Trial | None = None
         self.trying = False
         self._bus, self._worker, self._workspace, self._edited = bus, worker, workspace, edited
+        self._trash = Trash(workspace)
         self._reading = asyncio.Lock()
         self._refreshing: asyncio.Task | None = None
         bus.subscribe("task", self._learn_again)
@@ -89,8 +91,9 @@ class DemonstrationLibrary:
         await self.refresh()
 
     async def delete(self, name: str) -> None:
-        """Delete a demonstration."""
-        await self._worker.work(self.folder.delete, name)
+        """Move a demonstration into the trash. Raise UserError if it has gone."""
+        await self._worker.work(self._trash.put, "demonstration", name, self.set_name)
+        self._bus.changed("trash")
         await self.refresh()
 
     async def choose_frame(self, index: int, frame: str | None) -> None:

@@ -6,7 +6,6 @@ is complete.
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import dataclasses
 from collections.abc import Callable, Mapping
@@ -23,6 +22,7 @@ from bt_jax.app.state.demonstration_library import DemonstrationLibrary
 from bt_jax.app.state.edited_task import EditedTask, same_goal, same_things
 from bt_jax.app.state.evolution_process import EvolutionProcess, EvolutionStage
 from bt_jax.app.state.holds import Holds
+from bt_jax.app.state.keeping import Keeping
 from bt_jax.app.state.notices import Discard, Notice, Notices
 from bt_jax.app.state.playing import Playing
 from bt_jax.app.state.run_record import read_record
@@ -45,7 +45,8 @@ KINDS: Mapping[EvolutionStage, Kind] = MappingProxyType(
 
 class Studio:
     """The parts: `edited` is the task of step 1, `evolution` the process that evolves, for a task of its own, `playing` the
-    tree that is looked at, `library` the demonstrations and what they teach, `teaching` the demonstration in the making."""
+    tree that is looked at, `library` the demonstrations and what they teach, `teaching` the demonstration in the making,
+    `keeping` what else lies in the folder."""
 
     def __init__(
         self, workspace: Workspace, task: Task, warm_worker: WarmWorker | None = None, hold_factor: float = 1.0
@@ -53,6 +54,7 @@ class Studio:
         self.workspace = workspace
         self.bus, self.worker = Bus(), Worker()
         self.holds = Holds(self.bus, factor=hold_factor)
+        self.keeping = Keeping(self.bus, self.worker, workspace)
         self.edited = EditedTask(workspace, task)
         self.evolution = EvolutionProcess(workspace, warm_worker)
         self.playing = Playing(self.bus, self.worker, self.edited)
@@ -248,14 +250,23 @@ class Studio:
         self.bus.changed("tree", "runs", "player", "evolution")
 
     async def delete_run(self, name: str) -> None:
-        """Delete a run; its tree may still be looked at, and its task stays in step 1. Raise UserError, and delete nothing,
-        if the run has gone, a process is training there, or a task that only this run holds cannot be kept as the draft."""
+        """Move a run into the trash; its tree may still be looked at, and its task stays in step 1. Raise UserError, and
+        move nothing, if the run has gone, a process is training there, or a task that only this run holds cannot be kept as
+        the draft."""
         if self.playing.run == name and not self.edited.saved:
             self.workspace.save_draft(self.edited.task)
-        await asyncio.to_thread(self.workspace.delete_run, name)
+        await self.keeping.put_away("run", name)
         self.evolution.forget(name)
         self.playing.forget_run(name)
         self.bus.changed("runs", "evolution", "tree")
+        self._keep_draft()
+
+    async def delete_task(self, name: str) -> None:
+        """Move the file of a task into the trash; if it is the edited one, it stays in step 1, unsaved. Raise UserError, and
+        move nothing, if it has gone, comes with the package, or cannot be kept as the draft."""
+        if self.edited.task.name == name:
+            self.workspace.save_draft(self.edited.task)
+        await self.keeping.put_away("task", name)
         self._keep_draft()
 
     def watch(self) -> None:

@@ -10,7 +10,6 @@ import contextlib
 import dataclasses
 import functools
 import re
-import shutil
 from pathlib import Path
 
 from bt_jax._util.errors import UserError
@@ -18,9 +17,9 @@ from bt_jax._util.files import NAME_RULE, is_name, unused, write_atomic
 from bt_jax._util.yaml_files import to_yaml
 from bt_jax.behaviors import Tree
 from bt_jax.encoding.formats.files import read_tree
+from bt_jax.encoding.formats.text import format_tree
 from bt_jax.lfd import DemonstrationFolder
-from bt_jax.tasks import Task, load_task, task_names
-from bt_jax.training.progress import is_alive
+from bt_jax.tasks import Task, load_task, task_names, task_of_folder
 from bt_jax.training.run_folder import RunFolder
 
 __all__ = ["Workspace"]
@@ -65,7 +64,8 @@ class Workspace:
         return RunFolder(path)
 
     def learnt_names(self) -> list[str]:
-        """Return the folders that `bt_jax.learn` has left among the runs, the newest first."""
+        """Return the folders with trees of no run that `bt_jax.learn` and imports have left among the runs, the newest
+        first."""
         found = [path for path in _folders(self.runs) if (path / LEARNT).is_file()]
         return [path.name for path in sorted(found, key=lambda path: (path / LEARNT).stat().st_mtime, reverse=True)]
 
@@ -73,17 +73,17 @@ class Workspace:
         """Return the tree in such a folder. Raise UserError if it has gone or cannot be read."""
         return read_tree(self.inside(self.runs, name) / LEARNT)
 
-    def delete_run(self, name: str) -> None:
-        """Delete a run folder. Raise UserError as `run` does, and if a process is training there."""
-        path = self.run(name).path
-        if is_alive(path):
-            raise UserError(f"{name} is evolving; stop it before you delete it")
-        going = path.with_name(f".{name}.deleted")
-        try:
-            path.rename(going)
-            shutil.rmtree(going)
-        except OSError as error:
-            raise UserError(f"{name} cannot be deleted ({error.strerror}); check the permissions of {path}") from None
+    def learnt_task(self, name: str) -> Task | None:
+        """Return the task of the tree in such a folder, None if it does not say. Raise UserError if it cannot be read."""
+        return task_of_folder(self.inside(self.runs, name))
+
+    def add_tree(self, name: str, tree: Tree, task: Task) -> str:
+        """Keep a tree of a task in such a folder, and return its name, which has a number if there is another of it. Raise
+        UserError if the name is none, or nothing can be written."""
+        folder = unused(self.inside(self.runs, name))
+        write_atomic(folder / "task.yaml", to_yaml(task.to_dict()))
+        write_atomic(folder / LEARNT, format_tree(tree))  # last: from now on it is listed
+        return folder.name
 
     def demonstration_sets(self) -> list[str]:
         """Return the names of the sets of demonstrations."""
@@ -113,6 +113,10 @@ class Workspace:
         path = self.inside(self.tasks, f"{name}.yaml")
         write_atomic(path, to_yaml(dataclasses.replace(task, name=name).to_dict()))
         return path
+
+    def own_task_names(self) -> list[str]:
+        """Return the names of the tasks that were saved here."""
+        return [name for name in self.task_names() if name not in task_names()]
 
     def filed(self, name: str) -> bytes | None:
         """Return the file of a task that was saved here, None if there is none."""

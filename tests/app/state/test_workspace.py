@@ -1,6 +1,7 @@
 """Names come from the browser: whatever they are, no path leaves the workspace."""
 
 import dataclasses
+import shutil
 
 import pytest
 from hypothesis import given
@@ -9,6 +10,7 @@ from hypothesis import strategies as st
 from bt_jax._util.errors import UserError
 from bt_jax.app.state.run_record import read_records
 from bt_jax.app.state.workspace import Workspace
+from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.gp.config import GPConfig
 from bt_jax.lfd import Frames
 from bt_jax.tasks import load_task
@@ -41,7 +43,7 @@ def run_in(workspace, name="one"):
 @pytest.mark.parametrize("name", OUTSIDE)
 def test_a_name_that_leads_out_is_refused(tmp_path, name):
     workspace = Workspace(tmp_path)
-    for read in (workspace.run, workspace.delete_run, workspace.demonstration_set, workspace.task):
+    for read in (workspace.run, workspace.learnt_task, workspace.demonstration_set, workspace.task):
         with pytest.raises(UserError, match="cannot name anything here; use letters"):
             read(name)
     with pytest.raises(UserError):
@@ -68,9 +70,8 @@ def test_a_link_to_elsewhere_is_neither_listed_nor_followed(tmp_path):
     run_in(workspace, "two")
     (workspace.runs / "link").symlink_to(kept.path)
     assert workspace.run_names() == ["two"]
-    for use in (workspace.run, workspace.delete_run):
-        with pytest.raises(UserError, match="leads out"):
-            use("link")
+    with pytest.raises(UserError, match="leads out"):
+        workspace.run("link")
     assert (kept.path / "config.json").is_file()
 
 
@@ -83,7 +84,7 @@ def test_runs_and_demonstrations_are_listed_and_found(tmp_path):
     assert workspace.run("stack-1").config().task == STACK
     workspace.demonstration_set("top").create(Frames.of(STACK))
     assert workspace.demonstration_sets() == ["top"]
-    workspace.delete_run("stack-1")
+    shutil.rmtree(workspace.runs / "stack-1")
     with pytest.raises(UserError, match="no longer there"):
         workspace.run("stack-1")
 
@@ -142,6 +143,12 @@ def test_trees_that_were_learnt_on_the_command_line_are_found(tmp_path):
         workspace.learnt_tree("../one")
     with pytest.raises(UserError, match="no file"):
         workspace.learnt_tree("gone")
+    assert workspace.learnt_task("learn-demos") is None
+    names = [workspace.add_tree("mine", parse_tree("pick(BlueBox)"), STACK) for _ in range(2)]
+    assert names == ["mine", "mine-2"]
+    assert {*workspace.learnt_names()} == {"learn-demos", *names}
+    assert (str(workspace.learnt_tree("mine-2")), workspace.learnt_task("mine-2")) == ("pick(BlueBox)", STACK)
+    assert workspace.run_names() == ["one"]
 
 
 def test_what_files_hold_is_read_again_only_if_they_have_changed(tmp_path, monkeypatch):
@@ -162,7 +169,7 @@ def test_what_files_hold_is_read_again_only_if_they_have_changed(tmp_path, monke
     run.save_config(RunConfig(mine, GPConfig(), Settings()))
     assert (workspace.holds(mine), workspace.holds(other)) == (False, True)
     assert (workspace.run_holds("run", STACK), workspace.run_holds("run", mine)) == (False, True)
-    workspace.delete_run("run")
+    shutil.rmtree(run.path)
     assert not workspace.run_holds("run", mine)
     (workspace.tasks / "extended.yaml").write_text("extends: mine.yaml\nname: extended\n")
     extended = workspace.task("extended")
