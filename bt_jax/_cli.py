@@ -15,6 +15,7 @@ COMMANDS = {  # name -> module, one line
     "run": ("run", "execute a saved Behavior Tree in simulation and show it tick by tick"),
     "demonstrate": ("demonstrate", "record demonstrations in simulation, or watch a person; list, rename, delete them"),
     "check": ("check", "read files of any kind without running them, and say what is wrong"),
+    "report": ("report", "write a report about a run, for a browser or a printer"),
     "app": ("app.__main__", "serve the page for people who do not program"),
     "deploy": ("deploy.__main__", "put a learnt tree on the robot, or on its twin"),
     "experiments": ("experiments.__main__", "repeat the experiments of the paper"),

@@ -15,6 +15,7 @@ COMMANDS = (
     "run",
     "demonstrate",
     "check",
+    "report",
     "app",
     "experiments",
     "deploy",

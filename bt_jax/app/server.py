@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from pathlib import Path
 
+from fastapi.responses import HTMLResponse, PlainTextResponse, Response
 from nicegui import app, ui
 
+from bt_jax._util.errors import UserError
 from bt_jax.app.access.guard_hosts import GuardHosts
 from bt_jax.app.access.guard_login import GuardLogin
 from bt_jax.app.access.logins import Logins
 from bt_jax.app.page import Page
+from bt_jax.app.phrases import phrase
 from bt_jax.app.processes.warm_worker import WarmWorker
+from bt_jax.app.report import report
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.state.workspace import Workspace
 
@@ -58,6 +63,13 @@ def serve(
     @ui.page("/")
     def window(step: str = "") -> None:
         Page(studio, step)
+
+    @app.get("/report/{name}")
+    def of_run(name: str) -> Response:
+        try:
+            return HTMLResponse(report(workspace.run(name), today=datetime.now()))
+        except UserError as error:
+            return PlainTextResponse(phrase(error, folder), status_code=404)
 
     app.config.quasar_config["loadingBar"]["skipHijack"] = True  # a bar without a name, at every request
     ui.run(

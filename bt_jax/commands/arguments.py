@@ -24,6 +24,7 @@ __all__ = [
     "CheckArguments",
     "DemonstrateArguments",
     "LearnArguments",
+    "ReportArguments",
     "RunArguments",
     "TrainArguments",
     "check_out",
@@ -259,6 +260,19 @@ class CheckArguments:
         """Raise UserError if there is nothing to check."""
         if not self.files:
             raise UserError("there is nothing to check; give one file or more")
+
+
+@dataclasses.dataclass(frozen=True)
+class ReportArguments:
+    """Write a report about a run: what its tree does, in words and as a picture, how often it works, and why it fails.
+
+    It is one HTML file, for a browser or a printer; the page shows the same.
+    """
+
+    run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_FOLDER")]
+    """folder that bt_jax.train has written"""
+    out: Annotated[Path | None, unset("PATH")] = None
+    """file to write (default: report.html in the folder)"""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -36,7 +36,7 @@ from bt_jax.mjx_env.physics.settler import Settler
 from bt_jax.mjx_env.render.film import check_film, film
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
-from bt_jax.mjx_env.world import World, concatenate, take
+from bt_jax.mjx_env.world import World, concatenate
 from bt_jax.tasks import Task, load_faults, load_task, task_of_folder, with_faults
 from bt_jax.training.console import failures_met, faults_met, where_tested
 from bt_jax.training.levels import make_level
@@ -44,7 +44,7 @@ from bt_jax.training.run_config import RunConfig
 from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import UNSEEN, Backend, Level, Settings
 from bt_jax.training.simplify import simplify
-from bt_jax.training.testing import as_test, explained
+from bt_jax.training.testing import as_test, episode_of_test, explained
 
 __all__ = ["robot", "run"]
 
@@ -174,19 +174,15 @@ def _layout(task: Task, seed: int) -> World:
 def _chosen_episode(task: Task, arguments: RunArguments) -> tuple[World, Fates | None]:
     """Return the layout that the arguments name, and the fate of the episode there if things go wrong."""
     if arguments.layout is None:
-        return _layout(task, arguments.seed), _fate(task, [UNSEEN, arguments.seed], 0, arguments)
+        return _layout(task, arguments.seed), _fate(task, [UNSEEN, arguments.seed], arguments)
     config = _tested(arguments, "--layout numbers the layouts that a run was tested in")
-    count = config.settings.test_layouts
-    if not 1 <= arguments.layout <= count:
-        raise UserError(f"--layout is {arguments.layout}; choose 1 to {count}")
-    seed, index = [UNSEEN, config.gp.seed], arguments.layout - 1
-    return take(sample_layouts(task, seed, count), slice(index, index + 1)), _fate(task, seed, index, arguments)
+    return episode_of_test(task, config, arguments.layout, arguments.draw or 1)
 
 
-def _fate(task: Task, seed: list[int], layout: int, arguments: RunArguments) -> Fates | None:
-    """Return the fate of the draw that the arguments name."""
+def _fate(task: Task, seed: list[int], arguments: RunArguments) -> Fates | None:
+    """Return the fate of the draw that the arguments name, in the first layout of a seed."""
     draw = (arguments.draw or 1) - 1
-    return sample_fates(task, seed, layouts=range(layout, layout + 1), draws=range(draw, draw + 1))
+    return sample_fates(task, seed, layouts=range(1), draws=range(draw, draw + 1))
 
 
 def _tested(arguments: RunArguments, purpose: str) -> RunConfig:
@@ -216,7 +212,7 @@ def _survey(console: Console, semantics: LeafSemantics, physics: Physics, tree: 
     task = semantics.task
     seeds = range(arguments.seed, arguments.seed + arguments.layouts)
     layouts = concatenate([_layout(task, seed) for seed in seeds])
-    fates = [fate for seed in seeds if (fate := _fate(task, [UNSEEN, seed], 0, arguments)) is not None]
+    fates = [fate for seed in seeds if (fate := _fate(task, [UNSEEN, seed], arguments)) is not None]
     result = survey(semantics, physics, tree, layouts, joined(fates) if fates else None)
     solved, values = result.solved[0], result.values[0]
     console.print(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 
@@ -15,9 +16,12 @@ BEST, MEAN = "#0072b2", "#999999"
 LINEAR = 100  # fitness down to -100 is drawn on a linear axis
 
 
-def learning_curve(history: list[Generation], *, title: str, phases: Sequence[int] = ()) -> bytes:
-    """Return a PNG of the fitness over the generations: best (mean and range over the runs) and mean of the population.
+def learning_curve(
+    history: list[Generation], *, title: str, phases: Sequence[int] = (), kind: Literal["png", "svg"] = "png"
+) -> bytes:
+    """Return a picture of the fitness over the generations: best (mean and range over the runs) and mean of the population.
     A line marks each generation at which the task changed. Below -100 the axis is logarithmic."""
+    from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -46,5 +50,6 @@ def learning_curve(history: list[Generation], *, title: str, phases: Sequence[in
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(loc="lower right", frameon=False)
     out = io.BytesIO()
-    figure.savefig(out, format="png")
+    with rc_context({"svg.fonttype": "none"}):  # text stays text, in the font of who looks at it
+        figure.savefig(out, format=kind)
     return out.getvalue()

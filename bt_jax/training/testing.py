@@ -6,17 +6,32 @@ import dataclasses
 
 import numpy as np
 
+from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Tree
 from bt_jax.mjx_env.episodes.diagnosis import explain_failure
 from bt_jax.mjx_env.episodes.evaluator import Evaluation
 from bt_jax.mjx_env.episodes.playback import play
-from bt_jax.mjx_env.faults.fates import Fates
+from bt_jax.mjx_env.faults.fates import Fates, sample_fates
 from bt_jax.mjx_env.physics.settler import Settler
+from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
 from bt_jax.mjx_env.world import World, take
+from bt_jax.tasks import Task
 from bt_jax.training.result import EXPLAINED, Failures, Test
+from bt_jax.training.run_config import RunConfig
+from bt_jax.training.settings import UNSEEN
 
-__all__ = ["as_test", "explained"]
+__all__ = ["as_test", "episode_of_test", "explained"]
+
+
+def episode_of_test(task: Task, config: RunConfig, layout: int, draw: int) -> tuple[World, Fates | None]:
+    """Return where an episode of the test of a run starts, and its fate in a task where things go wrong, batches of one;
+    layouts and draws are numbered from 1. Raise UserError if the test had no such layout."""
+    count, seed, index = config.settings.test_layouts, [UNSEEN, config.gp.seed], layout - 1
+    if not 0 <= index < count:
+        raise UserError(f"there is no layout {layout} in the test; choose 1 to {count}")
+    fates = sample_fates(task, seed, layouts=range(index, layout), draws=range(draw - 1, draw))
+    return take(sample_layouts(task, seed, count), slice(index, layout)), fates
 
 
 def as_test(evaluation: Evaluation, rows: int, *, draws: int) -> Test:

@@ -104,7 +104,8 @@ class _Run:
     def _enter(self, step: Step) -> None:
         if step == "run":
             self._sources()
-            ui.timer(0.0, self.page.guard(self._prepare), once=True)
+            if self.studio.playing.player is None:
+                ui.timer(0.0, self.page.guard(self._prepare), once=True)
 
     async def _prepare(self) -> None:
         """Make the tree ready to run."""
@@ -115,7 +116,7 @@ class _Run:
     def _sources(self) -> None:
         """List the trees to choose from: those of the runs, and the demonstrated one."""
         studio, lesson = self.studio, self.studio.library.lesson
-        self.learnt = {f"learnt: {name}": name for name in studio.workspace.learnt_names()}
+        self.learnt = {f"tree: {name}": name for name in studio.workspace.learnt_names()}
         options = [*studio.workspace.run_names(), *([LESSON] if lesson is not None else []), *self.learnt]
         here = studio.playing.run
         if here is None and studio.playing.tree is not None:
@@ -151,7 +152,10 @@ class _Run:
 
     async def _restart(self) -> None:
         player = self.studio.playing.player
-        await self.studio.playing.begin(None if player is None else player.snapshots[0].episode.world)
+        if player is None:
+            await self.studio.playing.begin()
+        else:
+            await self.studio.playing.begin(player.snapshots[0].episode.world, player.fate)
 
     async def _other_layout(self) -> None:
         self._drawn += 1
@@ -270,7 +274,8 @@ def _said(words: Words, player: Player) -> str:
     if now.tick is None:
         return "The beginning: press Play."
     command = now.tick.command
-    return f"Tick {ticks}: {'nothing to do' if command is None else words(command)}"
+    done = "nothing to do" if command is None else words(command)
+    return ". ".join([f"Tick {ticks}: {done}", *now.tick.troubles])
 
 
 def _verdict(studio: Studio, player: Player) -> str:

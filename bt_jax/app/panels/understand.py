@@ -10,7 +10,7 @@ from nicegui import ui
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.words import counted
-from bt_jax.app.panels.keep import FORMATS
+from bt_jax.app.panels.keep_runs import FORMATS
 from bt_jax.app.panels.parts import button, heading, known
 from bt_jax.app.plain_words import Words
 from bt_jax.app.processes.trial import LAYOUTS

@@ -14,7 +14,8 @@ from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import leaves
 from bt_jax.mjx_env.episodes.fitness import target_misses
 from bt_jax.mjx_env.episodes.playback import EpisodeState, Tick
-from bt_jax.mjx_env.episodes.rules import Ending
+from bt_jax.mjx_env.episodes.rules import Ending, fresh_tally
+from bt_jax.mjx_env.faults.fates import Fates
 from bt_jax.mjx_env.physics.protocol import Physics
 from bt_jax.mjx_env.physics.settler import Settler
 from bt_jax.mjx_env.render.choreography import Shot, Stage
@@ -51,9 +52,10 @@ class Player:
     Genes run as the subtrees that they stand for, so that these can be watched, too.
     """
 
-    def __init__(self, task: Task, physics: Physics, tree: Tree, start: World) -> None:
-        """Begin in `start`, a batch of one state (NumPy). Raise UserError if the tree does not fit the task."""
-        self.task, self.tree, self.physics = task, tree, physics
+    def __init__(self, task: Task, physics: Physics, tree: Tree, start: World, fate: Fates | None = None) -> None:
+        """Begin in `start`, a batch of one state (NumPy), with a `fate`, a batch of one, if things go wrong. Raise UserError
+        if the tree does not fit the task."""
+        self.task, self.tree, self.physics, self.fate = task, tree, physics, fate
         self._semantics = LeafSemantics(task, Vocabulary.of(leaves(expand(tree))))
         self._settler = Settler(task, physics)
         self._ids = node_ids(tree)
@@ -114,7 +116,8 @@ class Player:
         return self.now
 
     def _episode(self, world: World) -> EpisodeState:
-        return EpisodeState(self._semantics, self._settler, expand(self.tree), world)
+        tally = fresh_tally(1, has_faults=self.fate is not None)
+        return EpisodeState(self._semantics, self._settler, expand(self.tree), world, tally, fate=self.fate)
 
     def _motion(self, tick: Tick, after: EpisodeState) -> tuple[Shot, ...]:
         """Return the motion of gripper and objects; the tick that would follow tells where an object will be put."""
@@ -122,4 +125,6 @@ class Player:
         stage.run(tick, [after.tick()[0]] if after.ending == Ending.OPEN else [])
         if tick.command is None and np.linalg.norm(stage.tip - stage.home) > AT_HOME:
             stage.leave()
+        if after.world is not tick.after:  # a person or a fault has moved something since
+            stage.shots.append(dataclasses.replace(stage.shots[-1], poses=np.asarray(after.world.poses[0], float)))
         return tuple(stage.shots)

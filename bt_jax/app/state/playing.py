@@ -19,6 +19,7 @@ from bt_jax.app.state.player import Player
 from bt_jax.app.state.worker import Worker
 from bt_jax.behaviors import Tree
 from bt_jax.mjx_env.episodes.rules import Ending
+from bt_jax.mjx_env.faults.fates import Fates
 from bt_jax.mjx_env.render.choreography import Shot
 from bt_jax.mjx_env.world import World
 
@@ -76,9 +77,9 @@ class Playing:
         if self.run == name:
             self.run = None
 
-    async def begin(self, start: World | None = None, *, again: bool = True) -> None:
-        """Begin an episode of the tree; unless `again`, only if none has begun. Raise UserError if there is no tree, or it
-        does not fit the task."""
+    async def begin(self, start: World | None = None, fate: Fates | None = None, *, again: bool = True) -> None:
+        """Begin an episode of the tree, with what goes wrong in it; unless `again`, only if none has begun. Raise UserError
+        if there is no tree, or it does not fit the task."""
         if self.tree is None:
             raise UserError("there is no tree to run yet; evolve one, or choose a run")
         if again:
@@ -87,7 +88,7 @@ class Playing:
             if not again and self.player is not None:
                 return
             world, task, tree = self._edited.start if start is None else start, self._edited.task, self.tree
-            player = await self._worker.work(Player, task, self._worker.physics(task), tree, world)
+            player = await self._worker.work(Player, task, self._worker.physics(task), tree, world, fate)
             if self._edited.task is not task:
                 return  # nobody waits for this any more
             going = self.on  # somebody has pressed Play meanwhile

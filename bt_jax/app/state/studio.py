@@ -35,6 +35,7 @@ from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Task
 from bt_jax.training.phases import Changes
+from bt_jax.training.testing import episode_of_test
 
 __all__ = ["Studio"]
 
@@ -248,6 +249,14 @@ class Studio:
             self.evolution.open(name)
         self.playing.take(record.tree, name)
         self.bus.changed("tree", "runs", "player", "evolution")
+
+    async def replay(self, run: str, layout: int, draw: int = 1) -> None:
+        """Open a run and let its tree begin where one of the episodes of its test has, with what went wrong there; layouts
+        and draws are numbered from 1. Raise UserError as `open_run` does, or if there was no such episode."""
+        config = self.workspace.run(run).config()
+        start, fate = await self.worker.work(episode_of_test, config.task, config, layout, draw)
+        self.open_run(run)
+        await self.playing.begin(start, fate)
 
     async def delete_run(self, name: str) -> None:
         """Move a run into the trash; its tree may still be looked at, and its task stays in step 1. Raise UserError, and

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,7 +11,9 @@ __all__ = ["LearningCurve", "curve_options"]
 
 POINTS = 240  # of one line, at most
 BLUE, ORANGE, GREY = "#0072b2", "#e69f00", "#8a94a0"
-COLORS, STROKES = (BLUE, ORANGE), ("solid", "dashed")
+GREEN, VERMILION, PURPLE = "#009e73", "#d55e00", "#cc79a7"
+COLORS = (BLUE, ORANGE, GREEN, VERMILION, PURPLE)
+STROKES = ("solid", "dashed", "dotted")  # with the colours, 15 curves look different
 SMALLEST = 1.0  # cost that the logarithmic axis still shows
 
 
@@ -29,7 +32,7 @@ def curve_options(curves: Sequence[LearningCurve], *, generations: int = 0) -> d
     The axis is logarithmic in the cost, which is the negative fitness, and grows downwards.
     """
     series = []
-    for color, stroke, curve in zip(COLORS, STROKES, curves, strict=False):
+    for color, stroke, curve in zip(itertools.cycle(COLORS), itertools.cycle(STROKES), curves, strict=False):
         rows = _thinned(curve.history)
         name = curve.name if len(curves) > 1 else "best"
         series.append(_line(name, [(row[0], row[1]) for row in rows], color, stroke, width=2.5))
@@ -47,7 +50,7 @@ def curve_options(curves: Sequence[LearningCurve], *, generations: int = 0) -> d
     return {
         "animation": False,
         "grid": {"left": 64, "right": 16, "top": 28, "bottom": 38},
-        "legend": {"top": 0, "right": 8, "itemHeight": 3, "icon": "rect"},
+        "legend": {"type": "scroll", "top": 0, "left": 64, "right": 8, "itemHeight": 3, "icon": "rect"},
         "tooltip": {"trigger": "axis", ":valueFormatter": "cost => (-cost).toFixed(1)"},
         "xAxis": {
             "type": "value",

@@ -11,11 +11,13 @@ from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import leaves
 from bt_jax.mjx_env.episodes.playback import play
 from bt_jax.mjx_env.episodes.rules import Ending
+from bt_jax.mjx_env.faults.fates import sample_episodes
 from bt_jax.mjx_env.physics.mujoco import MujocoPhysics
 from bt_jax.mjx_env.physics.settler import Settler
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.semantics import LeafSemantics
-from bt_jax.tasks import load_task
+from bt_jax.mjx_env.world import take
+from bt_jax.tasks import load_faults, load_task, with_faults
 
 TASK = load_task("stack")
 PHYSICS = MujocoPhysics(TASK, threads=1)
@@ -127,3 +129,24 @@ def test_what_cannot_be_put_changes_nothing(player):
 def test_a_tree_of_another_task_is_refused():
     with pytest.raises(UserError, match="RedBox"):
         Player(TASK, PHYSICS, parse_tree("pick(RedBox)"), START)
+
+
+def test_what_goes_wrong_goes_wrong_here_too():
+    task = with_faults(TASK, load_faults("harsh"), source="harsh")
+    layouts, fates = sample_episodes(task, [3, 0], layouts=1, draws=8)
+    written = expand(TREE)
+    semantics = LeafSemantics(task, Vocabulary.of(leaves(written)))
+    struck = 0
+    for k in range(8):
+        start, fate = take(layouts, slice(k, k + 1)), fates[slice(k, k + 1)]
+        player = Player(task, PHYSICS, TREE, start, fate)
+        run(player)
+        expected = play(semantics, Settler(task, PHYSICS), written, start, fate)
+        assert player.ending == expected.ending
+        assert [one.tick.troubles for one in player.snapshots[1:]] == [tick.troubles for tick in expected.ticks]
+        for snapshot in player.snapshots:  # the scene shows what a person has moved after a tick
+            np.testing.assert_allclose(
+                snapshot.shots[-1].poses[:, :3], snapshot.episode.world.poses[0, :, :3], atol=1e-6
+            )
+        struck += any(tick.troubles for tick in expected.ticks)
+    assert struck

@@ -13,10 +13,12 @@ from bt_jax.app.state.studio import Studio
 from bt_jax.app.state.workspace import Workspace
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.gp.config import GPConfig
+from bt_jax.mjx_env.faults.fates import sample_episodes
 from bt_jax.mjx_env.physics.kinematic import Kinematic
-from bt_jax.tasks import Object, Subgoal, load_task
+from bt_jax.tasks import Object, Subgoal, load_faults, load_task, with_faults
 from bt_jax.training.phases import Changes
 from bt_jax.training.run_folder import RunConfig, RunFolder
+from bt_jax.training.settings import UNSEEN
 from bt_jax.training.training import Settings
 
 TREE = parse_tree("move(YellowBox, (0, 0, 0.055), KittingBox)")
@@ -375,3 +377,20 @@ def test_a_task_file_that_somebody_else_has_changed_is_known(studio):
     assert studio.edited.changed_on_disk
     studio.save_task("mine")
     assert not studio.edited.changed_on_disk
+
+
+@pytest.mark.parametrize("faults", [None, "harsh"])
+def test_a_start_of_the_test_of_a_run_is_played_as_it_was_tested(studio, faults):
+    task = STACK3 if faults is None else with_faults(STACK3, load_faults(faults), source=faults)
+    config = RunConfig(task, GPConfig(seed=7), Settings(test_layouts=4))
+    RunFolder.create(studio.workspace.runs / "run", config).save_tree(TREE, title="")
+    asyncio.run(studio.replay("run", 3, 2))
+    layouts, fates = sample_episodes(task, [UNSEEN, 7], layouts=4, draws=2)
+    row, player = (2 if faults is None else 2 * 2 + 1), studio.playing.player
+    np.testing.assert_array_equal(player.world.poses[0], layouts.poses[row])
+    assert (studio.edited.task, studio.playing.run, studio.playing.tree) == (task, "run", TREE)
+    assert (player.fate is None) == (faults is None)
+    if fates is not None:
+        np.testing.assert_array_equal(player.fate.variant[0], fates.variant[row])
+    with pytest.raises(UserError, match="there is no layout 5 in the test; choose 1 to 4"):
+        asyncio.run(studio.replay("run", 5, 1))
