@@ -82,8 +82,9 @@ class KeptThings:
                 ui.label(summary).classes("teach-hint")
             for ending in FORMATS if kind == "tree" else ():
                 load = self.page.guard(functools.partial(self._download, name, ending))
-                one = button(ending.upper() if ending != "txt" else "Text", "", "download", load, more="flat")
-                mark(one, f"things-{ending}-{name}", aria_label=f"Download {name} as {ending}")
+                called = "Text" if ending == "txt" else ending.upper()
+                one = button(called, "", "download", load, more="flat")
+                mark(one, f"things-{ending}-{name}", aria_label=f"Download {name} as {called}")
             delete = self.page.guard(functools.partial(self._delete, kind, name))
             gone = button("", "", "delete", delete, more="flat")
             mark(gone, f"things-delete-{name}", aria_label=f"Delete {name}", title="Delete")
