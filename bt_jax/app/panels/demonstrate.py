@@ -108,7 +108,7 @@ class _Demonstrate:
 
     async def _delete(self, name: str) -> None:
         chosen = self.library.set_name
-        if await ask(f"Delete {name}? This cannot be taken back.", yes="Delete", testid="demonstrate-delete"):
+        if await ask(f"Move {name} into the trash?", yes="Delete", testid="demonstrate-delete"):
             self._check_set(chosen)
             self.teaching.stop_replay()
             await self.library.delete(name)

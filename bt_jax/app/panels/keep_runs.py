@@ -34,10 +34,10 @@ __all__ = ["FORMATS", "KeptRuns"]
 COLUMNS: list[dict[str, Any]] = [
     {"name": "run", "label": "run", "field": "shown", "align": "left", "sortable": True},
     {"name": "task", "label": "task", "field": "task", "align": "left", "sortable": True},
-    {"name": "generation", "label": "generations", "field": "generation", "sortable": True},
-    {"name": "best", "label": "best fitness", "field": "best", "sortable": True},
     {"name": "tested", "label": "works in (95 %)", "field": "tested", "sortable": True},
-    {"name": "nodes", "label": "size of the tree", "field": "nodes", "sortable": True},
+    {"name": "best", "label": "best score", "field": "best", "sortable": True},
+    {"name": "generation", "label": "rounds", "field": "generation", "sortable": True},
+    {"name": "nodes", "label": "parts", "field": "nodes", "sortable": True},
 ]
 TICK = """<q-checkbox v-model="props.selected" dense :aria-label="'Run ' + props.row.run" />"""
 FORMATS: dict[str, Callable[[Tree], str]] = {"xml": to_xml, "svg": to_svg, "txt": format_tree}
