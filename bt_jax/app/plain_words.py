@@ -25,7 +25,7 @@ SETTINGS: Mapping[str, str] = MappingProxyType(
         "tables": "tables",
         "kits": "kits",
         "genes": "places to try",
-        "episode": "length and tolerance of an episode",
+        "episode": "length and tolerance of a run",
         "weights": "weights",
         "subgoals": "subgoals",
         "subgoal_reward": "rule for subgoals",

@@ -68,7 +68,7 @@ class _Demonstrate:
                 page.guard(functools.partial(self._begin, reached=True), steers="gripper"),
                 more="outline",
             )
-        self.elsewhere = ui.checkbox("Each in another layout", value=teaching.elsewhere).props(
+        self.elsewhere = ui.checkbox("Each from another start", value=teaching.elsewhere).props(
             "dense data-testid=demonstrate-elsewhere"
         )
         self.elsewhere.on("update:model-value", self._choose_layout)

@@ -82,7 +82,7 @@ class _Task:
                     )
                     button("Another random start", "task-random", "shuffle", guard(self._random))
                 self.fixed = (
-                    ui.radio({False: "Every episode starts at random", True: "Every episode starts as shown now"})
+                    ui.radio({False: "It starts elsewhere every time", True: "It always starts as shown now"})
                     .on(CHOSEN, guard(self._fix))
                     .props("dense data-testid=task-fixed")
                 )

@@ -48,7 +48,7 @@ class _Understand:
                     combine = page.guard(lambda: page.go("combine"))
                     button("Combine with evolution", "understand-combine", "merge", combine)
                 with ui.row().classes("gap-2 items-center w-full"):
-                    text = f"Try it in {LAYOUTS} layouts"
+                    text = f"Try it from {LAYOUTS} starts"
                     self.try_out = button(text, "understand-try", "casino", page.guard(self._try_out), more="outline")
                     ui.label("Download").classes("teach-hint")
                     for kind in FORMATS:
@@ -89,7 +89,7 @@ class _Understand:
             self._action(lesson, index, inference)
         if any(one.kind == "place" for one in lesson.inferences):
             ui.label(
-                "Each square shows from above where you put the object, relative to one frame: a dot for each "
+                "Each square shows from above where you put the object, relative to one thing: a dot for each "
                 "demonstration. The closer the dots, the more likely this is what you meant. Click a square to choose it."
             ).classes("teach-hint")
         self._goal(lesson)
@@ -202,4 +202,5 @@ def _reason(inference: Inference, lesson: Lesson) -> str:
     said = inference.reason
     for frame in (*lesson.task.kit_names, lesson.task.robot_frame):
         said = re.sub(rf"\b{frame}\b", known(frame, lesson.task, robot="a fixed place"), said)
+    said = re.sub(r"\bframe\b", "place", said)
     return f"{said[:1].upper()}{said[1:]}."

@@ -30,7 +30,7 @@ class Trial:
     @property
     def sentence(self) -> str:
         """The result, and what to do next."""
-        said = f"It reaches what was demonstrated in {self.solved} of {self.tried} random layouts."
+        said = f"It reaches what was demonstrated from {self.solved} of {self.tried} random starts."
         if self.solved < self.tried:
             said += (
                 " Demonstrations that begin where a tree has ended show only the last step: let evolution find the rest, "

@@ -66,7 +66,7 @@ def retarget(
             (one for one in carriers(task, world, name, pose, others) if _is_frame(task, one)), task.robot_frame
         )
     if frame == name or frame not in task.frames:
-        raise UserError(f"{kind} cannot be placed relative to {frame}; choose another frame")
+        raise UserError(f"{kind} cannot be placed relative to {frame}; measure it from something else")
     origin = ends.get(frame, np.asarray(frames(world, task)[0, task.frames.index(frame)], float))
     target = _snapped(task, kind, thing, frame, in_frame(origin, position), turn)
     turn_there = heading(ends[name]) if target.turn is None else heading(origin) + target.turn

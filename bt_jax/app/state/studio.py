@@ -204,7 +204,7 @@ class Studio:
         unless both have the same objects and frames."""
         edited = self.edited.task
         if not same_things(task, edited):
-            raise UserError(f"{task.name} has other objects or frames than {edited.name}; open it in step 1")
+            raise UserError(f"{task.name} has other objects or kits than {edited.name}; open it in step 1")
         changed = dataclasses.replace(task, name=edited.name, description=edited.description)
         same_starts = (task.layout, task.tables, task.kits) == (edited.layout, edited.tables, edited.kits)
         self.edit_task(changed, None if same_starts else sample_layouts(changed, 0, 1))

@@ -244,7 +244,7 @@ export default {
       this.renderer.setClearColor(behind);
       if (this.ground) discard(this.ground);
       this.ground?.removeFromParent();
-      this.ground = groundOf(this.model, ground, behind);
+      this.ground = groundOf(this.model, ground, behind, this.software);
       this.scene.add(this.ground);
       this.draw();
     },

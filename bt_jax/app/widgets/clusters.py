@@ -9,8 +9,8 @@ from jaxtyping import Float
 
 from bt_jax.app.units import length
 from bt_jax.lfd import Lesson
+from bt_jax.lfd.cluster_points import LEAST, cluster_points
 from bt_jax.lfd.clustering import Candidate
-from bt_jax.lfd.figure import LEAST, cluster_points
 from bt_jax.lfd.inference import Inference
 from bt_jax.tasks import Task
 

@@ -34,7 +34,7 @@ class PageHeader:
                     self._tab(number, step)
             with ui.element("div").classes("page-tools"):
                 ui.button("Tour", icon="help_outline", on_click=tour).props(
-                    'flat dense no-caps data-testid=tour title="What the steps are for, in two minutes"'
+                    'flat dense no-caps data-testid=tour aria-label=Tour title="What the steps are for, in two minutes"'
                 )
                 ui.button(icon="keyboard").props(
                     'flat dense round data-shortcuts-button data-testid=shortcuts aria-label="Single keys as shortcuts"'

@@ -3,13 +3,13 @@
 import pytest
 from playwright.sync_api import expect
 
+from bt_jax.app.state.steps import STEPS
 from tests.helpers.browser.axe import axe_script, grave_faults
 from tests.helpers.browser.keys import press_on
 from tests.helpers.browser.steps import go
 
 pytestmark = pytest.mark.slow
 
-STEPS = ("task", "evolve", "demonstrate", "understand", "combine", "run", "keep")
 AXE = axe_script()
 needs_axe = pytest.mark.skipif(AXE is None, reason="axe-core is not installed; see CONTRIBUTING.md")
 

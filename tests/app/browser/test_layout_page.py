@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 
+from bt_jax.app.state.steps import STEPS
 from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.gp.config import GPConfig
 from bt_jax.lfd import DemonstrationFolder
@@ -18,8 +19,9 @@ from tests.helpers.browser.steps import go
 
 pytestmark = pytest.mark.slow
 
-SIZES = ((1920, 1080), (1280, 720), (390, 844))
-STEPS = ("task", "evolve", "demonstrate", "understand", "combine", "run", "keep")
+SIZES = ((1920, 1080), (1280, 720), (1024, 768), (640, 360), (390, 844))
+NAMES = {640: "zoomed"}  # 1280 x 720, twice as large
+IN_FULL = (1280, 640, 390)  # widths at which dialogs, the gripper and messages are looked at, too
 LONG = "W" * 64
 PUT = "move({}, ({}, 0, 0.055), KittingBox)"
 WIDE = ", ".join(f"Sequence({PUT.format('YellowBox', i / 99)}, {PUT.format('GreenBox', i / 98)})" for i in range(12))
@@ -28,7 +30,8 @@ WIDE = ", ".join(f"Sequence({PUT.format('YellowBox', i / 99)}, {PUT.format('Gree
 MISPLACED = """() => {
   const wrong = [];
   const asked = document.querySelectorAll(".q-dialog .q-card");
-  const areas = asked.length ? asked : document.querySelectorAll(".page-header, .notices, .page-panel, .page-footer");
+  const parts = ".page-header, .notices, .scene-views, .page-panel, .next-bar, .page-footer";
+  const areas = asked.length ? asked : document.querySelectorAll(parts);
   for (const area of areas) {
     if (!area.checkVisibility()) continue;
     if (area.scrollWidth > area.clientWidth + 1) wrong.push(`${area.className} is wider than it is shown`);
@@ -77,7 +80,7 @@ def folder(tmp_path_factory):
     return folder
 
 
-def test_every_button_is_in_its_place_at_every_size(page, see):
+def test_every_button_is_in_its_place_at_every_size(page, see, shoot):
     see("task-remove-BlueBox").click()  # the banner says so
     expect(see("banner-text")).to_contain_text(LONG)
     for width, height in SIZES:
@@ -88,6 +91,9 @@ def test_every_button_is_in_its_place_at_every_size(page, see):
                 see("keep-runs").get_by_role("row", name=LONG).get_by_role("checkbox").click()
                 expect(see("keep-tree-0").locator("svg")).to_be_visible()
             assert misplaced(page) == [], (width, step)
+            shoot(f"{NAMES.get(width, width)}_{step}")
+        if width not in IN_FULL:
+            continue
         see("keep-delete").click()
         expect(see("keep-delete-yes")).to_be_visible()
         assert misplaced(page) == [], (width, "a question")

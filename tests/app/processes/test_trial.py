@@ -38,5 +38,5 @@ def test_what_cannot_be_tried_is_said_in_a_sentence(tmp_path):
 
 
 def test_a_tree_that_does_only_the_last_step_says_so():
-    assert Trial(20, 20, "").sentence == "It reaches what was demonstrated in 20 of 20 random layouts."
+    assert Trial(20, 20, "").sentence == "It reaches what was demonstrated from 20 of 20 random starts."
     assert "let evolution find the rest, in step 5" in Trial(3, 20, "").sentence

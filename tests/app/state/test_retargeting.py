@@ -77,7 +77,7 @@ def test_a_target_is_relative_to_what_carries_it():
         ("BlueBox", tuple(on_table(free_table(), z=0.2)), None, "hang in the air, 200 mm"),
         ("BlueBox", tuple(kit(-0.204, -0.176, 0.041)), None, "would not stay there"),
         ("YellowBox", tuple(kit(0.13)), "GreenBox", "circular"),
-        ("YellowBox", tuple(kit(0.13)), "YellowBox", "choose another frame"),
+        ("YellowBox", tuple(kit(0.13)), "YellowBox", "measure it from something else"),
         ("RedBox", tuple(kit()), None, "no object 'RedBox'"),
     ],
 )

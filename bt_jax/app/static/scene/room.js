@@ -25,8 +25,9 @@ export function lightsOf({ shown: [low, high], light }, software) {
   return [sky, key, key.target, fill, fill.target];
 }
 
-// The ground under a scene, and the shadows on it; `behind` is the colour that it fades into.
-export function groundOf({ shown: [low, high], floor }, ground, behind) {
+// The ground under a scene, which fades into the colour `behind` it, and the shadows on it; these take `software` as long as
+// all the rest.
+export function groundOf({ shown: [low, high], floor }, ground, behind, software) {
   const [width, depth] = [high[0] - low[0], high[1] - low[1]];
   const radius = (FADE * Math.hypot(width, depth)) / 2;
   const disc = new THREE.RingGeometry(0, radius, 48, RINGS);
@@ -38,14 +39,17 @@ export function groundOf({ shown: [low, high], floor }, ground, behind) {
   }
   disc.setAttribute("color", new THREE.Float32BufferAttribute(colors, 3));
   const seen = new THREE.Mesh(disc, new THREE.MeshBasicMaterial({ vertexColors: true }));
+  const under = new THREE.Group();
+  under.add(seen);
+  under.position.set((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, floor);
+  if (software) return under;
+  const side = 1.6 * Math.max(width, depth);
   const shade = new THREE.Mesh(
-    new THREE.PlaneGeometry(1.6 * width, 1.6 * width),
+    new THREE.PlaneGeometry(side, side),
     new THREE.ShadowMaterial({ opacity: 0.22, depthWrite: false }),
   );
   shade.receiveShadow = true;
-  const under = new THREE.Group();
-  under.add(seen, shade);
-  under.position.set((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, floor);
   shade.position.z = 0.001;
+  under.add(shade);
   return under;
 }
