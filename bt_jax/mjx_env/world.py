@@ -7,6 +7,7 @@ compilation, and JAX inside compiled loops.
 from __future__ import annotations
 
 import dataclasses
+import math
 from types import ModuleType
 from typing import Any, TypeAlias
 
@@ -26,6 +27,7 @@ __all__ = [
     "distances",
     "frames",
     "headings",
+    "leveled",
     "namespace",
     "order_of_rows",
     "poses_by_name",
@@ -43,6 +45,18 @@ Array: TypeAlias = Any  # NumPy's or JAX's, and a function returns the kind it w
 
 POSITION_GRID = 1e-4  # metres
 ROTATION_GRID = 1e-3  # of a quaternion's components: about 0.1 mm at the corner of a 0.1 m cube
+EIGHTH = math.sqrt(0.5)  # sine and cosine of half a right angle
+TO_LEVEL = np.array(  # turns after which the z axis is what the x, y or z axis was, or its opposite
+    [
+        [EIGHTH, 0, EIGHTH, 0],
+        [EIGHTH, -EIGHTH, 0, 0],
+        [1, 0, 0, 0],
+        [EIGHTH, 0, -EIGHTH, 0],
+        [EIGHTH, EIGHTH, 0, 0],
+        [0, 1, 0, 0],
+    ],
+    np.float32,
+)
 
 
 @jax.tree_util.register_dataclass
@@ -101,13 +115,36 @@ def rotate(quaternion: Float32[Array, "*S 4"], vector: Float32[Array, "*#S 3"]) 
 
 
 def frames(world: World, task: Task) -> Float32[Array, "*S F 7"]:
-    """Return the poses of all frames of the task in the world, in the order of `task.frames`: objects, kits, robot."""
+    """Return the poses of all frames of the task in the world, in the order of `task.frames`: objects, kits, robot. Where
+    things go wrong, those of objects are level."""
     xp = namespace(world.poses)
+    poses = world.poses if task.faults is None else leveled(world.poses, task)
     upright = xp.asarray([1, 0, 0, 0], np.float32)
     batch = world.kits.shape[:-2]
     kits = xp.concatenate([world.kits, xp.broadcast_to(upright, (*world.kits.shape[:-1], 4))], axis=-1)
     robot = xp.concatenate([xp.asarray(task.robot_position, np.float32), upright])
-    return xp.concatenate([world.poses, kits, xp.broadcast_to(robot, (*batch, 1, 7))], axis=-2, dtype=np.float32)
+    return xp.concatenate([poses, kits, xp.broadcast_to(robot, (*batch, 1, 7))], axis=-2, dtype=np.float32)
+
+
+def leveled(poses: Float32[Array, "*S B 7"], task: Task) -> Float32[Array, "*S B 7"]:
+    """Return the poses of objects with z upwards: for z that axis of a cube's which points up most nearly, as the robot's
+    perception does, and what stands upside down is turned about its x axis. A cube that drops onto another face is the same
+    cube: "on top of it" stays against gravity."""
+    xp = namespace(poses)
+    quaternion = poses[..., 3:]
+    w, x, y, z = (quaternion[..., i] for i in range(4))
+    up = xp.stack([2 * (x * z - w * y), 2 * (y * z + w * x), uprightness(quaternion)], axis=-1)
+    cubes = np.array([thing.is_cube for thing in task.objects])
+    cubes = cubes.reshape((1,) * (w.ndim - 1) + cubes.shape)
+    axis = xp.where(cubes, xp.argmax(xp.abs(up), axis=-1), 2)
+    rises = xp.take_along_axis(up, axis[..., None], axis=-1)[..., 0]
+    least = np.where(cubes, np.float32(0), -np.float32(GEOMETRY.upright))
+    face = xp.where(rises >= least, axis, axis + 3)
+    p, q, r, s = (xp.asarray(TO_LEVEL)[face][..., i] for i in range(4))
+    turned = [w * p - x * q - y * r - z * s, w * q + x * p + y * s - z * r, w * r - x * s + y * p + z * q]
+    turned.append(w * s + x * r - y * q + z * p)
+    level = xp.where((face == 2)[..., None], quaternion, xp.stack(turned, axis=-1))
+    return xp.concatenate([poses[..., :3], level], axis=-1)
 
 
 def poses_by_name(world: World, task: Task, row: int = 0) -> dict[str, Pose]:

@@ -2,10 +2,27 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import RigidTransform, Rotation
 
-from bt_jax.mjx_env.world import POSITION_GRID, World, concatenate, frames, rotate, snap, take, to_world, world_keys
+from bt_jax.deploy.planning.pose_geometry import stood
+from bt_jax.mjx_env.scene.layouts import sample_layouts
+from bt_jax.mjx_env.world import (
+    POSITION_GRID,
+    World,
+    concatenate,
+    frames,
+    leveled,
+    rotate,
+    snap,
+    take,
+    to_world,
+    world_keys,
+)
+from bt_jax.tasks import load_task, with_faults
+from bt_jax.tasks.faults import PRESETS
 from tests.helpers.samples import assert_same, kinematic_walk
 
 numbers = st.floats(-2, 2, width=32)
@@ -77,6 +94,39 @@ def test_frames_are_boxes_kit_and_robot():
     np.testing.assert_array_equal(found[:, 3:, 3:], np.broadcast_to([1, 0, 0, 0], (len(found), 2, 4)))
     as_jax = jax.tree.map(jnp.asarray, world)
     np.testing.assert_array_equal(frames(as_jax, task), found)
+
+
+@pytest.mark.parametrize("task_name", ["stack3", "kit6"])
+def test_where_things_go_wrong_frames_are_level_as_the_robot_sees_them(task_name):
+    task = with_faults(load_task(task_name), PRESETS["mild"])
+    count = len(task.objects)
+    rotations = Rotation.random(300 * count, random_state=0)
+    faces = Rotation.from_euler("zxy", np.random.default_rng(1).integers(0, 4, (300 * count, 3)) * 90.0, degrees=True)
+    tilt = Rotation.from_euler("zx", np.random.default_rng(2).normal(size=(300 * count, 2)) * (90, 3), degrees=True)
+    for rotation in (rotations, tilt * faces):
+        quaternions = rotation.as_quat(scalar_first=True).reshape(300, count, 4)
+        poses = np.concatenate([np.zeros((300, count, 3)), quaternions], axis=-1).astype(np.float32)
+        expected = [
+            stood(thing, RigidTransform.from_rotation(Rotation.from_quat(quaternion, scalar_first=True))).rotation
+            for row in quaternions
+            for thing, quaternion in zip(task.objects, row, strict=True)
+        ]
+        found = leveled(poses, task)
+        off = Rotation.concatenate(expected).inv() * Rotation.from_quat(
+            found[..., 3:].reshape(-1, 4), scalar_first=True
+        )
+        assert off.magnitude().max() < 1e-5
+        np.testing.assert_array_equal(leveled(jnp.asarray(poses), task), found)
+
+
+def test_frames_are_level_only_where_things_go_wrong():
+    task = load_task("stack3")
+    world = sample_layouts(task, 0, 1)
+    world.poses[..., 3:] = [0.5, 0.5, 0.5, 0.5]  # x points where y was, y up
+    on_top = np.array([[0, 0, 0.1]], np.float32)
+    for of, above in ((task, (0.1, 0, 0)), (with_faults(task, PRESETS["mild"]), (0, 0, 0.1))):
+        point = to_world(frames(world, of), np.array([0]), on_top)[0, 0] - world.poses[0, 0, :3]
+        np.testing.assert_allclose(point, above, atol=1e-6)
 
 
 def test_points_move_with_their_frames():

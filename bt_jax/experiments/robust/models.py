@@ -32,7 +32,7 @@ MODELS: tuple[Model, ...] = ("evolved_without", "evolved_with", "planned_without
 SEEDED: tuple[Model, ...] = ("evolved_without", "evolved_with", "demonstrated")  # that differ from seed to seed
 ALL, NONE = "all", "none"
 CONDITIONS = (NONE, *FAULTS, ALL)
-TESTED = 1 << 23  # seed of the layouts and draws in which trees are tested
+TESTED = 1 << 24  # seed of the layouts and draws in which trees are tested
 NOISE = 0.003  # with which the scripted person misses each place, along each axis, metres
 
 
