@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Iterator
 
@@ -30,7 +31,7 @@ def run(arguments: RobustArguments) -> None:
     settings = {name: str(getattr(arguments, name)) for name in ("faults", "held_out", "seed", "layouts", "draws")}
     source = arguments.out / "results.json"
     records = Records.begun(source, settings)
-    for name, model, seed in _wanted(arguments):
+    for name, (model, seed) in itertools.product(arguments.tasks, _wanted(arguments)):
         key = f"{name}/{model}/{seed}"
         if key in records.trees:
             continue
@@ -39,29 +40,29 @@ def run(arguments: RobustArguments) -> None:
         records.seconds[key] = round(time.monotonic() - began, 2)
         records.save(source)
         console.print(f"{escape(key)}: {records.seconds[key]:.1f} s, {escape(records.trees[key])}")
-    for name, model, seed in _wanted(arguments):
-        task, tree = load_task(name), records.trees[f"{name}/{model}/{seed}"]
-        for condition in CONDITIONS:
-            key = f"{name}/{condition}/{tree}"
-            if key in records.tests:
-                continue
+    for name, condition in itertools.product(arguments.tasks, CONDITIONS):
+        trees = dict.fromkeys(records.trees[f"{name}/{model}/{seed}"] for model, seed in _wanted(arguments))
+        keys = {f"{name}/{condition}/{tree}": parse_tree(tree) for tree in trees}
+        missing = {key: tree for key, tree in keys.items() if key not in records.tests}
+        if missing:
             count = {"layouts": arguments.layouts, "draws": arguments.draws}
-            found = solved(task, load_faults(arguments.faults), condition, parse_tree(tree), **count)
-            records.note(key, found)
+            found = solved(load_task(name), load_faults(arguments.faults), condition, list(missing.values()), **count)
+            for key, row in zip(missing, found, strict=True):
+                records.note(key, row)
             records.save(source)
-            console.print(f"{escape(name)}, {model}, {condition}: {int(found.sum())} of {len(found)}")
+            shares = ", ".join(f"{row.mean():.1%}" for row in found)
+            console.print(f"{escape(name)}, {condition}: the trees solve {shares} of {found.shape[1]} episodes")
     outcomes = _outcomes(arguments, records)
     write_atomic(arguments.out / "robust.png", figure(outcomes))
     write_atomic(arguments.out / "report.md", markdown(outcomes, settings=settings, machine=machine()))
     console.print(f"report     {escape(str(arguments.out / 'report.md'))}")
 
 
-def _wanted(arguments: RobustArguments) -> Iterator[tuple[str, Model, int]]:
-    """Yield task, model and number of every tree."""
-    for name in arguments.tasks:
-        for model in MODELS:
-            for seed in range(arguments.seeds if model in SEEDED else 1):
-                yield name, model, seed
+def _wanted(arguments: RobustArguments) -> Iterator[tuple[Model, int]]:
+    """Yield model and number of every tree for a task."""
+    for model in MODELS:
+        for seed in range(arguments.seeds if model in SEEDED else 1):
+            yield model, seed
 
 
 def _outcomes(arguments: RobustArguments, records: Records) -> list[Outcomes]:

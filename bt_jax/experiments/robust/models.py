@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool
 
-from bt_jax.behaviors import Tree, Vocabulary
-from bt_jax.encoding.arrays import encode
+from bt_jax.behaviors import Behavior, Tree, Vocabulary
+from bt_jax.encoding.arrays import encode_all
 from bt_jax.encoding.limits import MAX_NODES
 from bt_jax.encoding.walk import decorators, leaves
 from bt_jax.gp.config import GPConfig
 from bt_jax.lfd import Demonstrations, Frames, learn, plan_task
 from bt_jax.mjx_env.episodes.evaluator import TableEvaluator
-from bt_jax.mjx_env.faults.fates import sample_fates
-from bt_jax.mjx_env.scene.layouts import sample_layouts
+from bt_jax.mjx_env.faults.fates import sample_episodes
 from bt_jax.mjx_env.semantics import LeafSemantics
-from bt_jax.mjx_env.world import take
 from bt_jax.tasks import Faults, Task, with_faults
 from bt_jax.tasks.faults import FAULTS, only
 from bt_jax.teaching.script import parse_script, record
@@ -71,17 +70,17 @@ def _turn(turn: float | None) -> str:
 
 
 def solved(
-    task: Task, faults: Faults, condition: str, tree: Tree, *, layouts: int, draws: int
-) -> Bool[np.ndarray, " K"]:
-    """Return which of the episodes of a test a tree solves, the draws of one layout side by side; the same episodes for all
-    trees. Where nothing goes wrong, all draws are the same."""
+    task: Task, faults: Faults, condition: str, trees: Sequence[Tree], *, layouts: int, draws: int
+) -> Bool[np.ndarray, "P K"]:
+    """Return which of the episodes of a test each of the trees solves, the draws of one layout side by side; the same
+    episodes for all trees, which share a transition table. Where nothing goes wrong, all draws are the same."""
     tested = with_faults(task, _condition(faults, condition))
-    starts = take(sample_layouts(tested, TESTED, layouts), np.repeat(np.arange(layouts), draws))
-    fates = sample_fates(tested, TESTED, layouts=layouts, draws=draws)
-    semantics = LeafSemantics(tested, Vocabulary.of(leaves(tree), decorators(tree)))
-    evaluator = TableEvaluator(semantics, make_level(tested, Settings()), batch=1)
-    trees = encode(tree, semantics.vocabulary, MAX_NODES)
-    return evaluator(trees[None], starts, fates=fates).solved[0]
+    starts, fates = sample_episodes(tested, TESTED, layouts=layouts, draws=draws)
+    vocabulary: Vocabulary[Behavior] = Vocabulary.of([])
+    for tree in trees:
+        vocabulary = vocabulary.extended(leaves(tree), decorators(tree))
+    evaluator = TableEvaluator(LeafSemantics(tested, vocabulary), make_level(tested, Settings()), batch=1)
+    return evaluator(encode_all(trees, vocabulary, MAX_NODES), starts, fates=fates).solved
 
 
 def _condition(faults: Faults, condition: str) -> Faults:
