@@ -37,6 +37,7 @@ def test_the_tree_in_the_middle_stands_for_the_others():
         "70.0 (60.4-78.1; 40.0-90.0)",
         "80.0 (71.1-86.7)",
     ]
+    assert [row["all, mean of runs"] for row in rows] == ["36.7 ± 15.3", "66.7 ± 25.2", "80.0"]
 
 
 def test_the_same_episodes_are_compared():

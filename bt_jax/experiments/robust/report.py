@@ -44,7 +44,7 @@ class Outcomes:
 
 def rates(tested: Sequence[Outcomes]) -> list[dict[str, str]]:
     """Return one row for each task and model: the share solved by the tree in the middle, with its interval of Wilson, and
-    from the worst tree to the best."""
+    from the worst tree to the best where they differ; last the mean over the trees and their standard deviation."""
     rows = []
     for one in tested:
         row = {"task": one.task, "model": NAMES[one.model]}
@@ -52,8 +52,11 @@ def rates(tested: Sequence[Outcomes]) -> list[dict[str, str]]:
             solved = one.solved[condition]
             middle, each = solved[one.median], 100 * solved.mean(axis=1)
             low, high = wilson(int(middle.sum()), len(middle))
-            spread = f"; {each.min():.1f}-{each.max():.1f}" if len(each) > 1 else ""
+            spread = f"; {each.min():.1f}-{each.max():.1f}" if np.ptp(each) else ""
             row[condition] = f"{100 * middle.mean():.1f} ({100 * low:.1f}-{100 * high:.1f}{spread})"
+        shares = 100 * one.solved[ALL].mean(axis=1)
+        deviation = f" ± {shares.std(ddof=1):.1f}" if len(shares) > 1 else ""
+        row["all, mean of runs"] = f"{shares.mean():.1f}{deviation}"
         rows.append(row)
     return rows
 
@@ -121,7 +124,7 @@ def markdown(tested: Sequence[Outcomes], *, settings: dict[str, str], machine: s
         "# Robust trees\n",
         f"Settings: {said}. {machine}\n",
         "Episodes solved, in percent: the tree in the middle of the runs (its 95 % interval of Wilson; from the worst run "
-        "to the best).\n",
+        "to the best where they differ); last the mean of the runs under all faults and its standard deviation.\n",
         _table(rates(tested)),
         "![Episodes solved under each fault](robust.png)\n",
         "Under all faults together, in the same episodes (McNemar's exact test):\n",
