@@ -111,7 +111,8 @@ def figure(tested: Sequence[Outcomes]) -> bytes:
         axes.set(ylim=(0, 100), ylabel="episodes solved [%]", title=task)
         axes.spines[["top", "right"]].set_visible(False)
         if row == 0:
-            axes.legend(frameon=False, loc="lower left", fontsize=8, ncols=3)
+            names = axes.get_legend_handles_labels()
+            drawing.legend(*names, frameon=False, loc="outside upper center", fontsize=8, ncols=len(MODELS))
     out = io.BytesIO()
     drawing.savefig(out, format="png")
     return out.getvalue()

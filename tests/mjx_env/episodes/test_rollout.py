@@ -121,7 +121,9 @@ def test_no_episode_is_lost_or_held_up_and_one_that_diverges_costs_no_other(leve
 
 
 def harsh(continuous):
-    task = with_faults(load_task("stack3"), dataclasses.replace(PRESETS["harsh"], take=0.1))
+    task = with_faults(
+        load_task("stack3"), dataclasses.replace(PRESETS["harsh"], drop=0.1, move=0.05, take=0.1, heavy=0.2)
+    )
     semantics = LeafSemantics(task, semantics_of("stack3").vocabulary)
     fates = sample_fates(task, 5, layouts=LAYOUTS, draws=1, continuous=continuous)
     return semantics, mixed_trees(semantics, 10, COUNT, NODES), sample_layouts(task, 5, LAYOUTS), fates
