@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -186,11 +187,10 @@ class Teleoperation:
         (kit, slot), thing = slots[name], self.task.thing(str(self.held))
         if not fits(kit, slot, thing):
             raise UserError(f"{thing.name} does not go into the slot {name}; carry it elsewhere")
-        known = self._past, self._now
-        self.move_to(np.add(slot_position(kit, slot, thing), off), kit.name)
-        if (turn := slot_turn(kit, slot, thing)) is not None:
-            self.turn_to(turn, kit.name)
-            self._past = [*known[0], known[1]]  # undone together
+        with self.together():
+            self.move_to(np.add(slot_position(kit, slot, thing), off), kit.name)
+            if (turn := slot_turn(kit, slot, thing)) is not None:
+                self.turn_to(turn, kit.name)
 
     def landing(self) -> Landing:
         """Return what is below the held object. Raise UserError if nothing is held."""
@@ -232,6 +232,19 @@ class Teleoperation:
             raise UserError(self._lost(self.task.object_names[int(np.argmax(known & ~now))]))
         let_go = self._end_effector(before, released[held, :3].astype(float), moved=held, turned=self._now.turned)
         self._push(_Snapshot(after, None, (*self.actions, Action("place", let_go))))
+
+    @contextlib.contextmanager
+    def together(self) -> Iterator[None]:
+        """Take the inputs that follow as one, which is undone at once. If one of them raises an error, none of them has
+        changed anything."""
+        past, now = [*self._past], self._now
+        try:
+            yield
+        except BaseException:
+            self._past, self._now = past, now
+            raise
+        if self._now is not now:
+            self._past = [*past, now]
 
     def undo(self, *, moves_together: bool = False) -> bool:
         """Take the last input back, or all moves since the pick at once; return False if there is none."""

@@ -1,4 +1,4 @@
-"""Step 3: demonstrate what evolution does not find; pick, carry with the keys, release, and keep it."""
+"""Step 3: demonstrate what evolution does not find, and keep it."""
 
 from __future__ import annotations
 
@@ -85,7 +85,8 @@ class _Demonstrate:
 
     async def _begin(self, *, reached: bool = False) -> None:
         await self.teaching.begin(reached=reached)
-        self.page.say("Pick an object: click it, or press its number.")
+        self.gripper.focus()
+        self.page.say("Take an object: drag it in the scene, click it, or press its number.")
 
     def _choose_layout(self) -> None:
         self.teaching.set_elsewhere(bool(self.elsewhere.value))
@@ -132,6 +133,7 @@ class _Demonstrate:
             return
         if self.teaching.session is not None:
             self.teaching.show(self.teaching.session.world)
+            self.gripper.focus()
         self._refresh()
         await self.library.refresh()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 import json
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
@@ -19,18 +20,19 @@ from bt_jax.tasks import Task, task_from_dict
 from bt_jax.tasks.bounds import POSITION
 from bt_jax.teaching.teleoperation import Teleoperation
 
-__all__ = ["DemonstrationDraft", "DraftKeeper"]
+__all__ = ["DemonstrationDraft", "DraftKeeper", "InputKind", "drag"]
 
 NOT_UNIT = 0.01  # by which the length of a rotation may differ from 1; the components of states are rounded to 0.001
 LEAST_TURN = 0.001  # degrees; what is turned by less was not turned
+InputKind = Literal["pick", "carry", "release", "drag"]
 
 
 @dataclasses.dataclass(frozen=True)
 class Input:
     """One input of a person: `what` is the object that is picked, or where it is carried [m] and how it is turned there
-    [degrees], in the robot's frame; in an older draft there is no turn."""
+    [degrees], in the robot's frame; in an older draft there is no turn. To drag is all three at once, with both."""
 
-    kind: Literal["pick", "carry", "release"]
+    kind: InputKind
     what: Any = None
 
 
@@ -44,7 +46,7 @@ class DemonstrationDraft:
     start: World
     inputs: tuple[Input, ...] = ()
 
-    def then(self, kind: Literal["pick", "carry", "release"], what: Any = None) -> DemonstrationDraft:
+    def then(self, kind: InputKind, what: Any = None) -> DemonstrationDraft:
         """Return the draft after another input."""
         kept = (
             self.inputs[:-1]
@@ -66,6 +68,8 @@ class DemonstrationDraft:
                     session.pick(each.what)
                 elif each.kind == "carry":
                     _carry(session, each.what)
+                elif each.kind == "drag":
+                    drag(session, each.what[0], each.what[1:])
                 else:
                     session.release(lowered=True)
         except UserError:
@@ -125,21 +129,37 @@ def _within(values: np.ndarray, low: float, high: float) -> bool:
     return bool(np.all((values >= low) & (values <= high)))
 
 
+def drag(session: Teleoperation, name: str, where: Sequence[float]) -> None:
+    """Take an object, unless the gripper has it, carry it somewhere as `_carry` does, and let it go on what is below: one
+    input. Raise UserError, and change nothing, if one of the three is impossible."""
+    with session.together():
+        if session.held != name:
+            session.pick(name)
+        _carry(session, where)
+        session.release(lowered=True)
+
+
 def _carry(session: Teleoperation, where: Sequence[float]) -> None:
     """Carry the held object to a position [m], and turn it as it was turned there [degrees], if that is known."""
     frame = session.task.robot_frame
     session.move_to(where[:3], frame)
-    by = where[3] - session.turn(frame) if len(where) > 3 else 0.0
+    by = math.remainder(where[3] - session.turn(frame), 360.0) if len(where) > 3 else 0.0
     if abs(by) > LEAST_TURN:
         session.turn_by(by)
 
 
 def _is_valid(each: Input) -> bool:
     if each.kind == "carry":
-        far = POSITION.high - POSITION.low  # between the robot, whose frame it is in, and a place
-        where = np.asarray(each.what, float)
-        return where.shape in ((3,), (4,)) and _within(where[:3], -far, far) and _within(where[3:], -360.0, 360.0)
+        return _is_place(each.what)
+    if each.kind == "drag":
+        return isinstance(each.what[0], str) and _is_place(each.what[1:])
     return each.kind == "release" or (each.kind == "pick" and isinstance(each.what, str))
+
+
+def _is_place(what: Any) -> bool:
+    far = POSITION.high - POSITION.low  # between the robot, whose frame it is in, and a place
+    where = np.asarray(what, float)
+    return where.shape in ((3,), (4,)) and _within(where[:3], -far, far) and _within(where[3:], -360.0, 360.0)
 
 
 class DraftKeeper:

@@ -57,10 +57,13 @@ def target_words(task: Task, world: World) -> list[str]:
 
 def target_state(task: Task, world: World) -> list[str]:
     """Say of each target how far its object, or the instance that is meant for it, is from there: "120 mm away"."""
-    misses, said = target_misses(task, world), []
-    for away, turn, met in zip(misses.distance[0], misses.turn[0], misses.met[0], strict=True):
+    misses, said, held = target_misses(task, world), [], int(world.held[0])
+    hangs = {task.objects[held].name, task.objects[held].part} if held >= 0 else set()
+    for target, away, turn, met in zip(task.targets, misses.distance[0], misses.turn[0], misses.met[0], strict=True):
         if met:
             said.append(THERE)
+        elif target.object in hangs and away < task.episode.tolerance:
+            said.append("there, but still in the gripper")
         elif away >= task.episode.tolerance:
             said.append(f"{length(away)} away")
         elif turn >= math.radians(task.episode.turn_tolerance):

@@ -8,16 +8,19 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
+import math
 from typing import Any, Literal
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.state.bus import Bus
-from bt_jax.app.state.demonstration_draft import DemonstrationDraft, DraftKeeper
+from bt_jax.app.state.demonstration_draft import DemonstrationDraft, DraftKeeper, InputKind, drag
 from bt_jax.app.state.demonstration_library import DemonstrationLibrary
 from bt_jax.app.state.directions import Direction, next_turn, vector
 from bt_jax.app.state.edited_task import EditedTask, same_things
+from bt_jax.app.state.extents import Point, heading, poses_now
 from bt_jax.app.state.playing import Playing
 from bt_jax.app.state.replay import ReplayStep, described, replay_steps
+from bt_jax.app.state.snapping import snapped
 from bt_jax.app.state.worker import Worker
 from bt_jax.behaviors import Tree
 from bt_jax.lfd import DemonstrationFolder, Frames
@@ -68,6 +71,11 @@ class Teaching:
     def busy(self) -> bool:
         """Whether a demonstration is in the making that would be lost."""
         return self.session is not None and bool(self.session.actions)
+
+    @property
+    def at_work(self) -> bool:
+        """Whether an input is being carried out."""
+        return self._lock.locked()
 
     @property
     def draft(self) -> DemonstrationDraft | None:
@@ -174,10 +182,28 @@ class Teaching:
             session.turn_by(next_turn(now, way) - now)
             self._carried(session)
 
-    async def release(self) -> None:
-        """Set the held object down on what is below, and let it go."""
+    async def drag(self, name: str, position: Point, turn: float) -> str:
+        """Take an object, unless it is in the gripper, carry its centre to a position [m, world], turned by degrees from how
+        it lies, and let it go on what is below: one input. Close to a slot, it goes into that. Return which, such as "slot
+        a1 of TrayA", empty if there is none."""
         async with self._lock:
             session = self._making()
+            slot = snapped(session.task, session.world, name, position)
+            place = position if slot is None else slot.position
+            lies = heading(poses_now(session.task, session.world)[name]) + turn
+            if slot is not None and slot.turn is not None:
+                lies += math.remainder(slot.turn - lies, session.task.thing(name).symmetry or 360.0)
+            where = [*(place - session.task.robot_position).tolist(), math.remainder(lies, 360.0)]
+            await self._worker.work(drag, session, name, where)
+            self._done("drag", [name, *where])
+        return "" if slot is None else slot.slot
+
+    async def release(self) -> None:
+        """Set the held object down on what is below, and let it go; nothing happens if the gripper is empty."""
+        async with self._lock:
+            session = self._making()
+            if session.held is None:
+                return
             await self._worker.work(session.release, lowered=True)
             self._done("release")
 
@@ -276,7 +302,7 @@ class Teaching:
         frame = session.task.robot_frame
         self._done("carry", [*session.position(frame).tolist(), session.turn(frame)])
 
-    def _done(self, kind: Literal["pick", "carry", "release"], what: Any = None) -> None:
+    def _done(self, kind: InputKind, what: Any = None) -> None:
         self._draft = None if self._draft is None else self._draft.then(kind, what)
         self._show_session()
 

@@ -48,4 +48,11 @@
     subtree: true,
     attributeFilter: ["disabled", "hidden", "style", "class", "inert"],
   });
+
+  // Focuses an element that is about to be shown.
+  window.focusSoon = (selector) =>
+    setTimeout(() => {
+      const element = document.querySelector(selector);
+      if (usable(element)) element.focus({ preventScroll: true });
+    });
 })();

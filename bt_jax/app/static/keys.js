@@ -1,5 +1,6 @@
 // Sends keys for the gripper to the server as event "teach_key", but only while the element with data-teach-keys is visible and
-// nobody is typing, and unless a person has switched single keys off. These keys neither scroll the page nor move the focus.
+// nobody is typing, and unless a person has switched single keys off. These keys neither scroll the page nor move the focus. A key
+// that is held is sent again and again.
 document.addEventListener(
   "keydown",
   (event) => {
@@ -14,10 +15,11 @@ document.addEventListener(
     if (!undo && !area.dataset.teachKeys.split(" ").includes(key)) return;
     event.preventDefault();
     event.stopPropagation();
-    const held = event.repeat && !/^(Arrow|Page)/.test(key);
-    if (held || (event.repeat && event.timeStamp - (window.lastTeachKey ?? 0) < 60)) return;
-    window.lastTeachKey = event.timeStamp;
-    emitEvent("teach_key", key);
+    const { repeat, timeStamp } = event;
+    if (repeat && !/^(Arrow|Page)|^[qe]$/.test(key)) return;
+    if (repeat && timeStamp - (window.lastTeachKey ?? 0) < 60) return;
+    window.lastTeachKey = timeStamp;
+    emitEvent("teach_key", { key, repeat });
   },
   true,
 );

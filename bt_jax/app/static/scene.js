@@ -1,6 +1,7 @@
 // The scene of a task in three.js, drawn only when something has changed.
 // Poses are [x, y, z, qw, qx, qy, qz] in the world, metres, z up, as everywhere in bt_jax.
 import { OrbitControls, THREE } from "nicegui-scene";
+import { hand } from "bt_jax-scene/hand.js";
 import { stateAt } from "bt_jax-scene/motion.js";
 import { pointer } from "bt_jax-scene/pointer.js";
 import { groundOf, lightsOf } from "bt_jax-scene/room.js";
@@ -26,6 +27,7 @@ export default {
     this.tip = this.$el.children[1];
     this.extent = [1, 1]; // pixels across, and up and down
     this.rendered = 0; // pictures so far, for measurements
+    this.quarter = 0; // by which the view is turned, as Python knows it
     this.software = softwareOnly();
     try {
       // Opaque, which is not the default of three.js: nothing is blended with the page behind.
@@ -48,12 +50,17 @@ export default {
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.maxPolarAngle = 1.45;
     this.controls.addEventListener("start", () => (this.looking = null));
-    this.controls.addEventListener("change", () => this.redraw());
+    this.controls.addEventListener("change", () => {
+      this.tellQuarter();
+      this.redraw();
+    });
     this.raycaster = new THREE.Raycaster();
     this.frame = (time) => this.onFrame(time);
     canvas.addEventListener("pointerdown", this.onDown, { capture: true });
     canvas.addEventListener("pointermove", this.onMove);
     canvas.addEventListener("pointerup", this.onUp);
+    canvas.addEventListener("wheel", this.onWheel, { capture: true, passive: false });
+    window.addEventListener("keydown", this.onHandKey, { capture: true });
     canvas.addEventListener("pointercancel", this.cancelDrag);
     canvas.addEventListener("pointerleave", () => (this.tip.style.display = "none"));
     window.addEventListener("keydown", this.onKey);
@@ -72,6 +79,7 @@ export default {
 
   beforeUnmount() {
     window.removeEventListener("keydown", this.onKey);
+    window.removeEventListener("keydown", this.onHandKey, { capture: true });
     window.removeEventListener("appearance", this.paintGround);
     clearInterval(this.connecting);
     this.observer?.disconnect();
@@ -92,6 +100,7 @@ export default {
   methods: {
     ...view,
     ...pointer,
+    ...hand,
     build() {
       if (this.scene) discard(this.scene);
       this.scene = new THREE.Scene();
@@ -205,7 +214,8 @@ export default {
       this.draw();
     },
 
-    // What can be dragged: "objects", "targets", "things" (objects and kits), or "" for nothing.
+    // What can be dragged: "objects", "targets", "things" (objects and kits), "hand" for objects that the gripper carries, or ""
+    // for nothing.
     setDragging(what) {
       this.cancelDrag();
       this.dragging = what;
@@ -221,9 +231,13 @@ export default {
         const body = this.bodies[name];
         if (body !== this.drag?.object && body !== this.dropped) setPose(body, objects[i]);
       });
-      this.gripper = gripper;
       this.base = base;
       if (base) this.bodies["scene/base"].position.set(...base);
+      this.placeGripper(gripper);
+    },
+
+    placeGripper(gripper) {
+      this.gripper = gripper;
       const [x, y, z, opening, yaw] = gripper;
       const along = new THREE.Vector3(Math.cos(yaw), Math.sin(yaw), 0);
       for (const [name, side] of [["scene/gripper", 0], ["scene/finger_right", 1], ["scene/finger_left", -1]]) {

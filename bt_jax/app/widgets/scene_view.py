@@ -30,7 +30,7 @@ __all__ = ["Dragging", "Ghost", "SceneView"]
 
 THREE = Path(nicegui.__file__).parent / "elements" / "scene" / "dist"  # NiceGUI's copy of three.js, a private folder
 PARTS = Path(__file__).parents[1] / "static" / "scene"
-Dragging = Literal["", "objects", "targets", "things"]
+Dragging = Literal["", "objects", "targets", "things", "hand"]
 Pose = Sequence[float] | Float[np.ndarray, "7"]
 
 
@@ -47,7 +47,9 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
     """Tables, kits, objects and gripper, and translucent copies of objects where they should be.
 
     What is shown depends on the step of the window: where things start, what the player does, or what teaching shows. An
-    object that was dropped or clicked is reported to whoever has asked for it with `on_drop` and `on_pick`.
+    object that was dropped or clicked is reported to whoever has asked for it with `on_drop` and `on_pick`, one that the
+    hand has carried in a demonstration with `on_carry`. `quarter` is by how many quarters a person has turned the view,
+    counter-clockwise as seen from above.
     """
 
     def __init__(self, studio: Studio, page: PageContext) -> None:
@@ -58,26 +60,37 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
             "zoom, double-click to reset it"
         )
         self.props("data-testid=scene")
+        self.quarter = 0
         self._arranging: Dragging = "targets"
+        self._dragged: Dragging = ""  # what the browser lets a person drag
         self._ready = False
         self._cue: Cue | None = None
         self._ghosts: dict[str, list[dict[str, Any]]] = {}
         self._on_drop: list[Callable[[Dragging, str, np.ndarray], Any]] = []
+        self._on_carry: list[Callable[[str, np.ndarray, float], Any]] = []
         self._on_pick: list[Callable[[str], Any]] = []
         self._on_point: list[Callable[[str, np.ndarray], Any]] = []
         self.on("ready", self._begin)
         self.on("drop", page.guard(self._drop))
+        self.on("carry", page.guard(self._carry))
         self.on("pick", page.guard(self._pick))
+        self.on("quarter", self._turn)
         self.on("point", page.guard(self._point))
         page.on("task", self._rebuild)
         page.on("scene", self._show, now=False)
         page.on("player", self._follow, now=False)
+        page.on("demonstrations", self._let_drag, now=False)
         page.on_step(lambda step: self._enter())
 
     def on_drop(self, callback: Callable[[Dragging, str, np.ndarray], Any]) -> None:
         """Call back with what was dragged (objects, targets, or things: objects and kits), its name or key, and where its
         centre was dropped [m, world]; an object that was dragged as a target without having one has its own name."""
         self._on_drop.append(callback)
+
+    def on_carry(self, callback: Callable[[str, np.ndarray, float], Any]) -> None:
+        """Call back with the name of an object that was carried by hand, where its centre was dropped [m, world], and by how
+        many degrees it was turned on the way, counter-clockwise as seen from above."""
+        self._on_carry.append(callback)
 
     def on_pick(self, callback: Callable[[str], Any]) -> None:
         """Call back with the name of an object that was clicked."""
@@ -128,18 +141,29 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
 
     def _begin(self) -> None:
         """Send what the browser needs once it has built the scene of the task."""
-        self._ready = True
-        self._call("setDragging", self._dragging)
+        self._ready, self._dragged = True, ""
+        self._let_drag()
         self._show(glide=False)
         for group, ghosts in self._ghosts.items():
             self._call("setGhosts", group, ghosts)
 
     def _enter(self) -> None:
-        self._call("setDragging", self._dragging)
+        self._let_drag()
         self._show()
+
+    def _let_drag(self) -> None:
+        """Let a person drag what may be dragged now; what is being dragged returns if that has changed."""
+        if self._ready and self._dragging != self._dragged:
+            self._dragged = self._dragging
+            self._call("setDragging", self._dragged)
+
+    def _turn(self, event: GenericEventArguments) -> None:
+        self.quarter = int(event.args) % 4
 
     @property
     def _dragging(self) -> Dragging:
+        if self.page.step == "demonstrate" and self.studio.teaching.session is not None:
+            return "hand"
         return {"task": self._arranging, "run": "objects"}.get(self.page.step, "")
 
     def _show(self, *, glide: bool = True) -> None:
@@ -201,6 +225,15 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
         finally:
             self._call("drop")
             self._call("setGhosts", "targets", self._ghosts.get("targets", []))
+
+    async def _carry(self, event: GenericEventArguments) -> None:
+        """Report what the hand has carried; it stays there only if a callback has put it there."""
+        name, position, turn = (event.args[key] for key in ("name", "position", "turn"))
+        try:
+            for callback in self._on_carry:
+                await _finished(callback(name, np.array(position, float), float(turn)))
+        finally:
+            self._call("drop")
 
     async def _pick(self, event: GenericEventArguments) -> None:
         for callback in self._on_pick:

@@ -316,7 +316,7 @@ def test_two_windows_show_one_demonstration_that_one_of_them_steers(window, page
     expect(see("holder-gripper")).to_be_hidden()
     before = position(see, "KittingBox", "z")
     other.keyboard.press("PageUp")
-    other.evaluate("emitEvent('teach_key', 'PageUp')")  # as a page might that was changed
+    other.evaluate("emitEvent('teach_key', {key: 'PageUp', repeat: false})")  # as a page might that was changed
     expect(look("message")).to_contain_text("has the gripper; wait until")
     press(page, see, "PageUp", 1, frame="KittingBox", axis="z", sign=1, step=20)
     expect(look("demonstrate-pose-KittingBox-z")).to_have_text(said(before + 2))

@@ -16,6 +16,11 @@ def exists(page: Page, name: str) -> bool:
     return page.evaluate(f"() => {{ {COMPONENT} return 'targets {name}' in c.ghosts; }}")
 
 
+def wait_for_copy(page: Page, key: str, *, group: str, gone: bool = False) -> None:
+    """Waits until a translucent copy is in the scene, or no longer."""
+    page.wait_for_function(f"() => {{ {COMPONENT} return ('{group} {key}' in c.ghosts) !== {str(gone).lower()}; }}")
+
+
 def at_rest(page: Page) -> None:
     """Waits until the scene is there, and nothing moves in it."""
     for _ in range(2):  # a motion comes in a message of its own, after what the page says of it
@@ -59,3 +64,25 @@ def drag(page: Page, name: str, to: list[float], *, target: bool = False, arrang
             *on_screen(page, [a + part * (b - a) for a, b in zip(here[:2], to[:2], strict=True)] + here[2:])
         )
     page.mouse.up()
+
+
+def finger_drag(page: Page, name: str, to: list[float], *, near: float = 0.0, taps: int = 0) -> None:
+    """Carries an object with a finger that touches it `near` pixels beside its middle; a second finger taps meanwhile."""
+    at_rest(page)
+    touch = page.context.new_cdp_session(page)
+
+    def send(kind: str, *points: tuple[float, float]) -> None:
+        places = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(points)]
+        touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": places})
+
+    here = position(page, name)
+    x, y = on_screen(page, here)
+    send("touchStart", (x + near, y))
+    at = (x, y)
+    for part in (0.1, 0.5, 1.0):
+        at = on_screen(page, [a + part * (b - a) for a, b in zip(here[:2], to[:2], strict=True)] + here[2:])
+        send("touchMove", at)
+    for _ in range(taps):
+        send("touchStart", at, (at[0] + 80, at[1] + 80))
+        send("touchEnd", at)
+    send("touchEnd")

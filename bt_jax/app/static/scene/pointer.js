@@ -6,22 +6,27 @@ import { halfOf, supportUnder } from "./support.js";
 const AXIS = new THREE.Vector3(0, 0, 1);
 const CLICK = 4; // pixels by which a pointer may move in a click
 const WARN = 0xd55e00;
+const FINGER = 14; // pixels by which a finger may miss a thing
 const FINE = 0.02; // metres: what is smaller moves in steps of a millimetre, all else in steps of five
 
 // Methods of the component.
 export const pointer = {
-  hit(event, objects) {
+  hit(event, objects, [right, down] = [0, 0]) {
     const { left, top, width, height } = this.$el.getBoundingClientRect();
-    const x = ((event.clientX - left) / width) * 2 - 1;
-    const y = 1 - ((event.clientY - top) / height) * 2;
+    const x = ((event.clientX + right - left) / width) * 2 - 1;
+    const y = 1 - ((event.clientY + down - top) / height) * 2;
     this.raycaster.setFromCamera(new THREE.Vector2(x, y), this.camera);
     return this.raycaster.intersectObjects(objects, true).find(({ object }) => object.isMesh);
   },
 
-  handle(event) {
-    const objects = this.model.objects.map(({ name }) => this.bodies[name]);
+  // What is under the pointer, or close to a finger, besides what is left `out`.
+  handle(event, out = null) {
+    const objects = this.model.objects.map(({ name }) => this.bodies[name]).filter((object) => object !== out);
     const also = this.dragging === "targets" ? this.targets() : this.dragging === "things" ? this.kits() : [];
-    const found = this.hit(event, [...objects, ...also]);
+    const isFinger = event.pointerType === "touch" && !this.drag;
+    const around = isFinger ? [[0, 0], [FINGER, 0], [0, FINGER], [-FINGER, 0], [0, -FINGER]] : [[0, 0]];
+    let found = null;
+    for (const aside of around) found ??= this.hit(event, [...objects, ...also], aside);
     if (!found) return null;
     let object = found.object;
     while (object.parent !== this.scene) object = object.parent;
@@ -38,6 +43,11 @@ export const pointer = {
 
   onDown(event) {
     if (event.button !== 0) return;
+    if (!event.isPrimary && this.pressed) {
+      event.stopImmediatePropagation();
+      if (this.carries()) this.turnBy(1);
+      return;
+    }
     this.pressed = this.handle(event);
     if (!this.pressed) return;
     this.pressed.from = [event.clientX, event.clientY];
@@ -46,6 +56,7 @@ export const pointer = {
   },
 
   onMove(event) {
+    if (this.pressed && !event.isPrimary) return;
     if (!this.pressed) return this.hover(event);
     const [x, y] = this.pressed.from;
     const far = Math.hypot(event.clientX - x, event.clientY - y) > CLICK;
@@ -71,10 +82,12 @@ export const pointer = {
 
   startDrag() {
     const { object, point } = this.pressed;
-    const plane = new THREE.Plane(AXIS, -point.z);
-    const offset = object.position.clone().sub(point);
     const taken = this.dragging === "targets" ? this.targetOf(object) : object;
-    this.drag = { object: taken, plane, offset, before: poseOf(taken), half: this.halfOf(taken) };
+    const half = this.halfOf(taken);
+    const isLifted = this.dragging === "hand" && object.position.z > this.model.top + 2 * half[2];
+    const plane = new THREE.Plane(AXIS, -(isLifted ? this.model.top + half[2] : point.z));
+    const offset = isLifted ? new THREE.Vector3() : object.position.clone().sub(point);
+    this.drag = { object: taken, plane, offset, before: poseOf(taken), half, turned: 0 };
   },
 
   // The target that is meant by a target or by an object; an object without one gets a copy to begin with.
@@ -91,22 +104,25 @@ export const pointer = {
   },
 
   dragTo(event) {
-    const { object, plane, offset, half } = this.drag;
-    this.hit(event, []);
-    const point = this.raycaster.ray.intersectPlane(plane, new THREE.Vector3());
+    const { object, half } = this.drag;
+    this.drag.event = event;
+    const point = this.aim(event);
     if (!point) return;
     const [low, high] = this.model.room;
-    let x = THREE.MathUtils.clamp(point.x + offset.x, low[0], high[0]);
-    let y = THREE.MathUtils.clamp(point.y + offset.y, low[1], high[1]);
+    let x = THREE.MathUtils.clamp(point.x, low[0], high[0]);
+    let y = THREE.MathUtils.clamp(point.y, low[1], high[1]);
     const near = this.slotAt(object, x, y);
     if (near) [x, y] = near.at;
     const under = this.support(x, y, half);
-    if (under && !near && !event.shiftKey) {
+    if (under && !near && !event.shiftKey && this.dragging === "hand" && this.thing(under.name)) {
+      [x, y] = this.flush([x, y], half, under);
+    } else if (under && !near && !event.shiftKey) {
       const step = Math.min(half[0], half[1]) < FINE ? 0.001 : 0.005;
       x = under.middle[0] + step * Math.round((x - under.middle[0]) / step);
       y = under.middle[1] + step * Math.round((y - under.middle[1]) / step);
     }
     object.position.set(x, y, (under?.top ?? this.model.top) + half[2]);
+    if (this.dragging === "hand") this.grasp();
     this.warn(object, !under);
     this.tell(event, near ? near.text : this.placeText(x, y, under));
     event.target.style.cursor = "grabbing";
@@ -136,6 +152,7 @@ export const pointer = {
   },
 
   onUp(event) {
+    if (this.pressed && !event.isPrimary) return;
     const { pressed, drag } = this;
     this.pressed = this.drag = null;
     if (!pressed) return;
@@ -149,7 +166,9 @@ export const pointer = {
     }
     this.warn(drag.object, false);
     this.dropped = drag.object;
-    this.$emit("drop", { kind: this.dragging, name: drag.object.name, position: drag.object.position.toArray() });
+    const where = { name: drag.object.name, position: drag.object.position.toArray(), turn: drag.turned };
+    if (this.dragging === "hand") this.$emit("carry", where);
+    else this.$emit("drop", { kind: this.dragging, ...where });
     this.draw();
   },
 
@@ -158,6 +177,7 @@ export const pointer = {
       const { object, before } = this.drag;
       setPose(object, before);
       this.warn(object, false);
+      if (this.dragging === "hand") this.placeGripper(this.last.gripper);
       if (object.userData.isNew) {
         delete this.ghosts[`targets ${object.name}`];
         object.removeFromParent();

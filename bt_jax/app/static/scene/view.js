@@ -74,6 +74,17 @@ export const view = {
     this.look("home");
   },
 
+  // Tells Python by how many quarters the view is turned, counter-clockwise as seen from above.
+  tellQuarter() {
+    const [across, along] = this.model.views.home;
+    const { x, y } = this.camera.position.clone().sub(this.controls.target);
+    const turned = Math.atan2(y, x) - Math.atan2(along, across);
+    const quarter = (Math.round(turned / (Math.PI / 2)) + 8) % 4;
+    if (quarter === this.quarter) return;
+    this.quarter = quarter;
+    this.$emit("quarter", quarter);
+  },
+
   onKey(event) {
     if (event.key === "Escape") this.cancelDrag();
     if (event.target === this.$el.children[0] && event.key in LOOKS) {
