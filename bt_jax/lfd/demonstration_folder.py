@@ -6,8 +6,9 @@
 
 Beyond it, `info.yaml` may say in which task they were recorded (`task`, `boxes`: the size of each object, one number for a
 cube, radius and height for a cylinder, three edges otherwise), the `order` of the demonstrations where that is not the one
-of their names, `chosen`, the frames that a person has chosen for actions, `after`, the run folder whose tree was executed
-before they began, and `next_layout`, the number of the first random layout that no demonstration has begun in.
+of their names, `left_out`, those that nothing is to be learnt from, `chosen`, the frames that a person has chosen for
+actions, `after`, the run folder whose tree was executed before they began, and `next_layout`, the number of the first random
+layout that no demonstration has begun in.
 """
 
 from __future__ import annotations
@@ -77,12 +78,14 @@ class DemonstrationFolder:
         return sorted(found, key=lambda name: (order.index(name) if name in order else len(order), _natural(name)))
 
     def read(self) -> Demonstrations:
-        """Return all demonstrations that can be used, and for each of the others a sentence. Raise UserError if none can."""
+        """Return all demonstrations that can be used and are not left out, and for each that cannot be used a sentence.
+        Raise UserError if there is none."""
         frames, chosen = self.frames(), self._chosen()
         good: list[Demonstration] = []
         frame_of: dict[Instance, str] = {}
         problems = [] if is_described(self.path) else [f"{self.path / 'info.yaml'} is missing or empty: {REBUILT}."]
-        for name in self.names():
+        names = [name for name in self.names() if name not in self.left_out()]
+        for name in names:
             try:
                 one = read_demonstration(self.path / name, frames)
             except UserError as error:
@@ -93,6 +96,8 @@ class DemonstrationFolder:
                 if number <= len(one.actions) and frame in frames.names:
                     frame_of[Instance(len(good), number - 1)] = frame
             good.append(one)
+        if not names and self.names():
+            raise UserError(f"every demonstration in {self.path} is left out; take one in again")
         if not good:
             raise UserError(_none_usable(self.path, [problem for problem in problems if REBUILT not in problem]))
         return Demonstrations(frames, tuple(good), tuple(problems), frame_of)
@@ -111,6 +116,16 @@ class DemonstrationFolder:
             if frame is not None:
                 chosen[name][instance.index + 1] = frame
         self._change(chosen=chosen)
+
+    def left_out(self) -> tuple[str, ...]:
+        """Return the demonstrations that are kept, but that nothing is to be learnt from."""
+        names = self._info().get("left_out") if is_described(self.path) else None
+        return tuple(name for name in names if isinstance(name, str)) if isinstance(names, list) else ()
+
+    def leave_out(self, name: str, left_out: bool = True) -> None:
+        """Record that nothing is to be learnt from a demonstration, or take it in again. Raise UserError if it has gone."""
+        self._existing(name)
+        self._change(left_out=[*(other for other in self.left_out() if other != name), *([name] if left_out else [])])
 
     def remember_run(self, run: Path) -> None:
         """Record the run folder whose tree was executed before the demonstrations began."""
@@ -169,13 +184,22 @@ class DemonstrationFolder:
         source, chosen = self._existing(name), dict(self._chosen())
         # Both names are known to `info.yaml` while the folder is renamed, so that nothing is lost at any moment.
         order = [other for known in self.names() for other in ((new, known) if known == name else (known,))]
-        self._change(order=order, chosen={**chosen, **({new: chosen[name]} if name in chosen else {})})
+        left_out = [*self.left_out(), *([new] if name in self.left_out() else [])]
+        self._change(
+            order=order,
+            chosen={**chosen, **({new: chosen[name]} if name in chosen else {})},
+            left_out=left_out,
+        )
         try:
             source.rename(self.path / new)
         except OSError as error:
             raise UserError(f"{source} cannot be renamed ({error.strerror}); check who may write there") from None
         chosen[new] = chosen.pop(name, {})
-        self._change(order=[other for other in order if other != name], chosen=chosen)
+        self._change(
+            order=[other for other in order if other != name],
+            chosen=chosen,
+            left_out=[other for other in left_out if other != name],
+        )
 
     def _highest(self) -> int:
         """Return the greatest N of the demonstrations called demoN, 0 if there are none."""
@@ -204,6 +228,7 @@ class DemonstrationFolder:
         self._change(
             order=[other for other in self._order() if other != name],
             chosen={other: actions for other, actions in self._chosen().items() if other != name},
+            left_out=[other for other in self.left_out() if other != name],
         )
 
     def _change(self, **values: Any) -> None:

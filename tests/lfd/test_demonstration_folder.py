@@ -180,3 +180,23 @@ def test_it_is_known_in_which_task_was_recorded(folder, tmp_path):
     published.append(demonstrations(STACK3, STACKING).demonstrations[0])
     assert published.frames().recorded is None
     learn(published.read(), yumi)
+
+
+def test_what_is_left_out_is_kept_and_not_read(folder):
+    names = folder.names()
+    folder.leave_out(names[0])
+    assert folder.left_out() == (names[0],)
+    assert folder.names() == names
+    assert [one.name for one in folder.read()] == names[1:]
+    folder.rename(names[0], "odd")
+    assert folder.left_out() == ("odd",)
+    folder.leave_out("odd", False)
+    assert len(folder.read()) == len(names)
+    for name in folder.names():
+        folder.leave_out(name)
+    with pytest.raises(UserError, match="is left out; take one in again"):
+        folder.read()
+    folder.delete("odd")
+    assert "odd" not in folder.left_out()
+    with pytest.raises(UserError, match="has no demonstration 'odd'"):
+        folder.leave_out("odd")

@@ -6,13 +6,13 @@ import functools
 
 from nicegui import ui
 
-from bt_jax._util.errors import UserError
 from bt_jax.app.panels.context import PanelContext
+from bt_jax.app.panels.demonstration_list import DemonstrationList
 from bt_jax.app.panels.gripper import GripperControls
-from bt_jax.app.panels.parts import button, heading, mark
+from bt_jax.app.panels.parts import button, heading
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.widgets.context import Step
-from bt_jax.app.widgets.dialogs import ask, ask_for
+from bt_jax.app.widgets.dialogs import ask_for
 from bt_jax.app.widgets.holder_line import holder_line
 
 __all__ = ["build"]
@@ -39,9 +39,9 @@ class _Demonstrate:
             self.making = ui.element("div").classes("teach")
             with self.making:
                 self.gripper = GripperControls(studio, page)
-        self._listed: object = None
         page.on("demonstrations", self._refresh)
-        page.on("tree", self._refresh)
+        page.on("lesson", self._refresh, now=False)
+        page.on("tree", self._refresh, now=False)
         page.on("holds", self._lock)
         page.on_step(self._enter)
 
@@ -73,8 +73,7 @@ class _Demonstrate:
         )
         self.elsewhere.on("update:model-value", self._choose_layout)
         ui.label(LAYOUTS).classes("teach-hint")
-        heading("Demonstrations")
-        self.list = ui.element("div").classes("teach-list").props("data-testid=demonstrate-list role=list")
+        self.list = DemonstrationList(self.studio, page)
 
     def _lock(self) -> None:
         """Lock the gripper while another window steers it."""
@@ -100,36 +99,11 @@ class _Demonstrate:
         if name and name.strip():
             await self.library.use_set(name.strip())
 
-    async def _rename(self, name: str) -> None:
-        chosen = self.library.set_name
-        new = await ask_for(f"New name of {name}", value=name, yes="Rename", testid="demonstrate-rename")
-        if new is not None and new.strip() != name:
-            self._check_set(chosen)
-            await self.library.rename(name, new)
-
-    async def _delete(self, name: str) -> None:
-        chosen = self.library.set_name
-        if await ask(f"Move {name} into the trash?", yes="Delete", testid="demonstrate-delete"):
-            self._check_set(chosen)
-            self.teaching.stop_replay()
-            await self.library.delete(name)
-            self.page.say(f"{name} is deleted. {self.library.progress}", "success")
-
-    def _check_set(self, chosen: str) -> None:
-        if self.library.set_name != chosen:
-            raise UserError("another set was chosen meanwhile, so nothing was changed; choose the set again")
-
-    async def _replay(self, name: str) -> None:
-        if self.teaching.replayed == name:
-            self.teaching.stop_replay()
-            self.studio.bus.changed("demonstrations")
-        else:
-            await self.teaching.replay(name)
-
     async def _enter(self, step: Step) -> None:
         """Show the demonstration in the making, and read what is on the disk."""
         if step != "demonstrate":
             self.gripper.clear()
+            self.list.clear()
             return
         if self.teaching.session is not None:
             self.teaching.show(self.teaching.session.world)
@@ -142,6 +116,7 @@ class _Demonstrate:
         self.idle.set_visibility(not making)
         self.making.set_visibility(making)
         if making:
+            self.list.clear()
             self.gripper.refresh()
         else:
             self.gripper.clear()
@@ -152,35 +127,10 @@ class _Demonstrate:
         names = sorted({*studio.workspace.demonstration_sets(), studio.library.set_name})
         if (self.set.options, self.set.value) != (names, studio.library.set_name):
             self.set.set_options(names, value=studio.library.set_name)
-        good = sum(not one.problem for one in self.library.kept)
+        good = sum(one.counts for one in self.library.kept)
         self.dots.set_text("\N{BLACK CIRCLE}" * min(good, 3) + "\N{WHITE CIRCLE}" * max(0, 3 - good))
         self.progress.set_text(self.library.progress)
         self.elsewhere.set_value(teaching.elsewhere)
         self.reached.set_enabled(studio.playing.tree is not None)
         self.reached.props("title=''" if studio.playing.tree else "title='Evolve a tree first (step 2)'")
-        shown = (self.library.kept, teaching.replayed)
-        if shown == self._listed:
-            return
-        self._listed = shown
-        self.list.clear()
-        with self.list:
-            for one in self.library.kept:
-                self._row(one.name, one.summary, one.problem)
-            if not self.library.kept:
-                ui.label("none yet").classes("teach-hint").props("role=listitem")
-
-    def _row(self, name: str, summary: str, problem: str) -> None:
-        guard, playing = self.page.guard, self.teaching.replayed == name
-        row = ui.element("div").classes("teach-row").props("role=listitem")
-        with mark(row, f"demonstrate-row-{name}"):
-            with ui.element("div").classes("teach-what"):
-                ui.label(name).classes("text-bold")
-                ui.label(problem or f"moves {summary}").classes("teach-bad" if problem else "teach-hint")
-            for key, icon, text, handler in (
-                ("replay", "stop" if playing else "play_arrow", "Stop" if playing else "Replay", self._replay),
-                ("rename", "edit", "Rename", self._rename),
-                ("delete", "delete", "Delete", self._delete),
-            ):
-                action = button("", "", icon, guard(functools.partial(handler, name)), more="flat")
-                mark(action, f"demonstrate-{key}-{name}", aria_label=f"{text} {name}", title=text)
-                action.set_enabled(key != "replay" or not problem)
+        self.list.refresh()

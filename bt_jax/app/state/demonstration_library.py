@@ -17,6 +17,7 @@ from bt_jax.app.state.worker import Worker
 from bt_jax.app.state.workspace import Workspace
 from bt_jax.lfd import DemonstrationFolder, Lesson
 from bt_jax.lfd.clustering import NEEDED
+from bt_jax.lfd.disagreement import Disagreement, disagreements
 from bt_jax.tasks import Task
 from bt_jax.training.phases import choose_frames, lesson_from
 
@@ -27,11 +28,18 @@ FIRST_SET = "demonstrations"
 
 @dataclasses.dataclass(frozen=True)
 class ListedDemonstration:
-    """A demonstration in the list: its name, what it moves, and why it cannot be used, empty if it can."""
+    """A demonstration in the list: its name, what it moves, why it cannot be used, empty if it can, and whether it is left
+    out."""
 
     name: str
     summary: str
     problem: str = ""
+    left_out: bool = False
+
+    @property
+    def counts(self) -> bool:
+        """Whether something is learnt from it."""
+        return not (self.problem or self.left_out)
 
 
 class DemonstrationLibrary:
@@ -62,7 +70,7 @@ class DemonstrationLibrary:
         """How many demonstrations there are and how many are needed, in a sentence."""
         if not self.read:
             return "The demonstrations are being read."
-        count = sum(not one.problem for one in self.kept)
+        count = sum(one.counts for one in self.kept)
         if count == 0:
             return f"No demonstration yet; {NEEDED} are needed to tell what each place is relative to."
         if count < NEEDED:
@@ -95,6 +103,16 @@ class DemonstrationLibrary:
         await self._worker.work(self._trash.put, "demonstration", name, self.set_name)
         self._bus.changed("trash")
         await self.refresh()
+
+    async def leave_out(self, name: str, left_out: bool) -> None:
+        """Learn nothing from a demonstration from now on, or take it in again."""
+        await self._worker.work(self.folder.leave_out, name, left_out)
+        await self.refresh()
+
+    @property
+    def disagreements(self) -> tuple[Disagreement, ...]:
+        """Which demonstrations disagree with most of the others."""
+        return () if self.lesson is None else disagreements(self.lesson)
 
     async def choose_frame(self, index: int, frame: str | None) -> None:
         """Set the frame of an inference, None for the one that the demonstrations suggest, and learn again."""
@@ -153,6 +171,7 @@ def _listed(folder: DemonstrationFolder, root: Path) -> tuple[ListedDemonstratio
     if not (folder.path / "info.yaml").is_file():
         return ()
     moved: dict[str, str] = {}
+    left_out = folder.left_out()
     problems: tuple[str, ...] = ()
     try:
         read = folder.read()
@@ -163,7 +182,9 @@ def _listed(folder: DemonstrationFolder, root: Path) -> tuple[ListedDemonstratio
     problems = tuple(phrase(problem, root) for problem in problems)
     found = []
     for name in folder.names():
-        if name in moved:
+        if name in left_out:
+            found.append(ListedDemonstration(name, "left out: nothing is learnt from it", left_out=True))
+        elif name in moved:
             found.append(ListedDemonstration(name, moved[name]))
         else:
             why = next(
@@ -181,6 +202,7 @@ def _learnt(
     folder."""
     kept = _listed(folder, root)
     try:
-        return kept, (lesson_from(folder.path, task) if kept else None), ""
+        learns = any(not one.left_out for one in kept)
+        return kept, (lesson_from(folder.path, task) if learns else None), ""
     except UserError as error:
         return kept, None, phrase(error, root)

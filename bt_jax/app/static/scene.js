@@ -188,7 +188,7 @@ export default {
       }
     },
 
-    // Translucent copies of objects, [{key, name, pose, text}]; those of the group "targets" can be dragged.
+    // Translucent copies of objects, [{key, name, pose, text, odd}]; those of the group "targets" can be dragged.
     setGhosts(group, ghosts) {
       for (const [id, ghost] of Object.entries(this.ghosts)) {
         if (ghost.userData.group !== group) continue;
@@ -196,12 +196,13 @@ export default {
         discard(ghost);
         delete this.ghosts[id];
       }
-      for (const { key, name, pose, text } of ghosts) {
+      for (const { key, name, pose, text, odd } of ghosts) {
         const ghost = ghostOf(this.thing(name), pose);
         ghost.name = key;
         ghost.userData = { group, text, thing: this.thing(name), of: name };
         this.ghosts[`${group} ${key}`] = ghost;
         this.scene.add(ghost);
+        if (odd) this.warn(ghost, true);
       }
       this.draw();
     },

@@ -36,11 +36,13 @@ Pose = Sequence[float] | Float[np.ndarray, "7"]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Ghost:
-    """A translucent copy of the object `name` at a pose [m, world; wxyz], with a text to show on hover."""
+    """A translucent copy of the object `name` at a pose [m, world; wxyz], with a text to show on hover; one that is `odd`
+    stands out."""
 
     name: str
     pose: Pose
     text: str
+    odd: bool = False
 
 
 class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": str(THREE), "bt_jax-scene": str(PARTS)}):
@@ -109,7 +111,8 @@ class SceneView(Element, component="../static/scene.js", esm={"nicegui-scene": s
     def ghost(self, copies: Mapping[str, Ghost], *, group: str) -> None:
         """Show translucent copies of objects by their keys, in place of those that `group` had before."""
         ghosts = [
-            {"key": key, "name": one.name, "pose": plain(one.pose), "text": one.text} for key, one in copies.items()
+            {"key": key, "name": one.name, "pose": plain(one.pose), "text": one.text, "odd": one.odd}
+            for key, one in copies.items()
         ]
         if ghosts != self._ghosts.get(group, []):
             self._ghosts[group] = ghosts
