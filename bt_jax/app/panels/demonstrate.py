@@ -6,6 +6,7 @@ import functools
 
 from nicegui import ui
 
+from bt_jax.app.panels.camera import CameraControls
 from bt_jax.app.panels.context import PanelContext
 from bt_jax.app.panels.demonstration_list import DemonstrationList
 from bt_jax.app.panels.gripper import GripperControls
@@ -73,6 +74,7 @@ class _Demonstrate:
         )
         self.elsewhere.on("update:model-value", self._choose_layout)
         ui.label(LAYOUTS).classes("teach-hint")
+        CameraControls(self.studio, page)
         self.list = DemonstrationList(self.studio, page)
 
     def _lock(self) -> None:

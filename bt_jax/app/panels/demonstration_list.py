@@ -13,6 +13,7 @@ from bt_jax.app.panels.parts import button, heading, known, mark
 from bt_jax.app.state.demonstration_library import ListedDemonstration
 from bt_jax.app.state.overlay import overlaid
 from bt_jax.app.state.studio import Studio
+from bt_jax.app.units import length
 from bt_jax.app.widgets.dialogs import ask, ask_for
 from bt_jax.app.widgets.scene_view import Ghost
 from bt_jax.lfd.disagreement import Disagreement
@@ -85,7 +86,7 @@ class DemonstrationList:
         of = known(one.frame, task, robot="the table")
         with ui.row().classes("teach-landing teach-bad items-center gap-2 no-wrap"):
             ui.label(
-                f"{one.name} puts {one.object} {100 * one.away:.0f} cm from where {one.agreeing} others put it, as seen "
+                f"{one.name} puts {one.object} {length(one.away)} from where {one.agreeing} others put it, as seen "
                 f"from {of}."
             ).classes("flex-1")
             leave = button(

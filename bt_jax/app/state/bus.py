@@ -16,6 +16,7 @@ Topic = Literal[
     "evolution",
     "tree",
     "demonstrations",
+    "watching",
     "lesson",
     "player",
     "runs",

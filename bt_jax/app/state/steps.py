@@ -55,7 +55,7 @@ def _found(studio: Studio) -> bool:
 
 
 def _shown(studio: Studio) -> int:
-    return sum(not one.problem for one in studio.library.kept)
+    return sum(one.counts for one in studio.library.kept)
 
 
 def _understood(studio: Studio) -> bool:

@@ -4,7 +4,7 @@ import pytest
 from playwright.sync_api import expect
 
 from bt_jax.lfd import DemonstrationFolder
-from tests.helpers.browser.scene import at_rest, drag, finger_drag, position, wait_for_copy
+from tests.helpers.browser.scene import drag, finger_drag, wait_for_copy
 from tests.helpers.browser.steps import go
 
 pytestmark = pytest.mark.slow
@@ -21,15 +21,14 @@ def test_experiment_1_is_demonstrated_by_mouse_only(page, see, server, shoot):
     for number in range(1, 4):
         see("demonstrate-new").click()
         expect(see("demonstrate-finish")).to_be_visible()
-        drag(page, "GreenBox", position(page, "YellowBox"), arranging="hand")
+        drag(page, "GreenBox", "YellowBox", arranging="hand")
         expect(see("demonstrate-done").locator("li").nth(1)).to_have_text("Put GreenBox on top of YellowBox")
-        drag(page, "BlueBox", position(page, "GreenBox"), arranging="hand")
+        drag(page, "BlueBox", "GreenBox", arranging="hand")
         expect(see("demonstrate-done").locator("li").nth(3)).to_have_text("Put BlueBox on top of GreenBox")
         if number == 1:
             see("demonstrate-undo").click()  # a drag is one input
             expect(see("demonstrate-done").locator("li")).to_have_count(2)
-            at_rest(page)
-            drag(page, "BlueBox", position(page, "GreenBox"), arranging="hand")
+            drag(page, "BlueBox", "GreenBox", arranging="hand")
             expect(see("demonstrate-done").locator("li")).to_have_count(4)
             shoot("show")
         see("demonstrate-finish").click()
@@ -79,11 +78,9 @@ def test_an_object_is_carried_and_turned_with_fingers(window, server):
     go(see, "demonstrate")
     see("demonstrate-new").click()
     expect(see("demonstrate-finish")).to_be_visible()
-    at_rest(page)
-    finger_drag(page, "GreenBox", position(page, "YellowBox"), taps=1)
+    finger_drag(page, "GreenBox", "YellowBox", taps=1)
     expect(see("demonstrate-done").locator("li").nth(1)).to_have_text("Put GreenBox on top of YellowBox")
-    at_rest(page)
-    finger_drag(page, "BlueBox", position(page, "GreenBox"), near=10)
+    finger_drag(page, "BlueBox", "GreenBox", near=10)
     expect(see("demonstrate-done").locator("li").nth(3)).to_have_text("Put BlueBox on top of GreenBox")
     see("demonstrate-discard").click()
     see("demonstrate-discard-yes").click()

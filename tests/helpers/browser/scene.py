@@ -50,39 +50,47 @@ def click(page: Page, name: str) -> None:
     page.mouse.click(*on_screen(page, position(page, name)))
 
 
-def drag(page: Page, name: str, to: list[float], *, target: bool = False, arranging: str = "") -> None:
-    """Takes a box, or its target, at its middle and lets it go over a point of the world [m]; `arranging`: what can be
-    dragged meanwhile, if it is something else."""
-    at_rest(page)
-    what = arranging or ("targets" if target else "objects")
-    page.wait_for_function(f"() => {{ {COMPONENT} return c.dragging === '{what}'; }}")
-    here = position(page, name, target=target)
+def drag(page: Page, name: str, to: list[float] | str, *, target: bool = False, arranging: str = "") -> None:
+    """Takes a box, or its target, at its middle and lets it go over a point of the world [m] or another box; `arranging`:
+    what can be dragged meanwhile, if it is something else."""
+    here, there = _way(page, name, to, arranging or ("targets" if target else "objects"), target=target)
     page.mouse.move(*on_screen(page, here))
     page.mouse.down()
     for part in (0.1, 0.5, 1.0):
-        page.mouse.move(
-            *on_screen(page, [a + part * (b - a) for a, b in zip(here[:2], to[:2], strict=True)] + here[2:])
-        )
+        page.mouse.move(*on_screen(page, _between(here, there, part)))
     page.mouse.up()
 
 
-def finger_drag(page: Page, name: str, to: list[float], *, near: float = 0.0, taps: int = 0) -> None:
-    """Carries an object with a finger that touches it `near` pixels beside its middle; a second finger taps meanwhile."""
-    at_rest(page)
+def finger_drag(page: Page, name: str, to: str, *, near: float = 0.0, taps: int = 0) -> None:
+    """Carries a box in a demonstration onto another one with a finger that touches it `near` pixels beside its middle; a
+    second finger taps meanwhile."""
+    here, there = _way(page, name, to, "hand")
     touch = page.context.new_cdp_session(page)
 
     def send(kind: str, *points: tuple[float, float]) -> None:
         places = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(points)]
         touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": places})
 
-    here = position(page, name)
     x, y = on_screen(page, here)
     send("touchStart", (x + near, y))
-    at = (x, y)
     for part in (0.1, 0.5, 1.0):
-        at = on_screen(page, [a + part * (b - a) for a, b in zip(here[:2], to[:2], strict=True)] + here[2:])
-        send("touchMove", at)
+        x, y = on_screen(page, _between(here, there, part))
+        send("touchMove", (x, y))
     for _ in range(taps):
-        send("touchStart", at, (at[0] + 80, at[1] + 80))
-        send("touchEnd", at)
+        send("touchStart", (x, y), (x + 80, y + 80))
+        send("touchEnd", (x, y))
     send("touchEnd")
+
+
+def _way(
+    page: Page, name: str, to: list[float] | str, what: str, *, target: bool = False
+) -> tuple[list[float], list[float]]:
+    """From where to where something is dragged, once the scene lets a person drag `what`, and is at rest."""
+    page.wait_for_function(f"() => {{ {COMPONENT} return c.dragging === '{what}'; }}")
+    at_rest(page)
+    return position(page, name, target=target), position(page, to) if isinstance(to, str) else to
+
+
+def _between(here: list[float], there: list[float], part: float) -> list[float]:
+    """A point on the way, at the height of its beginning."""
+    return [a + part * (b - a) for a, b in zip(here[:2], there[:2], strict=True)] + here[2:]
