@@ -65,7 +65,7 @@ def curve_options(curves: Sequence[LearningCurve], *, generations: int = 0) -> d
         "yAxis": {
             "type": "log",
             "inverse": True,
-            "name": "mark",
+            "name": "score",
             "nameLocation": "middle",
             "nameGap": 46,
             "axisLabel": {":formatter": "cost => (-cost).toLocaleString('en-US')"},

@@ -6,23 +6,20 @@ const FADE = 2.6; // radius of the ground, in half widths of what is shown
 
 // Lights for a scene; the shadows of `software` are coarse.
 export function lightsOf({ shown: [low, high], light }, software) {
-  const sky = new THREE.HemisphereLight(0xffffff, 0xaeb4bb, 1.5);
+  const sky = new THREE.HemisphereLight(0xffffff, 0xaeb4bb, 1.75);
   const key = new THREE.DirectionalLight(0xfff8ee, 1.75);
-  const fill = new THREE.DirectionalLight(0xe4eeff, 0.45);
   const middle = new THREE.Vector3(...low).add(new THREE.Vector3(...high)).divideScalar(2);
   const radius = new THREE.Vector3(...low).distanceTo(new THREE.Vector3(...high)) / 2;
   const from = new THREE.Vector3(...light).normalize();
   key.position.copy(middle).addScaledVector(from, 3 * radius);
   key.target.position.copy(middle);
-  fill.position.copy(middle).addScaledVector(new THREE.Vector3(-from.x, -from.y, 0.6 * from.z), 3 * radius);
-  fill.target.position.copy(middle);
   key.castShadow = true;
   key.shadow.mapSize.setScalar(software ? 1024 : 2048);
   Object.assign(key.shadow.camera, { left: -radius, right: radius, bottom: -radius, top: radius, near: radius, far: 6 * radius });
   key.shadow.bias = -0.0005;
   key.shadow.normalBias = 0.004 * radius;
   key.shadow.radius = 3;
-  return [sky, key, key.target, fill, fill.target];
+  return [sky, key, key.target];
 }
 
 // The ground under a scene, which fades into the colour `behind` it, and the shadows on it; these take `software` as long as
