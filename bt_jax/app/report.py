@@ -70,7 +70,7 @@ def _figures(record: RunRecord) -> str:
     if record.result is not None:
         rate = success(record.result)
         low, high = (f"{100 * share:.0f}" for share in (rate.low, rate.high))
-        said = f"works in {rate.solved} of {rate.tried} starts that it never saw (95 %: {low} to {high} %)"
+        said = f"works in {rate.solved} of {rate.tried} starts that it never saw (95 %: {low} to {high}\N{NO-BREAK SPACE}%)"
         found.append((f"{100 * rate.solved / rate.tried:.0f} %", said))
     if progress is not None and progress.best is not None:
         found.append((f"{progress.best:,.1f}".replace("-", MINUS), "best score; the closer to 0, the better"))
@@ -107,10 +107,9 @@ def _failing(record: RunRecord) -> str:
     rest = rate.tried - rate.solved - sum(len(one.layouts) for one in reasons[:COMMONEST])
     if rest > 0:
         rows.append(f'<tr><td class="number">{rest}</td><td>for other reasons</td><td></td></tr>')
-    return (
-        '<h2>Where it fails</h2>\n<table><tr><th class="number">times</th><th>why</th><th>starts of the test</th></tr>\n'
-        f"{''.join(rows)}</table>\n"
-    )
+    where = "start.draw of the test" if reasons and reasons[0].draws else "starts of the test"
+    head = f'<tr><th class="number">times</th><th>why</th><th>{where}</th></tr>'
+    return f"<h2>Where it fails</h2>\n<table>{head}\n{''.join(rows)}</table>\n"
 
 
 def _where(group: Failures) -> str:

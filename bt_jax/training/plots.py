@@ -24,6 +24,7 @@ def learning_curve(
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
 
     runs = 1 + max(row.run for row in history)
     generations = [row.generation for row in history if row.run == 0]
@@ -45,6 +46,7 @@ def learning_curve(
     low = min(mean.min(), best.min())
     axes.set_yticks([t for t in ticks if t >= 1.5 * low], [f"{t}" for t in ticks if t >= 1.5 * low])
     axes.minorticks_off()
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel="generation", ylabel=f"fitness (logarithmic below -{LINEAR})", title=title)
     axes.grid(alpha=0.3)
     axes.spines[["top", "right"]].set_visible(False)

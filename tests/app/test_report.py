@@ -56,7 +56,7 @@ def test_a_finished_run_is_reported_with_everything(run):
         "first line\nsecond line",
         "04 March 2026, 05:06",
         "<b>83 %</b>",
-        "works in 83 of 100 starts that it never saw (95 %: 74 to 89 %)",
+        "works in 83 of 100 starts that it never saw (95 %: 74 to 89\N{NO-BREAK SPACE}%)",
         "<li>Put YellowBox in the middle of the kit</li>",
         "Put GreenBox on",
         '<td class="number">14</td><td>GreenBox &lt;fell&gt;</td><td>1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, and 2 more</td>',
