@@ -50,8 +50,9 @@ FACES = {
         "EXPERIMENTS", "Experiment", "PublishedCurve", "VariantResult", "perform", "published_curves",
     ],
     "bt_jax.lfd": [
-        "Action", "Candidate", "Demonstration", "DemonstrationFolder", "Demonstrations", "Frames", "Inference",
-        "Instance", "Lesson", "Pose", "Question", "RecordedTask", "learn", "plan", "plan_task",
+        "Action", "Answer", "Candidate", "Corrections", "Demonstration", "DemonstrationFolder", "Demonstrations", "Frames",
+        "Inference", "Instance", "Lesson", "Pose", "Proposal", "Question", "RecordedTask", "learn", "open_questions", "plan",
+        "plan_task", "propose",
     ],
     "bt_jax.teaching": [
         "Input", "Landing", "Teleoperation", "parse_script", "perform", "reached_by", "record",

@@ -166,6 +166,12 @@ class LearnArguments:
     frames: tuple[str, ...] = ()
     """frames of your choice, as ACTION=FRAME with the number of the action, for instance 2=GreenBox; 2=auto takes that back.
     They are kept with the demonstrations"""
+    answers: tuple[str, ...] = ()
+    """answers to questions, as QUESTION=ANSWER with the numbers that are printed, for instance 1=2. They are kept, too"""
+    take_back: tuple[int, ...] = ()
+    """numbers of answers that no longer count"""
+    propose: bool = False
+    """arrange the start of the demonstration that would answer the questions, and write it as a task file"""
     out: Annotated[Path | None, unset("PATH")] = None
     """folder for the results (default: runs/learn-FOLDER-DATE-TIME)"""
     layouts: int = 20

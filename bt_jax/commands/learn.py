@@ -28,7 +28,7 @@ from bt_jax.encoding.drawing.terminal import draw_text
 from bt_jax.encoding.formats.text import format_tree
 from bt_jax.encoding.formats.xml import to_xml
 from bt_jax.encoding.walk import leaves
-from bt_jax.lfd import DemonstrationFolder, Lesson, Question
+from bt_jax.lfd import Answer, DemonstrationFolder, Lesson, Proposal, Question, open_questions, propose
 from bt_jax.lfd.explanation import (
     action_rows,
     goal_sentence,
@@ -37,6 +37,8 @@ from bt_jax.lfd.explanation import (
     precondition_sentences,
 )
 from bt_jax.lfd.figure import cluster_figure
+from bt_jax.lfd.question_words import answer_words, answered_words, question_words, start_words
+from bt_jax.lfd.questions import answered
 from bt_jax.mjx_env.episodes.evaluator import Evaluation
 from bt_jax.mjx_env.episodes.survey import survey
 from bt_jax.mjx_env.scene.layouts import sample_layouts
@@ -56,16 +58,21 @@ def run(arguments: LearnArguments) -> None:
     settings = Settings(level=arguments.level, test_layouts=arguments.layouts)
     own = DemonstrationFolder(arguments.folder).task() if arguments.task is None else None
     task = own or load_task(arguments.task or "stack3")
+    configure_jax("cpu")
     lesson = lesson_from(arguments.folder, task)
     if arguments.frames:
         lesson = choose_frames(arguments.folder, lesson, _choices(arguments.frames))
-    show(console, lesson)
-    configure_jax("cpu")
+    lesson = _corrected(lesson, arguments)
+    questions = open_questions(lesson)
+    show(console, lesson, questions)
+    proposal = propose(lesson, questions) if arguments.propose else None
     tried = try_out(lesson, settings)
     out = arguments.out or unused(
         Path("runs") / f"learn-{arguments.folder.resolve().name}-{datetime.now():%Y%m%d-%H%M%S}"
     )
-    write(out, lesson, tried)
+    write(out, lesson, tried, questions)
+    if proposal is not None:
+        show_proposal(console, proposal, arguments.folder, out)
     console.print(_verdict(lesson, tried, arguments, out))
     console.print(f"results    {escape(str(out))}")
 
@@ -81,8 +88,39 @@ def _choices(words: Sequence[str]) -> dict[int, str | None]:
     return found
 
 
-def show(console: Console, lesson: Lesson) -> None:
-    """Print what was inferred, from what, and the tree."""
+def _corrected(lesson: Lesson, arguments: LearnArguments) -> Lesson:
+    """Return what is learnt with the answers that are given, and without those that are taken back, both of which are kept.
+    The numbers are those of what was printed before. Raise UserError if there is no such question or answer."""
+    folder, known = DemonstrationFolder(arguments.folder), answered(lesson)
+    questions = open_questions(lesson) if arguments.answers else ()
+    chosen = [_answer(word, questions) for word in arguments.answers]
+    for number in arguments.take_back:
+        if not 1 <= number <= len(known):
+            raise UserError(f"--take-back {number}: {counted(len(known), 'answer')} can be taken back; give its number")
+        folder.take_back(lesson.demonstrations, known[number - 1].corrections)
+    for answer in chosen:
+        folder.correct(lesson.demonstrations, answer.corrections)
+    return lesson_from(arguments.folder, lesson.task) if chosen or arguments.take_back else lesson
+
+
+def _answer(word: str, questions: Sequence[Question]) -> Answer:
+    """Return the answer that QUESTION=ANSWER means."""
+    numbers = [int(part) for part in word.split("=") if part.isdecimal()]
+    if len(numbers) != 2 or word.count("=") != 1:
+        raise UserError(f"--answers {word} is no answer; write QUESTION=ANSWER with two numbers, for instance 1=2")
+    question, answer = numbers
+    if not 1 <= question <= len(questions):
+        raise UserError(
+            f"--answers {word}: {counted(len(questions), 'question')} are open; give the number of one of them"
+        )
+    if not 1 <= answer <= len(questions[question - 1].answers):
+        last = len(questions[question - 1].answers)
+        raise UserError(f"--answers {word}: question {question} has the answers 1 to {last}; choose one of them")
+    return questions[question - 1].answers[answer - 1]
+
+
+def show(console: Console, lesson: Lesson, questions: Sequence[Question]) -> None:
+    """Print what was inferred, from what, the tree, and what is open."""
     for problem in lesson.demonstrations.problems:
         console.print(f"[yellow]{escape(problem)}[/]")
     names = ", ".join(one.name for one in lesson.demonstrations)
@@ -92,9 +130,6 @@ def show(console: Console, lesson: Lesson) -> None:
     console.print("actions and their reference frames")
     for number, row in enumerate(action_rows(lesson), start=1):
         console.print(f"  {number} [bold]{escape(row['what'])}[/]   {row['seen']}\n    {escape(row['why'])}")
-        for question in lesson.questions:
-            if question.action == number - 1:
-                console.print(f"    [yellow]{escape(question.text)}[/] {escape(_answers(question))}")
     for i, one in enumerate(lesson.subtasks, start=1):
         which = "" if len(lesson.subtasks) == 1 else f" {i}, of {_names(lesson, one.subtask.demonstrations)}"
         console.print(f"goal{which}: {escape(goal_sentence(one.subtask.goal))}")
@@ -103,14 +138,24 @@ def show(console: Console, lesson: Lesson) -> None:
     if len(lesson.subtasks) > 1:
         console.print("[yellow]the demonstrations end differently: each goal is tried in turn until one is reached[/]")
     console.print(Panel(Text(draw_text(lesson.tree).rstrip()), title="learnt tree", title_align="left"))
+    for number, question in enumerate(questions, start=1):
+        console.print(f"[yellow]question {number}: {escape(question_words(question, lesson))}[/]")
+        for nth, answer in enumerate(question.answers, start=1):
+            taken = "   (taken meanwhile)" if nth == 1 else f"   --answers {number}={nth}"
+            console.print(f"  {nth} {escape(answer_words(question.kind, answer.value, lesson))}{taken}")
+    if questions:
+        console.print("answer so, or show it once more from the start that --propose arranges")
+    for number, said in enumerate(answered(lesson), start=1):
+        console.print(f"answered {number}: {escape(answered_words(said, lesson))}   --take-back {number}")
 
 
-def _answers(question: Question) -> str:
-    """Say what is assumed, and how the question is answered."""
-    meanwhile, other = question.alternatives[:2]
-    choice = f"--frames {question.action + 1}={other}"
-    shown = "" if question.settled_by is None else f", or {question.settled_by}"
-    return f"{meanwhile} is taken; say another frame, as with {choice}{shown}"
+def show_proposal(console: Console, proposal: Proposal, folder: Path, out: Path) -> None:
+    """Print what to demonstrate next, and write where it starts."""
+    file = out / "next_start.yaml"
+    write_atomic(file, to_yaml(proposal.task.to_dict()))
+    console.print(f"propose    {escape(start_words(proposal.start, proposal.task))} Then show the same once more:")
+    words = f"{shlex.quote(str(folder))} SCRIPT --task {shlex.quote(str(file))} --count 1"
+    console.print(f"           python -m bt_jax.demonstrate {escape(words)}")
 
 
 def _names(lesson: Lesson, demonstrations: tuple[int, ...]) -> str:
@@ -131,7 +176,7 @@ def _reached_targets(lesson: Lesson) -> tuple[Target, ...]:
     return first.targets
 
 
-def write(out: Path, lesson: Lesson, tried: Evaluation) -> None:
+def write(out: Path, lesson: Lesson, tried: Evaluation, questions: Sequence[Question]) -> None:
     """Write the tree in three formats, the picture of the clusters, and everything inferred as JSON."""
     title = f"learnt from {counted(len(lesson.demonstrations), 'demonstration')}"
     write_atomic(out / "learnt_tree.txt", format_tree(lesson.tree))
@@ -139,10 +184,10 @@ def write(out: Path, lesson: Lesson, tried: Evaluation) -> None:
     write_atomic(out / "learnt_tree.svg", to_svg(lesson.tree, title=title))
     write_atomic(out / "clusters.png", cluster_figure(lesson))
     write_atomic(out / "task.yaml", to_yaml(lesson.task.to_dict()))
-    write_atomic(out / "lesson.json", json.dumps(as_data(lesson, tried), indent=2) + "\n")
+    write_atomic(out / "lesson.json", json.dumps(as_data(lesson, tried, questions), indent=2) + "\n")
 
 
-def as_data(lesson: Lesson, tried: Evaluation) -> dict[str, Any]:
+def as_data(lesson: Lesson, tried: Evaluation, questions: Sequence[Question]) -> dict[str, Any]:
     """Return a lesson as plain data."""
     return {
         "demonstrations": [one.name for one in lesson.demonstrations],
@@ -170,7 +215,19 @@ def as_data(lesson: Lesson, tried: Evaluation) -> dict[str, Any]:
             }
             for inference in lesson.inferences
         ],
-        "questions": [dataclasses.asdict(question) for question in lesson.questions],
+        "questions": [
+            {
+                "kind": question.kind,
+                "actions": [step + 1 for step in question.subject],
+                "text": question_words(question, lesson),
+                "answers": [
+                    {"text": answer_words(question.kind, answer.value, lesson), "tree": str(answer.lesson.tree)}
+                    for answer in question.answers
+                ],
+            }
+            for question in questions
+        ],
+        "answered": [answered_words(said, lesson) for said in answered(lesson)],
         "goals": [list(map(str, one.subtask.goal)) for one in lesson.subtasks],
         "orders": [sentence for one in lesson.subtasks for sentence in order_sentences(lesson, one)],
         "tree": str(lesson.tree),

@@ -1,4 +1,4 @@
-"""Frames chosen by a person, in place of the inferred ones."""
+"""Frames and turns chosen by a person, in place of the inferred ones."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bt_jax.lfd.demonstration import Demonstrations, Instance
 from bt_jax.lfd.inference import SAME_PLACE, Inference, placed
 from bt_jax.tasks import Task
 
-__all__ = ["with_chosen"]
+__all__ = ["with_chosen", "with_turns"]
 
 
 def with_chosen(
@@ -35,6 +35,19 @@ def with_chosen(
             known = max(same, one, key=lambda inference: len(inference.instances))
             found[found.index(same)] = _placed(known, demonstrations, one.frame, instances, one.reason, task)
     return tuple(sorted(found, key=lambda inference: min((m.index, m.demonstration) for m in inference.instances)))
+
+
+def with_turns(inferences: Sequence[Inference], turns: Mapping[Instance, float | None]) -> tuple[Inference, ...]:
+    """Return the inferences with the chosen turns; the turn of one instance is that of the whole inference. A slot tells its
+    own."""
+    found = []
+    for one in inferences:
+        said = [turns[instance] for instance in one.instances if instance in turns]
+        if said and one.kind == "place" and not one.slot:
+            note = "any turn will do" if said[0] is None else f"turned by {said[0]:g} degrees"
+            one = dataclasses.replace(one, turn=said[0], note=f"{note}, as chosen by hand")
+        found.append(one)
+    return tuple(found)
 
 
 def _decided(

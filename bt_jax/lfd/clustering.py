@@ -97,7 +97,7 @@ class Candidate:
 @dataclasses.dataclass(frozen=True)
 class Observed:
     """An action with the object that it handles, and the pick that took that. `object` is what a leaf calls it: its part, if
-    it is an instance of one."""
+    it is an instance of one, and nobody has said that it is meant itself."""
 
     instance: Instance
     action: Action
@@ -120,7 +120,8 @@ class Observed:
 
 def observe(demonstrations: Demonstrations, task: Task) -> list[Observed]:
     """Return all actions of a set of demonstrations."""
-    part_of = {thing.name: thing.part for thing in task.objects}
+    itself = demonstrations.corrections.itself
+    part_of = {thing.name: "" if itself.get(thing.name) else thing.part for thing in task.objects}
     found = []
     for d, one in enumerate(demonstrations):
         pick = one.actions[0]

@@ -8,10 +8,11 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior
 from bt_jax.lfd.conflicts import conflict, implies, undoes
+from bt_jax.lfd.corrections import Instance
 from bt_jax.lfd.goals import Step, carried
 from bt_jax.lfd.inference import Inference
 
-__all__ = ["Order", "check_acyclic", "orders", "preconditions"]
+__all__ = ["Order", "check_acyclic", "meant", "orders", "preconditions"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,6 +39,22 @@ def orders(steps: Sequence[Sequence[Step]]) -> tuple[Order, ...]:
         for (before, after), distances in sorted(found.items())
         if (after, before) not in found and before != after
     )
+
+
+def meant(
+    constraints: Sequence[Order],
+    steps: Sequence[Sequence[Step]],
+    said: Mapping[tuple[Instance, Instance], bool],
+) -> tuple[Order, ...]:
+    """Return the orders without those of which a person has said that they are not meant: of two placements, with the picks
+    before them."""
+    free: set[tuple[Step, Step]] = set()
+    for (before, after), is_meant in said.items():
+        sequence = steps[before.demonstration]
+        if not is_meant:
+            own, later = (sequence[max(one.index - 1, 0) : one.index + 1] for one in (before, after))
+            free |= {(a, b) for a in own for b in later}
+    return tuple(order for order in constraints if (order.before, order.after) not in free)
 
 
 def check_acyclic(constraints: Sequence[Order], inferences: Sequence[Inference]) -> None:

@@ -15,11 +15,13 @@ from jaxtyping import Float
 
 from bt_jax.behaviors.geometry import heading
 from bt_jax.behaviors.pose import Pose
+from bt_jax.lfd.corrections import Corrections, Instance
 from bt_jax.tasks import Object, Task
 
 __all__ = [
     "END_EFFECTOR_HEIGHT",
     "Action",
+    "Corrections",
     "Demonstration",
     "Demonstrations",
     "Frames",
@@ -130,22 +132,14 @@ class Demonstration:
 
 
 @dataclasses.dataclass(frozen=True)
-class Instance:
-    """Which action of which demonstration, both counted from 0."""
-
-    demonstration: int
-    index: int
-
-
-@dataclasses.dataclass(frozen=True)
 class Demonstrations:
-    """A set of demonstrations of one task. `problems` says, a sentence each, which ones were left out and why; `chosen` is
-    the frame that a person has chosen for an action."""
+    """A set of demonstrations of one task. `problems` says, a sentence each, which ones were left out and why; `corrections`
+    is what a person has said about them."""
 
     frames: Frames
     demonstrations: tuple[Demonstration, ...]
     problems: tuple[str, ...] = ()
-    chosen: Mapping[Instance, str] = dataclasses.field(default_factory=dict)
+    corrections: Corrections = dataclasses.field(default_factory=Corrections)
 
     def __iter__(self) -> Iterator[Demonstration]:
         return iter(self.demonstrations)

@@ -6,9 +6,9 @@
 
 Beyond it, `info.yaml` may say in which task they were recorded (`task`, `boxes`: the size of each object, one number for a
 cube, radius and height for a cylinder, three edges otherwise), the `order` of the demonstrations where that is not the one
-of their names, `left_out`, those that nothing is to be learnt from, `chosen`, the frames that a person has chosen for
-actions, `after`, the run folder whose tree was executed before they began, and `next_layout`, the number of the first random
-layout that no demonstration has begun in.
+of their names, `left_out`, those that nothing is to be learnt from, what a person has corrected (see `correction_file`),
+`after`, the run folder whose tree was executed before they began, and `next_layout`, the number of the first random layout
+that no demonstration has begun in.
 """
 
 from __future__ import annotations
@@ -17,14 +17,16 @@ import contextlib
 import dataclasses
 import re
 import shutil
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import NAME_RULE, is_name, write_atomic
 from bt_jax._util.yaml_files import to_yaml
-from bt_jax.lfd.demonstration import Demonstration, Demonstrations, Frames, Instance
+from bt_jax.lfd.correction_file import corrections_of, forgotten, renamed, said_of
+from bt_jax.lfd.corrections import Corrections, Instance
+from bt_jax.lfd.demonstration import Demonstration, Demonstrations, Frames
 from bt_jax.lfd.demonstration_files import StrayFile, problem_of, read_demonstration, write_demonstration
 from bt_jax.lfd.demonstration_info import REBUILT, info_frames, info_of, is_described, read_info
 from bt_jax.tasks import Task, load_task, task_names, task_of_folder
@@ -80,9 +82,8 @@ class DemonstrationFolder:
     def read(self) -> Demonstrations:
         """Return all demonstrations that can be used and are not left out, and for each that cannot be used a sentence.
         Raise UserError if there is none."""
-        frames, chosen = self.frames(), self._chosen()
+        frames = self.frames()
         good: list[Demonstration] = []
-        frame_of: dict[Instance, str] = {}
         problems = [] if is_described(self.path) else [f"{self.path / 'info.yaml'} is missing or empty: {REBUILT}."]
         names = [name for name in self.names() if name not in self.left_out()]
         for name in names:
@@ -92,30 +93,40 @@ class DemonstrationFolder:
                 deleted = "" if isinstance(error, StrayFile) else f", or delete {self.path / name}"
                 problems.append(f"{name} is left out: {error}{deleted}.")
                 continue
-            for number, frame in chosen.get(name, {}).items():
-                if number <= len(one.actions) and frame in frames.names:
-                    frame_of[Instance(len(good), number - 1)] = frame
             good.append(one)
         if not names and self.names():
             raise UserError(f"every demonstration in {self.path} is left out; take one in again")
         if not good:
             raise UserError(_none_usable(self.path, [problem for problem in problems if REBUILT not in problem]))
-        return Demonstrations(frames, tuple(good), tuple(problems), frame_of)
+        said = corrections_of(self._info(), [one.name for one in good])
+        return Demonstrations(frames, tuple(good), tuple(problems), _possible(said, good, frames))
 
-    def choose(self, demonstrations: Demonstrations, instances: Collection[Instance], frame: str | None) -> None:
-        """Record that a person has chosen a frame for actions of demonstrations read from here; None takes that back.
+    def correct(self, demonstrations: Demonstrations, corrections: Corrections) -> None:
+        """Keep what a person has said about demonstrations that were read from here. Raise UserError if one of them has
+        gone, or if there is no such frame."""
+        frames = self.frames()
+        for frame in corrections.frames.values():
+            if frame not in frames.names:
+                raise UserError(f"there is no frame '{frame}'; use one of {', '.join(frames.names)}")
+        self._keep(demonstrations, corrections, Corrections.__or__)
 
-        Raise UserError if one of them has gone, or if there is no such frame.
-        """
-        frames, chosen = self.frames(), {name: dict(actions) for name, actions in self._chosen().items()}
-        if frame is not None and frame not in frames.names:
-            raise UserError(f"there is no frame '{frame}'; use one of {', '.join(frames.names)}")
-        for instance in instances:
-            name = self._existing(demonstrations.demonstrations[instance.demonstration].name).name
-            chosen.setdefault(name, {}).pop(instance.index + 1, None)
-            if frame is not None:
-                chosen[name][instance.index + 1] = frame
-        self._change(chosen=chosen)
+    def take_back(self, demonstrations: Demonstrations, corrections: Corrections) -> None:
+        """Keep nothing any more of what these corrections speak of. Raise UserError if a demonstration has gone."""
+        self._keep(demonstrations, corrections, Corrections.without)
+
+    def _keep(
+        self,
+        demonstrations: Demonstrations,
+        corrections: Corrections,
+        change: Callable[[Corrections, Corrections], Corrections],
+    ) -> None:
+        names = self.names()
+        known = [one.name for one in demonstrations]
+        for d in sorted(corrections.demonstrations):
+            self._existing(known[d])
+        numbers = {d: names.index(name) for d, name in enumerate(known) if name in names}
+        changed = change(corrections_of(self._info(), names), corrections.renumbered(numbers))
+        self._change(**said_of(changed, names))
 
     def left_out(self) -> tuple[str, ...]:
         """Return the demonstrations that are kept, but that nothing is to be learnt from."""
@@ -181,24 +192,19 @@ class DemonstrationFolder:
             raise UserError(f"'{new}' cannot name a demonstration; use {NAME_RULE}")
         if (self.path / new).exists():
             raise UserError(f"{self.path / new} exists already; choose another name")
-        source, chosen = self._existing(name), dict(self._chosen())
+        source, info = self._existing(name), self._info()
         # Both names are known to `info.yaml` while the folder is renamed, so that nothing is lost at any moment.
         order = [other for known in self.names() for other in ((new, known) if known == name else (known,))]
         left_out = [*self.left_out(), *([new] if name in self.left_out() else [])]
-        self._change(
-            order=order,
-            chosen={**chosen, **({new: chosen[name]} if name in chosen else {})},
-            left_out=left_out,
-        )
+        self._change(order=order, left_out=left_out, **renamed(info, {name: (name, new)}))
         try:
             source.rename(self.path / new)
         except OSError as error:
             raise UserError(f"{source} cannot be renamed ({error.strerror}); check who may write there") from None
-        chosen[new] = chosen.pop(name, {})
         self._change(
             order=[other for other in order if other != name],
-            chosen=chosen,
             left_out=[other for other in left_out if other != name],
+            **renamed(info, {name: (new,)}),
         )
 
     def _highest(self) -> int:
@@ -212,28 +218,16 @@ class DemonstrationFolder:
         order = self._info().get("order")
         return [name for name in order if isinstance(name, str)] if isinstance(order, list) else []
 
-    def _chosen(self) -> Mapping[str, Mapping[int, str]]:
-        """Return for each demonstration the chosen frame of each action, counted from 1."""
-        chosen = self._info().get("chosen")
-        if not isinstance(chosen, Mapping):
-            return {}
-        return {
-            name: {number: frame for number, frame in actions.items() if isinstance(number, int) and number > 0}
-            for name, actions in chosen.items()
-            if isinstance(actions, Mapping)
-        }
-
     def _forget(self, name: str) -> None:
         """Remove from `info.yaml` whatever is about a demonstration of this name."""
         self._change(
             order=[other for other in self._order() if other != name],
-            chosen={other: actions for other, actions in self._chosen().items() if other != name},
             left_out=[other for other in self.left_out() if other != name],
+            **forgotten(self._info(), name),
         )
 
     def _change(self, **values: Any) -> None:
         """Replace keys of `info.yaml`, leaving out what says nothing."""
-        values = {**values, **({"chosen": _without_empty(values["chosen"])} if "chosen" in values else {})}
         if "order" in values and values["order"] == sorted(values["order"], key=_natural):
             values["order"] = []
         info = dict(self._info())
@@ -261,5 +255,16 @@ def _natural(name: str) -> list[tuple[bool, int, str]]:
     return [(part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in re.split(r"(\d+)", name)]
 
 
-def _without_empty(chosen: Mapping[str, Mapping[int, str]]) -> dict[str, dict[int, str]]:
-    return {name: dict(actions) for name, actions in chosen.items() if actions}
+def _possible(said: Corrections, demonstrations: Sequence[Demonstration], frames: Frames) -> Corrections:
+    """Return what is about actions and frames that there are."""
+    counts = [len(one.actions) for one in demonstrations]
+
+    def there(*instances: Instance) -> bool:
+        return all(one.index < counts[one.demonstration] for one in instances)
+
+    return Corrections(
+        {one: frame for one, frame in said.frames.items() if there(one) and frame in frames.names},
+        {one: turn for one, turn in said.turns.items() if there(one)},
+        {(a, b): meant for (a, b), meant in said.orders.items() if there(a, b)},
+        said.itself,
+    )

@@ -8,15 +8,14 @@ from collections.abc import Mapping, Sequence
 from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, Control, Kind, Tree, placing_gene
 from bt_jax.encoding.walk import children, leaves
-from bt_jax.lfd.choice import with_chosen
+from bt_jax.lfd.choice import with_chosen, with_turns
 from bt_jax.lfd.clustering import NEEDED
-from bt_jax.lfd.constraints import Order, check_acyclic, orders, preconditions
-from bt_jax.lfd.demonstration import Demonstration, Demonstrations, Instance
+from bt_jax.lfd.constraints import Order, check_acyclic, meant, orders, preconditions
+from bt_jax.lfd.demonstration import Demonstration, Demonstrations
 from bt_jax.lfd.goals import Step, Subtask, sequences, subtasks
 from bt_jax.lfd.inference import Inference, infer
 from bt_jax.lfd.placements import target_of
 from bt_jax.lfd.planner import plan
-from bt_jax.lfd.questions import Question, question_of
 from bt_jax.lfd.subgoals import derive_subgoal
 from bt_jax.tasks import Subgoal, Target, Task
 
@@ -51,12 +50,6 @@ class Lesson:
     def missing(self) -> int:
         """How many more demonstrations are needed to infer the frames of the actions."""
         return max(0, NEEDED - len(self.demonstrations))
-
-    @property
-    def questions(self) -> tuple[Question, ...]:
-        """What the demonstrations leave open, at most one question for each inference."""
-        found = (question_of(i, one, self.task) for i, one in enumerate(self.inferences))
-        return tuple(question for question in found if question is not None)
 
     @property
     def placements(self) -> tuple[Behavior, ...]:
@@ -102,8 +95,8 @@ class Lesson:
 def learn(demonstrations: Demonstrations, task: Task, *, frames: Mapping[int, str] | None = None) -> Lesson:
     """Learn a tree from demonstrations recorded in a task's scene.
 
-    `frames` chooses the frame of inferences by hand, by their index in what is learnt without it, besides what has been
-    `chosen` in the demonstrations.
+    The corrections of the demonstrations count in place of what would be inferred. `frames` chooses the frame of inferences
+    by hand besides, by their index in what is learnt without it.
 
     A demonstration that moves what the robot cannot is left out, with a sentence among the problems. Raise UserError if
     the frames or boxes are not those of the task, the demonstrations contradict each other in a circle, or no tree achieves
@@ -112,17 +105,18 @@ def learn(demonstrations: Demonstrations, task: Task, *, frames: Mapping[int, st
     _check_scene(demonstrations, task)
     demonstrations = _usable(demonstrations, task)
     inferred = infer(demonstrations, task)
-    inferences = with_chosen(inferred, demonstrations, demonstrations.chosen, task)
+    inferences = with_chosen(inferred, demonstrations, demonstrations.corrections.frames, task)
     if frames:
         demonstrations = _with_frames(demonstrations, inferences, frames)
-        inferences = with_chosen(inferred, demonstrations, demonstrations.chosen, task)
+        inferences = with_chosen(inferred, demonstrations, demonstrations.corrections.frames, task)
+    inferences = with_turns(inferences, demonstrations.corrections.turns)
     steps = sequences(demonstrations, inferences)
     things = [one.things(demonstrations.frames) for one in demonstrations]
     parts = [name for name in task.instances if name not in task.object_names]
     learnt = []
     for subtask in subtasks(inferences, steps, things):
         shown = [steps[d] for d in subtask.demonstrations]
-        constraints = orders(shown)
+        constraints = meant(orders(shown), steps, demonstrations.corrections.orders)
         check_acyclic(constraints, inferences)
         extra = preconditions(constraints, inferences, shown, [things[d] for d in subtask.demonstrations], parts=parts)
         tree = plan(subtask.goal, extra=extra, parts=parts, drives=task.robot.base is not None)
@@ -164,31 +158,29 @@ def _check_scene(demonstrations: Demonstrations, task: Task) -> None:
 def _with_frames(
     demonstrations: Demonstrations, inferences: Sequence[Inference], frames: Mapping[int, str]
 ) -> Demonstrations:
-    chosen = dict(demonstrations.chosen)
+    chosen = dict(demonstrations.corrections.frames)
     for index, frame in frames.items():
         if not 0 <= index < len(inferences):
             raise UserError(
                 f"there is no action {index + 1} to choose a frame for; choose one from 1 to {len(inferences)}"
             )
         chosen |= dict.fromkeys(inferences[index].instances, frame)
-    return dataclasses.replace(demonstrations, chosen=chosen)
+    corrections = dataclasses.replace(demonstrations.corrections, frames=chosen)
+    return dataclasses.replace(demonstrations, corrections=corrections)
 
 
 def _usable(demonstrations: Demonstrations, task: Task) -> Demonstrations:
     """Return the demonstrations that move boxes only. Raise UserError if none does."""
-    good: list[Demonstration] = []
-    chosen: dict[Instance, str] = {}
+    good: dict[int, Demonstration] = {}
     problems = list(demonstrations.problems)
     for d, one in enumerate(demonstrations):
         things = one.things(demonstrations.frames)
         wrong = next((name for name in things if name not in task.object_names), None)
         if wrong is None:
-            chosen |= {
-                Instance(len(good), m.index): f for m, f in demonstrations.chosen.items() if m.demonstration == d
-            }
-            good.append(one)
+            good[d] = one
         else:
             problems.append(f"{one.name} is left out: it picks {wrong}, which the robot cannot move; record it again.")
     if not good:
         raise UserError(" ".join(problems) if problems else "there are no demonstrations; record some")
-    return dataclasses.replace(demonstrations, demonstrations=tuple(good), problems=tuple(problems), chosen=chosen)
+    corrections = demonstrations.corrections.renumbered({d: number for number, d in enumerate(good)})
+    return Demonstrations(demonstrations.frames, tuple(good.values()), tuple(problems), corrections)

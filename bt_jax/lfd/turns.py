@@ -17,12 +17,13 @@ from bt_jax.lfd.clustering import NEEDED, Observed
 from bt_jax.lfd.dbscan import dbscan
 from bt_jax.tasks import Object
 
-__all__ = ["REACH", "Turn", "apart", "common_turn", "shown_turn"]
+__all__ = ["REACH", "Turn", "apart", "common_turn", "doubtful_turn", "shown_turn"]
 
 REACH = 10.0  # degrees; turns that agree are no further than this from their mean
 HAND = 5.0  # degrees; how exactly a person turns things
 CHANCE = 0.02  # how probable it may be that unrelated turns agree as well as those that are taken as meant
 CHANCE_SQUARE = 0.002  # the same where an object looks alike after every right angle, and a turn rarely matters
+DOUBT = 10.0  # chances that differ from those by no more than this factor do not decide
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,6 +49,21 @@ def shown_turn(rows: Sequence[Observed], frame: str, thing: Object) -> Turn | No
         if not np.median(apart(turns, before, thing.symmetry)) > HAND:
             return None
     return common_turn(turns, thing.symmetry, chance=1.0 if few else CHANCE_SQUARE if square else CHANCE)
+
+
+def doubtful_turn(rows: Sequence[Observed], frame: str, thing: Object) -> Turn | None:
+    """Return the turn in a frame of which it is in doubt whether it is meant, None if there is none: it would be by chance
+    in about as many cases as decide it, or the object lay like that before."""
+    square = thing.symmetry == 90
+    turns, before = np.array([one.turn(frame) for one in rows]), np.array([one.turn_before(frame) for one in rows])
+    if not thing.symmetry or len(rows) < NEEDED or np.isnan([turns, before]).any():
+        return None
+    was_turned = float(np.median(apart(turns, before, thing.symmetry))) > HAND
+    chance = CHANCE_SQUARE if square else CHANCE
+    found = common_turn(turns, thing.symmetry, chance=DOUBT * chance)
+    if found is None or not was_turned:
+        return None if square else found
+    return found if common_turn(turns, thing.symmetry, chance=chance / DOUBT) is None else None
 
 
 def common_turn(turns: Float[np.ndarray, " n"], symmetry: float, *, chance: float = CHANCE) -> Turn | None:

@@ -11,7 +11,7 @@ from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Tree
 from bt_jax.encoding.walk import leaves as tree_leaves
 from bt_jax.gp.config import GPConfig
-from bt_jax.lfd import DemonstrationFolder, Lesson, learn, plan_task
+from bt_jax.lfd import Corrections, DemonstrationFolder, Lesson, learn, plan_task
 from bt_jax.tasks import Task, with_goal_of, with_subgoal, with_targets
 from bt_jax.training.run_config import RunConfig, package_version
 from bt_jax.training.run_folder import RunFolder
@@ -150,7 +150,9 @@ def choose_frames(folder: Path, lesson: Lesson, frames: Mapping[int, str | None]
         raise UserError(f"there is no action {wrong[0]} to choose a frame for; choose one from 1 to {count}")
     learn(lesson.demonstrations, lesson.task, frames={i: frame for i, frame in frames.items() if frame is not None})
     for index, frame in frames.items():
-        DemonstrationFolder(folder).choose(lesson.demonstrations, lesson.inferences[index].instances, frame)
+        said = Corrections(frames=dict.fromkeys(lesson.inferences[index].instances, frame or ""))
+        keep = DemonstrationFolder(folder).take_back if frame is None else DemonstrationFolder(folder).correct
+        keep(lesson.demonstrations, said)
     return lesson_from(folder, lesson.task)
 
 

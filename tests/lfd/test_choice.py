@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bt_jax._util.errors import UserError
-from bt_jax.lfd import Instance, learn
+from bt_jax.lfd import Corrections, Instance, learn
 from bt_jax.tasks import Target
 from tests.helpers.demonstrations import STACK3, STACKING, demonstrations, run
 
@@ -72,7 +72,8 @@ def test_two_demonstrations_become_one_place_in_the_chosen_frame():
 def test_the_choice_kept_in_the_demonstrations_is_the_same():
     shown = demonstrations(STACK3, STACKING)
     lesson = learn(shown, STACK3)
-    kept = dataclasses.replace(shown, chosen={lesson.inferences[1].instances[2]: "base_link"})
+    said = Corrections(frames={lesson.inferences[1].instances[2]: "base_link"})
+    kept = dataclasses.replace(shown, corrections=said)
     assert learn(kept, STACK3).inferences == learn(shown, STACK3, frames={1: "base_link"}).inferences
 
 

@@ -3,10 +3,11 @@ import shutil
 from pathlib import Path
 
 import pytest
+import yaml
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import write_atomic
-from bt_jax.lfd import DemonstrationFolder, Frames, Instance, learn
+from bt_jax.lfd import Corrections, DemonstrationFolder, Frames, Instance, learn
 from bt_jax.lfd.demonstration import RecordedTask
 from bt_jax.tasks import load_task
 from tests.helpers.demonstrations import (
@@ -119,7 +120,7 @@ def test_a_new_name_keeps_the_place_in_the_order(folder):
 def test_a_change_that_is_cut_off_loses_nothing(folder, monkeypatch, change, step):
     """Whatever the process had come to when it was killed: every demonstration is whole, there or gone."""
     before = {one.name: one.actions for one in folder.read()}
-    folder.choose(folder.read(), [Instance(1, 1)], "KittingBox")
+    folder.correct(folder.read(), Corrections(frames={Instance(1, 1): "KittingBox"}))
     left = iter(range(step))
 
     def counted(function):
@@ -143,25 +144,51 @@ def test_a_change_that_is_cut_off_loses_nothing(folder, monkeypatch, change, ste
     assert actions in ([*before.values()], [before["demo1"], before["demo3"]])
     assert {"demo1", "demo3"} <= {one.name for one in after}
     if len(actions) == 3:
-        assert after.chosen == {Instance(1, 1): "KittingBox"}
+        assert after.corrections.frames == {Instance(1, 1): "KittingBox"}
 
 
-def test_chosen_frames_follow_their_demonstration(folder):
+def test_corrections_follow_their_demonstration(folder):
     read = folder.read()
-    folder.choose(read, [Instance(0, 1), Instance(2, 3)], "KittingBox")
-    folder.choose(read, [Instance(1, 1)], "base_link")
-    assert folder.read().chosen == {
-        Instance(0, 1): "KittingBox", Instance(2, 3): "KittingBox", Instance(1, 1): "base_link"
-    }  # fmt: skip
+    said = Corrections(
+        frames={Instance(0, 1): "KittingBox", Instance(1, 1): "base_link"},
+        turns={Instance(0, 3): 90.0, Instance(2, 3): None},
+        orders={(Instance(0, 1), Instance(0, 5)): False, (Instance(1, 1), Instance(1, 3)): True},
+        itself={"Bolt1": True},
+    )
+    folder.correct(read, said)
+    assert folder.read().corrections == said
     folder.rename("demo1", "one")
     folder.delete("demo2")
-    assert folder.read().chosen == {Instance(0, 1): "KittingBox", Instance(1, 3): "KittingBox"}
-    folder.choose(folder.read(), [Instance(0, 1), Instance(1, 3)], None)
-    assert folder.read().chosen == {}
+    left = folder.read().corrections
+    assert left == Corrections(
+        frames={Instance(0, 1): "KittingBox"},
+        turns={Instance(0, 3): 90.0, Instance(1, 3): None},
+        orders={(Instance(0, 1), Instance(0, 5)): False},
+        itself={"Bolt1": True},
+    )
+    folder.take_back(folder.read(), Corrections(frames={Instance(0, 1): ""}, turns={Instance(1, 3): 10.0}))
+    assert folder.read().corrections == dataclasses.replace(left, frames={}, turns={Instance(0, 3): 90.0})
+    folder.take_back(folder.read(), left)
+    assert folder.read().corrections == Corrections()
+    assert not {"chosen", "turns", "orders", "itself"} & yaml.safe_load((folder.path / "info.yaml").read_text()).keys()
     with pytest.raises(UserError, match="no frame 'PinkBox'; use one of"):
-        folder.choose(folder.read(), [Instance(0, 1)], "PinkBox")
+        folder.correct(folder.read(), Corrections(frames={Instance(0, 1): "PinkBox"}))
     with pytest.raises(UserError, match="no demonstration 'demo2'"):
-        folder.choose(read, [Instance(1, 1)], "base_link")
+        folder.correct(read, Corrections(turns={Instance(1, 1): None}))
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        {"turns": {"demo1": {2: "left", 0: 90, "2": 90, 4: True}}, "orders": {"demo1": {2: 4}}, "itself": ["Bolt1"]},
+        {"turns": [1], "orders": {"demo1": [2]}, "chosen": {"demo1": "KittingBox", "demo9": {2: "KittingBox"}}},
+        {"chosen": {"demo1": {2: "PinkBox", 99: "KittingBox"}}, "itself": {"Bolt1": "yes"}},
+    ],
+)
+def test_corrections_that_say_nothing_valid_are_left_out(folder, said):
+    info = folder.path / "info.yaml"
+    info.write_text(yaml.safe_dump({**yaml.safe_load(info.read_text()), **said}))
+    assert folder.read().corrections == Corrections()
 
 
 def test_it_is_known_in_which_task_was_recorded(folder, tmp_path):

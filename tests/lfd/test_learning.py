@@ -10,7 +10,8 @@ from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior
 from bt_jax.encoding.arrays import violations
 from bt_jax.encoding.walk import leaves
-from bt_jax.lfd import Action, DemonstrationFolder, Demonstrations, Pose, learn
+from bt_jax.lfd import Action, DemonstrationFolder, Demonstrations, Pose, learn, open_questions
+from bt_jax.lfd.question_words import question_words
 from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.tasks import Target, load_task, with_subgoal
 from tests.helpers.demonstrations import (
@@ -42,8 +43,8 @@ def test_the_published_stack():
     assert place.tolerance == pytest.approx(0.0125, abs=0.001)
     assert place.candidates[0].frame == "GreenBox"
     assert place.candidates[-1].frame == "base_link"
-    (asked,) = lesson.questions
-    assert asked.text == "Should BlueBox follow GreenBox, or YellowBox, or its place in the kit?"
+    (asked,) = open_questions(lesson, kinds=("frame",))
+    assert question_words(asked, lesson) == "Should BlueBox follow GreenBox, YellowBox or its place in the kit?"
     published = learn(DemonstrationFolder(PUBLISHED / "stack").read(), load_task("stack"), frames={1: "YellowBox"})
     assert published.targets == (Target("BlueBox", (0.0, -0.001, 0.218), "YellowBox"),)
 
@@ -54,8 +55,8 @@ def test_the_published_pyramid():
     lesson = learn(DemonstrationFolder(PUBLISHED / "pyramid").read(), load_task("pyramid"))
     assert lesson.targets == (Target("GreenBox", (-0.062, 0.002, 0.157), "KittingBox"),)
     assert lesson.inferences[1].tied == ("YellowBox", "BlueBox")
-    (asked,) = lesson.questions
-    assert asked.alternatives == ("KittingBox", "YellowBox", "BlueBox")
+    (asked,) = open_questions(lesson, kinds=("frame",))
+    assert {answer.value for answer in asked.answers} == {"KittingBox", "YellowBox", "BlueBox"}
 
 
 @pytest.mark.parametrize("seed", range(8))

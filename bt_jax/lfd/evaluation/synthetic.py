@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from bt_jax._util.errors import UserError
 from bt_jax.lfd.demonstration import END_EFFECTOR_HEIGHT, Action, Demonstration, Demonstrations, Frames, Kind, Pose
+from bt_jax.mjx_env.world import World, poses_by_name
 from bt_jax.tasks import Object, Target, Task
 
 __all__ = [
@@ -44,13 +45,15 @@ def demonstrate(
     rng: np.random.Generator,
     noise: float = 0.0,
     name: str = "demo1",
+    start: World | None = None,
 ) -> Demonstration:
-    """Move boxes, one after the other, from a random layout of the task to their places, and return the recording.
+    """Move boxes, one after the other, from a random layout of the task, or the state `start`, to their places, and return
+    the recording.
 
     `noise` is the standard deviation of a release along each axis [m]. Layout and noise are drawn from `rng` in a way that
     the same generator without noise shows the same layout. Raise UserError if there is no room for the boxes.
     """
-    positions = _random_layout(task, rng)
+    positions = _random_layout(task, rng) if start is None else _positions(task, start)
     frames = Frames.of(task).names
     actions = []
     for placement in placements:
@@ -187,6 +190,11 @@ def _random_layout(task: Task, rng: np.random.Generator) -> Positions:
         if not gaps or min(gaps) >= task.layout.spacing:
             return positions
     raise UserError(f"task {task.name}: no room for all boxes after {TRIES} tries; lower layout.spacing")
+
+
+def _positions(task: Task, start: World) -> Positions:
+    """Return where every frame is in the world in a state."""
+    return {name: np.array(pose.position) for name, pose in poses_by_name(start, task).items() if name in task.frames}
 
 
 def _kit_cells(task: Task) -> Float[np.ndarray, "n 3"]:

@@ -88,10 +88,10 @@ def test_three_demonstrations_by_keyboard_only(page, see, demonstrate):
     expect(see("understand-frame-2-KittingBox")).to_be_focused()
     expect(see("understand-reason-2")).to_contain_text("Chosen by hand; the demonstrations alone say YellowBox")
     expect(see("understand-tree")).not_to_contain_text("YellowBox")
-    assert set(demonstrate.read().chosen.values()) == {"KittingBox"}
+    assert set(demonstrate.read().corrections.frames.values()) == {"KittingBox"}
     see("understand-auto-2").click()
     expect(see("understand-frame-2-YellowBox")).to_have_attribute("aria-pressed", "true")
-    assert demonstrate.read().chosen == {}
+    assert demonstrate.read().corrections.frames == {}
     with page.expect_download() as download:
         see("understand-xml").click()
     assert from_xml(Path(download.value.path()).read_text()) == learn(demonstrate.read(), load_task("stack")).tree
