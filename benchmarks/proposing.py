@@ -11,13 +11,16 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import itertools
+import multiprocessing
+import signal
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tyro
-from rich.progress import track
+from rich.progress import Progress
 
 from benchmarks._report import report
 from bt_jax._util.errors import UserError
@@ -34,6 +37,7 @@ from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Target, Task, load_task
 
 COUNT = 3  # demonstrations that tie
+BLOCK = 32  # sets that are handed out at a time
 UNSEEN = 1 << 25  # seeds of layouts in which trees are tried; nothing else uses them
 
 
@@ -49,6 +53,8 @@ class Arguments:
     """unseen layouts for each tree"""
     seed: int = 0
     """of the random sets"""
+    processes: int = 2
+    """that look at sets at a time"""
     out: Path | None = None
     """where to write the JSON file"""
 
@@ -72,41 +78,44 @@ class TiedSet:
 
 
 def main(arguments: Arguments) -> None:
-    tallies = {kind: Tally(arguments.seed) for kind in arguments.kinds}
-    with contextlib.suppress(KeyboardInterrupt):
-        for _ in track(range(arguments.sets), description="tied sets of each kind"):
-            for kind, tally in tallies.items():
-                tally.add(kind, arguments)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # also where a shell has started it in the background
+    tallies = {kind: Tally() for kind in arguments.kinds}
+    with multiprocessing.get_context("spawn").Pool(arguments.processes, _leave_ctrl_c) as pool, Progress() as progress:
+        jobs = {kind: progress.add_task(kind, total=arguments.sets) for kind in tallies}
+        with contextlib.suppress(KeyboardInterrupt):
+            for block in itertools.count():
+                left = [kind for kind, tally in tallies.items() if tally.counts["tied"] < arguments.sets]
+                if not left:
+                    break
+                drawn = [(kind, block * BLOCK + i, arguments) for i in range(BLOCK) for kind in left]
+                for (kind, _, _), found in zip(drawn, pool.imap(measured, drawn), strict=True):
+                    tallies[kind].add(found, arguments.sets)
+                    progress.update(jobs[kind], completed=tallies[kind].counts["tied"])
     rows = [tally.row(kind) for kind, tally in tallies.items()]
     failures = {kind: tally.failures for kind, tally in tallies.items()}
     report("proposing", "Settled by one more demonstration (%)", rows, out=arguments.out, failures=failures)
 
 
+def _leave_ctrl_c() -> None:
+    """Leave it to the first process to end."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
 @dataclasses.dataclass
 class Tally:
-    """What was counted in the tied sets of a kind so far; `drawn` sets were looked at."""
+    """What was counted in the sets of a kind so far, of which `drawn` were looked at, in the order of their numbers."""
 
-    seed: int
     drawn: int = 0
     counts: Counter[str] = dataclasses.field(default_factory=Counter)
     failures: list[str] = dataclasses.field(default_factory=list)
 
-    def add(self, kind: str, arguments: Arguments) -> None:
-        """Count the next tied set, all of it or nothing."""
-        one, number = None, self.drawn
-        while one is None:
-            one, number = tied_set(kind, (self.seed, number)), number + 1
-        found = Counter({"tied": 1, "questions": len(one.questions), "works before": works(one.lesson, one, arguments)})
-        failures = []
-        proposal = propose(one.lesson, one.questions, seed=number)
-        for name, start in (("proposed", proposal.start), ("random", None)):
-            lesson, left = after(one, start)
-            found[f"{name} settles"] = lesson is not None and not left
-            found[f"{name} works"] = lesson is not None and works(lesson, one, arguments)
-            if name == "proposed" and not found["proposed settles"]:
-                failures.append(f"set {number - 1}: {', '.join(question.kind for question in left) or 'not learnt'}")
-        self.drawn, self.failures = number, self.failures + failures
-        self.counts.update(found)
+    def add(self, found: tuple[Counter[str], list[str]] | None, most: int) -> None:
+        """Count a set, None if nothing is tied in it; with so many there are enough."""
+        if self.counts["tied"] < most:
+            self.drawn += 1
+            if found is not None:
+                self.counts.update(found[0])
+                self.failures += found[1]
 
     def row(self, kind: str) -> dict[str, Any]:
         counts, tied = self.counts, max(self.counts["tied"], 1)
@@ -115,6 +124,24 @@ class Tally:
             for key in ("works before", "proposed settles", "proposed works", "random settles", "random works")
         }
         return {"sets": kind, "drawn": self.drawn, "tied": counts["tied"], "questions": counts["questions"], **share}
+
+
+def measured(drawn: tuple[str, int, Arguments]) -> tuple[Counter[str], list[str]] | None:
+    """What one more demonstration does in the set of a number, None if nothing is tied in it."""
+    kind, number, arguments = drawn
+    one = tied_set(kind, (arguments.seed, number))
+    if one is None:
+        return None
+    found = Counter({"tied": 1, "questions": len(one.questions), "works before": works(one.lesson, one, arguments)})
+    failures = []
+    proposal = propose(one.lesson, one.questions, seed=number)
+    for name, start in (("proposed", proposal.start), ("random", None)):
+        lesson, left = after(one, start)
+        found[f"{name} settles"] = lesson is not None and not left
+        found[f"{name} works"] = lesson is not None and works(lesson, one, arguments)
+        if name == "proposed" and not found["proposed settles"]:
+            failures.append(f"set {number}: {', '.join(question.kind for question in left) or 'not learnt'}")
+    return found, failures
 
 
 def tied_set(kind: str, seed: tuple[int, ...]) -> TiedSet | None:

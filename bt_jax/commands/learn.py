@@ -65,7 +65,7 @@ def run(arguments: LearnArguments) -> None:
     lesson = _corrected(lesson, arguments)
     questions = open_questions(lesson)
     show(console, lesson, questions)
-    proposal = propose(lesson, questions) if arguments.propose else None
+    proposal = propose(lesson, questions) if arguments.propose and questions else None
     tried = try_out(lesson, settings)
     out = arguments.out or unused(
         Path("runs") / f"learn-{arguments.folder.resolve().name}-{datetime.now():%Y%m%d-%H%M%S}"
@@ -73,6 +73,8 @@ def run(arguments: LearnArguments) -> None:
     write(out, lesson, tried, questions)
     if proposal is not None:
         show_proposal(console, proposal, arguments.folder, out)
+    elif arguments.propose:
+        console.print("propose    nothing is open, so no other demonstration is needed")
     console.print(_verdict(lesson, tried, arguments, out))
     console.print(f"results    {escape(str(out))}")
 

@@ -66,8 +66,8 @@ def _starting(task: Task, start: World) -> Task:
     """Return the task that always starts in a state."""
     table = min(task.tables, key=lambda one: _off(task, one, start))
     places = []
-    for thing, pose in zip(task.objects, np.asarray(start.poses[0], float), strict=True):
-        x, y, z = (round(float(a - b), 4) + 0.0 for a, b in zip(pose[:3], task.robot_position, strict=True))
+    for thing, pose in zip(task.objects, start.poses[0], strict=True):
+        x, y, z = (round(a - b, 4) + 0.0 for a, b in zip(pose[:3].tolist(), task.robot_position, strict=True))
         turn = round(math.degrees(float(headings(pose[3:]))), 2) if thing.symmetry else 0.0
         places.append(Target(thing.name, (x, y, z), task.robot_frame, turn or None))
     layout = dataclasses.replace(task.layout, kit=table.name, stack=(), fixed=tuple(places), turn=0.0)

@@ -7,11 +7,13 @@ import math
 import re
 
 from nicegui import ui
+from nicegui.events import ValueChangeEventArguments
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.words import counted
 from bt_jax.app.panels.keep_runs import FORMATS
 from bt_jax.app.panels.parts import button, heading, known
+from bt_jax.app.panels.questions import Questions
 from bt_jax.app.plain_words import Words
 from bt_jax.app.processes.trial import LAYOUTS
 from bt_jax.app.state.studio import Studio
@@ -29,14 +31,17 @@ __all__ = ["build"]
 
 
 def build(studio: Studio, page: PageContext) -> None:
-    """Build a card for each action, then the goal, the order and the tree."""
+    """Build what is open, a card for each action, then the goal, the order and the tree."""
     _Understand(studio, page)
 
 
 class _Understand:
     def __init__(self, studio: Studio, page: PageContext) -> None:
         self.studio, self.page = studio, page
+        self.open: set[int] = set()  # actions whose reasons are unfolded
         with ui.element("div").classes("teach"):
+            self.head = ui.element("div").classes("teach")
+            self.questions = Questions(studio, page)
             self.area = ui.element("div").classes("teach")
             self.learnt = ui.element("div").classes("teach")
             with self.learnt:
@@ -61,6 +66,7 @@ class _Understand:
 
     def _refresh(self) -> None:
         lesson, library = self.studio.library.lesson, self.studio.library
+        self.head.clear()
         self.area.clear()
         self.learnt.set_visibility(lesson is not None)
         if lesson is not None:
@@ -69,7 +75,7 @@ class _Understand:
         trying = "Running it; this takes a while the first time." if library.trying else ""
         self.trial.set_text(library.trial.sentence if library.trial else trying)
         self.trial.set_visibility(bool(self.trial.text))
-        with self.area:
+        with self.head:
             ui.label(library.progress).props("data-testid=understand-progress")
             if library.problem:
                 ui.label(library.problem).classes("teach-landing teach-bad").props("data-testid=understand-problem")
@@ -81,6 +87,7 @@ class _Understand:
                     f"With fewer than {NEEDED}, every place is taken as fixed on the table. If that is wrong, "
                     "choose below what a place is relative to."
                 ).classes("teach-landing").props("data-testid=understand-missing")
+        with self.area:
             self._lesson(lesson)
 
     def _lesson(self, lesson: Lesson) -> None:
@@ -104,20 +111,24 @@ class _Understand:
                 ui.label(f"in {count} of {of}").classes("teach-hint")
             if inference.kind == "pick":
                 return
-            with ui.element("div").classes("lesson-frames").props('role=group aria-label="Relative to"'):
-                for frame, candidate in scores(lesson, inference).items():
-                    self._frame(lesson, index, inference, frame, candidate)
-            ui.label(_reason(inference, lesson)).classes("teach-hint").props(
-                f"data-testid=understand-reason-{index + 1}"
-            )
-            for question in lesson.questions:
-                if question.action == index:
-                    shown = "" if question.settled_by is None else f", or {question.settled_by}"
-                    said = f"{question.text} Choose above{shown}."
-                    ui.label(said).props(f"data-testid=understand-question-{index + 1}")
+            why = ui.expansion("Why?", value=index in self.open, on_value_change=functools.partial(self._fold, index))
+            with why.props(f"dense data-testid=understand-why-{index + 1}").classes("lesson-why"):
+                with ui.element("div").classes("lesson-frames").props('role=group aria-label="Relative to"'):
+                    for frame, candidate in scores(lesson, inference).items():
+                        self._frame(lesson, index, inference, frame, candidate)
+                ui.label(_reason(inference, lesson)).classes("teach-hint").props(
+                    f"data-testid=understand-reason-{index + 1}"
+                )
             if inference.chosen:
                 back = self.page.guard(functools.partial(self.studio.library.choose_frame, index, None))
                 button("As the demonstrations say", f"understand-auto-{index + 1}", "undo", back, more="flat")
+
+    def _fold(self, index: int, event: ValueChangeEventArguments) -> None:
+        """Remember which reasons are unfolded when all of it is built again."""
+        if event.value:
+            self.open.add(index)
+        else:
+            self.open.discard(index)
 
     def _frame(self, lesson: Lesson, index: int, inference: Inference, frame: str, candidate: Candidate | None) -> None:
         chosen = frame == inference.frame

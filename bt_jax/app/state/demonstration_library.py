@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
+from collections.abc import Callable
 from pathlib import Path
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.phrases import phrase
+from bt_jax.app.processes.answer_pictures import answer_pictures
 from bt_jax.app.processes.trial import Trial, try_out
 from bt_jax.app.state.bus import Bus
 from bt_jax.app.state.edited_task import EditedTask
@@ -15,13 +17,24 @@ from bt_jax.app.state.replay import handled
 from bt_jax.app.state.trash import Trash
 from bt_jax.app.state.worker import Worker
 from bt_jax.app.state.workspace import Workspace
-from bt_jax.lfd import DemonstrationFolder, Lesson
+from bt_jax.lfd import (
+    Answer,
+    Corrections,
+    DemonstrationFolder,
+    Demonstrations,
+    Lesson,
+    Proposal,
+    Question,
+    open_questions,
+    propose,
+)
 from bt_jax.lfd.clustering import NEEDED
 from bt_jax.lfd.disagreement import Disagreement, disagreements
+from bt_jax.lfd.questions import Answered
 from bt_jax.tasks import Task
 from bt_jax.training.phases import choose_frames, lesson_from
 
-__all__ = ["DemonstrationLibrary", "ListedDemonstration"]
+__all__ = ["Asked", "DemonstrationLibrary", "ListedDemonstration"]
 
 FIRST_SET = "demonstrations"
 
@@ -42,9 +55,19 @@ class ListedDemonstration:
         return not (self.problem or self.left_out)
 
 
+@dataclasses.dataclass(frozen=True)
+class Asked:
+    """What is open in a lesson, and the addresses of a picture of each answer to each question, none where none can be
+    drawn."""
+
+    questions: tuple[Question, ...]
+    pictures: tuple[tuple[str, ...], ...]
+
+
 class DemonstrationLibrary:
     """`kept` are the demonstrations of the set with the name `set_name`, `lesson` is what they teach for the edited task,
-    `problem` why they teach nothing; `trial` is how often the tree that was learnt works."""
+    `problem` why they teach nothing, `asked` what they leave open, None while that is not known; `trial` is how often the
+    tree that was learnt works."""
 
     def __init__(self, bus: Bus, worker: Worker, workspace: Workspace, edited: EditedTask) -> None:
         self.set_name = FIRST_SET
@@ -52,11 +75,13 @@ class DemonstrationLibrary:
         self.kept: tuple[ListedDemonstration, ...] = ()
         self.lesson: Lesson | None = None
         self.problem = ""
+        self.asked: Asked | None = None
         self.trial: Trial | None = None
         self.trying = False
         self._bus, self._worker, self._workspace, self._edited = bus, worker, workspace, edited
         self._trash = Trash(workspace)
         self._reading = asyncio.Lock()
+        self._asking: Lesson | None = None  # of which it is being found out what is open
         self._refreshing: asyncio.Task | None = None
         bus.subscribe("task", self._learn_again)
 
@@ -116,9 +141,7 @@ class DemonstrationLibrary:
 
     async def choose_frame(self, index: int, frame: str | None) -> None:
         """Set the frame of an inference, None for the one that the demonstrations suggest, and learn again."""
-        lesson = self.lesson
-        if lesson is None:
-            raise UserError("nothing has been learnt yet; give demonstrations in step 3")
+        lesson = self._known()
         try:
             await self._worker.work(choose_frames, self.folder.path, lesson, {index: frame})
         finally:
@@ -134,18 +157,56 @@ class DemonstrationLibrary:
             same = self.read and (kept, lesson, problem) == (self.kept, self.lesson, self.problem)
             self.read, self.kept, self.lesson, self.problem = True, kept, lesson, problem
         if not same:
-            self.trial = None
+            self.trial = self.asked = None
             self._bus.changed("demonstrations", "lesson")
+
+    async def ask(self) -> None:
+        """Find out what is open in the lesson, once, beside what else is done."""
+        lesson = self.lesson
+        if lesson is None or self.asked is not None or self._asking is lesson:
+            return
+        self._asking = lesson
+        try:
+            asked = await asyncio.to_thread(_asked, lesson)
+            if self.lesson is lesson:
+                self.asked = asked
+                self._bus.changed("lesson")
+        finally:
+            self._asking = None if self._asking is lesson else self._asking
+
+    async def answer(self, answer: Answer) -> None:
+        """Keep an answer to a question about the lesson, and learn again."""
+        await self._correct(self.folder.correct, answer.corrections)
+
+    async def take_back(self, said: Answered) -> None:
+        """Keep an answer no longer, and learn again."""
+        await self._correct(self.folder.take_back, said.corrections)
+
+    async def _correct(self, change: Callable[[Demonstrations, Corrections], None], corrections: Corrections) -> None:
+        lesson = self._known()
+        try:
+            await self._worker.work(change, lesson.demonstrations, corrections)
+        finally:
+            await self.refresh()
+
+    async def propose(self) -> Proposal:
+        """Return the start of the demonstration that settles most of what is open. Raise UserError if nothing is."""
+        lesson, asked = self._known(), self.asked
+        return await asyncio.to_thread(propose, lesson, () if asked is None else asked.questions)
+
+    def _known(self) -> Lesson:
+        """Return the lesson. Raise UserError if there is none."""
+        if self.lesson is None:
+            raise UserError("nothing has been learnt yet; give demonstrations in step 3")
+        return self.lesson
 
     def forget_lesson(self) -> None:
         """Drop what was learnt for a task that is no longer edited."""
-        self.lesson = None
+        self.lesson = self.asked = None
 
     async def try_out(self) -> None:
         """Measure how often the learnt tree works, in a process of its own."""
-        lesson = self.lesson
-        if lesson is None:
-            raise UserError("nothing has been learnt yet; give demonstrations in step 3")
+        lesson = self._known()
         if self.trying:
             raise UserError("the tree is being tried already; wait for the result")
         self.trying = True
@@ -206,3 +267,8 @@ def _learnt(
         return kept, (lesson_from(folder.path, task) if learns else None), ""
     except UserError as error:
         return kept, None, phrase(error, root)
+
+
+def _asked(lesson: Lesson) -> Asked:
+    questions = open_questions(lesson)
+    return Asked(questions, answer_pictures(questions, lesson.task))

@@ -59,8 +59,8 @@ def _shown(studio: Studio) -> int:
 
 
 def _understood(studio: Studio) -> bool:
-    lesson = studio.library.lesson
-    return lesson is not None and not lesson.missing and not lesson.questions
+    lesson, asked = studio.library.lesson, studio.library.asked
+    return lesson is not None and not lesson.missing and asked is not None and not asked.questions
 
 
 def _ran(studio: Studio) -> bool:
@@ -108,7 +108,7 @@ def _after_understand(studio: Studio) -> Advice:
     if studio.library.lesson is None:
         return Advice("Nothing was shown yet.", "demonstrate")
     following: Step = "run" if studio.evolution.run is None else "combine"
-    if studio.library.lesson.questions:
+    if studio.library.asked is not None and studio.library.asked.questions:
         return Advice("Answer the question above first.", following, ready=False)
     if following == "run":
         return Advice("Watch the tree at work.", "run")

@@ -111,8 +111,8 @@ class Teaching:
         world = self._edited.start if self.session is None else self.shown
         self.shown = dataclasses.replace(world, reached=subgoals_by_sight(self._edited.task, world))
 
-    async def begin(self, *, reached: bool) -> None:
-        """Begin a demonstration, from the start or from where the tree ends."""
+    async def begin(self, *, reached: bool, start: World | None = None) -> None:
+        """Begin a demonstration, from the start, or that which is given (a batch of one), or from where the tree ends."""
         task = self._edited.task
         if reached and self._playing.tree is None:
             raise UserError("no tree has been learnt yet; evolve one in step 2, or begin from the start")
@@ -124,7 +124,9 @@ class Teaching:
             if (folder.path / "info.yaml").exists():
                 folder.create(Frames.of(task))  # says now, and not at the end, that this set is for another task
             number = max(self._layout, folder.next_layout())
-            layout = sample_layouts(task, [DEMONSTRATED, number], 1) if self.elsewhere else self._edited.start
+            layout = start or (
+                sample_layouts(task, [DEMONSTRATED, number], 1) if self.elsewhere else self._edited.start
+            )
             session = await self._worker.work(_begun, task, self._worker.physics(task), tree, layout)
             if not same_things(self._edited.task, task):
                 raise UserError("another task was chosen meanwhile; begin again")

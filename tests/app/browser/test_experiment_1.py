@@ -60,6 +60,7 @@ def test_experiment_1_through_the_page(page, see, server, shoot):
     go(see, "understand")
     expect(see("understand-action-2")).to_contain_text("in 3 of 3 demonstrations")
     # In three stacks all boxes have moved together; the person knows which one is meant.
+    see("understand-why-2").get_by_text("Why?").click()
     see("understand-frame-2-GreenBox").click()
     expect(see("understand-action-2")).to_contain_text("BlueBox on top of GreenBox")
     shoot("understand")

@@ -1,16 +1,19 @@
 """A person who demonstrates, looks at what was understood, and knows better."""
 
+import dataclasses
 import re
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from playwright.sync_api import expect
 
 from bt_jax.encoding.formats.xml_reader import from_xml
-from bt_jax.lfd import DemonstrationFolder, learn
-from bt_jax.tasks import load_task
+from bt_jax.lfd import Corrections, DemonstrationFolder, Frames, learn
+from bt_jax.lfd.evaluation.synthetic import demonstrate as shown
+from bt_jax.tasks import Target, load_task
 from tests.helpers.browser.gripper import carry, position, press, said, set_step
 from tests.helpers.browser.keys import press_on
 from tests.helpers.browser.scene import click
@@ -78,6 +81,8 @@ def test_three_demonstrations_by_keyboard_only(page, see, demonstrate):
     go(see, "understand")
     expect(see("understand-action-2")).to_contain_text("Set down GreenBox on top of YellowBox")
     expect(see("understand-action-2")).to_contain_text("in 3 of 3 demonstrations")
+    expect(see("understand-clear")).to_contain_text("Nothing is open")
+    see("understand-why-2").get_by_text("Why?").click()
     expect(see("understand-reason-2")).to_contain_text("in YellowBox")
     expect(see("understand-frame-2-YellowBox")).to_have_attribute("aria-pressed", "true")
     expect(see("understand-frame-2-YellowBox").locator("circle")).to_have_count(3)
@@ -328,3 +333,35 @@ def test_two_windows_show_one_demonstration_that_one_of_them_steers(window, page
     expect(see("demonstrate-pose-KittingBox-z")).to_have_text(said(before + 4))
     other.context.close()
     expect(see("holder-gripper")).to_be_hidden()
+
+
+def test_what_is_open_is_asked_and_settled(page, see, demonstrate):
+    """The kit stood on one table each time: is GreenBox's place in the kit, or a fixed one?"""
+    task = load_task("stack")
+    left = dataclasses.replace(task, layout=dataclasses.replace(task.layout, kit=task.tables[0].name))
+    demonstrate.create(Frames.of(task))
+    place = Target("GreenBox", (0.0, 0.0, 0.0525), "KittingBox")
+    for number in range(3):
+        demonstrate.append(shown(left, [place], rng=np.random.default_rng(number)))
+    go(see, "task")
+    go(see, "demonstrate")  # reads what is there
+    expect(see("demonstrate-progress")).to_contain_text("3 demonstrations: enough")
+    go(see, "understand")
+    question = see("understand-question-1")
+    expect(question).to_contain_text(
+        "Should GreenBox follow its place in the kit, or stay at a fixed place?", timeout=60_000
+    )
+    expect(question.locator("img")).to_have_count(2)
+    taken = see("understand-tree").inner_text()
+    press_on(see("understand-answer-1-2"), "Enter")
+    expect(see("understand-answered-1")).to_have_text("GreenBox stays at a fixed place.")
+    expect(see("understand-clear")).to_be_visible(timeout=60_000)
+    expect(see("understand-tree")).not_to_have_text(taken)
+    assert set(demonstrate.read().corrections.frames.values()) == {"base_link"}
+    see("understand-take-back-1").click()
+    expect(question).to_be_visible(timeout=60_000)
+    assert demonstrate.read().corrections == Corrections()
+    see("understand-propose").click()
+    expect(see("demonstrate-finish")).to_be_visible(timeout=60_000)
+    expect(see("message")).to_contain_text("Start with")
+    expect(see("message")).not_to_contain_text(f"the kit on {task.tables[0].name}")

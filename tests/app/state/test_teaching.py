@@ -1,6 +1,7 @@
 """A person who teaches, without a browser."""
 
 import asyncio
+import dataclasses
 import math
 
 import numpy as np
@@ -10,9 +11,11 @@ from bt_jax._util.errors import UserError
 from bt_jax.app.state.demonstration_library import ListedDemonstration
 from bt_jax.app.state.directions import DIRECTIONS
 from bt_jax.encoding.formats.text import parse_tree
-from bt_jax.lfd import plan_task
+from bt_jax.lfd import Frames, plan_task
+from bt_jax.lfd.evaluation.synthetic import demonstrate as shown
+from bt_jax.lfd.questions import answered
 from bt_jax.mjx_env.world import frames, to_world
-from bt_jax.tasks import load_task
+from bt_jax.tasks import Target, load_task
 from tests.helpers.asynchronous import in_loop
 
 TASK = load_task("stack")
@@ -345,3 +348,36 @@ async def test_another_task_does_not_lose_a_demonstration(studio):
     await studio.teaching.discard()
     studio.open_task(load_task("stack3"))
     await studio.library._refreshing
+
+
+@in_loop
+async def test_what_is_open_is_asked_answered_and_taken_back(studio):
+    """The kit stood on one table each time: is the place in the kit, or a fixed one?"""
+    library, folder = studio.library, studio.library.folder
+    layout = dataclasses.replace(TASK.layout, kit=TASK.tables[0].name)
+    folder.create(Frames.of(TASK))
+    place = Target("GreenBox", (0.0, 0.0, 0.0525), "KittingBox")
+    for number in range(3):
+        folder.append(
+            shown(dataclasses.replace(TASK, layout=layout), [place], rng=np.random.default_rng(number), noise=0.002)
+        )
+    await library.refresh()
+    assert library.asked is None
+    await library.ask()
+    (question,) = library.asked.questions
+    assert [answer.value for answer in question.answers] == ["KittingBox", "base_link"]
+    proposal = await library.propose()
+    await studio.teaching.begin(reached=False, start=proposal.start)
+    np.testing.assert_array_equal(studio.teaching.session.world.kits, proposal.start.kits)
+    await studio.teaching.discard()
+    before = library.lesson
+    await library.answer(question.answers[1])
+    assert library.lesson.tree == question.answers[1].lesson.tree != before.tree
+    assert library.asked is None  # until it is asked for again
+    await library.ask()
+    assert library.asked.questions == ()
+    (said,) = answered(library.lesson)
+    await library.take_back(said)
+    assert library.lesson == before
+    with pytest.raises(UserError, match="leave nothing open"):
+        await library.propose()
