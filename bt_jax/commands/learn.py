@@ -91,14 +91,16 @@ def _choices(words: Sequence[str]) -> dict[int, str | None]:
 
 
 def _corrected(lesson: Lesson, arguments: LearnArguments) -> Lesson:
-    """Return what is learnt with the answers that are given, and without those that are taken back, both of which are kept.
-    The numbers are those of what was printed before. Raise UserError if there is no such question or answer."""
+    """Return what is learnt with the answers that are given, and without those that are taken back, and keep both. The
+    numbers are those that were printed before. Raise UserError, and keep nothing, if there is no such question or answer."""
     folder, known = DemonstrationFolder(arguments.folder), answered(lesson)
     questions = open_questions(lesson) if arguments.answers else ()
     chosen = [_answer(word, questions) for word in arguments.answers]
     for number in arguments.take_back:
         if not 1 <= number <= len(known):
-            raise UserError(f"--take-back {number}: {counted(len(known), 'answer')} can be taken back; give its number")
+            most = f"give a number up to {len(known)}" if known else "leave out --take-back"
+            raise UserError(f"there is no answer {number} to take back; {most}")
+    for number in arguments.take_back:
         folder.take_back(lesson.demonstrations, known[number - 1].corrections)
     for answer in chosen:
         folder.correct(lesson.demonstrations, answer.corrections)
@@ -111,10 +113,10 @@ def _answer(word: str, questions: Sequence[Question]) -> Answer:
     if len(numbers) != 2 or word.count("=") != 1:
         raise UserError(f"--answers {word} is no answer; write QUESTION=ANSWER with two numbers, for instance 1=2")
     question, answer = numbers
+    if not questions:
+        raise UserError("nothing is open; leave out --answers")
     if not 1 <= question <= len(questions):
-        raise UserError(
-            f"--answers {word}: {counted(len(questions), 'question')} are open; give the number of one of them"
-        )
+        raise UserError(f"--answers {word}: there are the questions 1 to {len(questions)}; choose one of them")
     if not 1 <= answer <= len(questions[question - 1].answers):
         last = len(questions[question - 1].answers)
         raise UserError(f"--answers {word}: question {question} has the answers 1 to {last}; choose one of them")

@@ -171,12 +171,14 @@ def test_demonstrations_are_kept_and_frames_chosen_on_the_command_line(tmp_path)
     assert "chosen by hand" in done.stdout
     assert "2 of 2" in done.stdout
     assert learn(folder.read(), TASK).targets[0].frame == "GreenBox"  # kept with the demonstrations
-    for bad, remedy in [
-        ("9=auto", "choose one from 1 to 2"),
-        ("2=PinkBox", "choose KittingBox"),
-        ("x", "write ACTION=FRAME"),
+    for option, bad, remedy in [
+        ("--frames", "9=auto", "choose one from 1 to 2"),
+        ("--frames", "2=PinkBox", "choose KittingBox"),
+        ("--frames", "x", "write ACTION=FRAME"),
+        ("--answers", "1=1", "nothing is open; leave out --answers"),
+        ("--take-back", "2", "there is no answer 2 to take back"),
     ]:
-        done = command("bt_jax.learn", folder.path, "--frames", bad, *options, tmp_path / "b")
+        done = command("bt_jax.learn", folder.path, option, bad, *options, tmp_path / "b")
         assert (done.returncode, done.stderr.count("\n")) == (2, 1)
         assert remedy in done.stderr
     done = command("bt_jax.learn", folder.path, "--frames", "2=auto", *options, tmp_path / "b")

@@ -77,7 +77,7 @@ class Questions:
                 mark(ui.element("img"), f"understand-picture-{numbers}", src=address, alt="")
             ui.label(words)
             if taken:
-                ui.label("until you answer").classes("teach-hint")
+                ui.label("taken until you answer").classes("teach-hint")
 
     def _answered(self, lesson: Lesson, number: int, said: Answered) -> None:
         with ui.row().classes("items-center gap-2 no-wrap"):

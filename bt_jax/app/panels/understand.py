@@ -29,6 +29,11 @@ from bt_jax.lfd.inference import Inference
 
 __all__ = ["build"]
 
+SQUARES = (
+    "Each square shows from above where you put the object, relative to one thing: a dot for each demonstration. The closer the "
+    "dots, the more likely this is what you meant. Click a square to choose it."
+)
+
 
 def build(studio: Studio, page: PageContext) -> None:
     """Build what is open, a card for each action, then the goal, the order and the tree."""
@@ -94,11 +99,6 @@ class _Understand:
         heading("What was done, and what each place is relative to")
         for index, inference in enumerate(lesson.inferences):
             self._action(lesson, index, inference)
-        if any(one.kind == "place" for one in lesson.inferences):
-            ui.label(
-                "Each square shows from above where you put the object, relative to one thing: a dot for each "
-                "demonstration. The closer the dots, the more likely this is what you meant. Click a square to choose it."
-            ).classes("teach-hint")
         self._goal(lesson)
 
     def _action(self, lesson: Lesson, index: int, inference: Inference) -> None:
@@ -116,6 +116,7 @@ class _Understand:
                 with ui.element("div").classes("lesson-frames").props('role=group aria-label="Relative to"'):
                     for frame, candidate in scores(lesson, inference).items():
                         self._frame(lesson, index, inference, frame, candidate)
+                ui.label(SQUARES).classes("teach-hint")
                 ui.label(_reason(inference, lesson)).classes("teach-hint").props(
                     f"data-testid=understand-reason-{index + 1}"
                 )

@@ -335,7 +335,7 @@ def test_two_windows_show_one_demonstration_that_one_of_them_steers(window, page
     expect(see("holder-gripper")).to_be_hidden()
 
 
-def test_what_is_open_is_asked_and_settled(page, see, demonstrate):
+def test_what_is_open_is_asked_and_settled(page, see, demonstrate, shoot):
     """The kit stood on one table each time: is GreenBox's place in the kit, or a fixed one?"""
     task = load_task("stack")
     left = dataclasses.replace(task, layout=dataclasses.replace(task.layout, kit=task.tables[0].name))
@@ -352,6 +352,7 @@ def test_what_is_open_is_asked_and_settled(page, see, demonstrate):
         "Should GreenBox follow its place in the kit, or stay at a fixed place?", timeout=60_000
     )
     expect(question.locator("img")).to_have_count(2)
+    shoot("understand")
     taken = see("understand-tree").inner_text()
     press_on(see("understand-answer-1-2"), "Enter")
     expect(see("understand-answered-1")).to_have_text("GreenBox stays at a fixed place.")
