@@ -180,7 +180,7 @@ def test_corrections_follow_their_demonstration(folder):
 @pytest.mark.parametrize(
     "said",
     [
-        {"turns": {"demo1": {2: "left", 0: 90, "2": 90, 4: True}}, "orders": {"demo1": {2: 4}}, "itself": ["Bolt1"]},
+        {"turns": {"demo1": {2: "left", 0: 90, "x": 90, 4: True}}, "orders": {"demo1": {2: 4}}, "itself": ["Bolt1"]},
         {"turns": [1], "orders": {"demo1": [2]}, "chosen": {"demo1": "KittingBox", "demo9": {2: "KittingBox"}}},
         {"chosen": {"demo1": {2: "PinkBox", 99: "KittingBox"}}, "itself": {"Bolt1": "yes"}},
     ],

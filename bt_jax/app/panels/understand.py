@@ -30,8 +30,8 @@ from bt_jax.lfd.inference import Inference
 __all__ = ["build"]
 
 SQUARES = (
-    "Each square shows from above where you put the object, relative to one thing: a dot for each demonstration. The closer the "
-    "dots, the more likely this is what you meant. Click a square to choose it."
+    "Each square shows from above where you put the object, relative to one thing: a dot for each demonstration. The closer "
+    "the dots, the more likely this is what you meant. Click a square to choose it."
 )
 
 
