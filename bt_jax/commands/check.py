@@ -173,8 +173,8 @@ def _points(path: Path) -> str:
 
 def _log(path: Path) -> str:
     with _needs_robot():
-        from bt_jax.deploy.commands.replay import program_of  # heavy: only the robot needs these
         from bt_jax.deploy.execution.log_reader import read_log
+        from bt_jax.deploy.execution.recorded import program_of  # heavy: only the robot needs these
     entries = read_log(path)
     program = program_of(next(entries), path)
     kinds = [entry["kind"] for entry in entries]

@@ -17,9 +17,9 @@ from bt_jax._util.files import write_atomic
 from bt_jax._util.statistics import wilson
 from bt_jax._util.words import counted
 from bt_jax.deploy.commands.arguments import RatesArguments
-from bt_jax.deploy.commands.replay import program_of
 from bt_jax.deploy.execution.fault_counts import FaultCounts, count_faults
 from bt_jax.deploy.execution.log_reader import Damage, numbered_entries
+from bt_jax.deploy.execution.recorded import program_of
 
 __all__ = ["Estimate", "estimates", "rates_command"]
 

@@ -18,14 +18,13 @@ from bt_jax.deploy.execution.decision import Look, Step, decide
 from bt_jax.deploy.execution.log_reader import Damage, numbered_entries
 from bt_jax.deploy.execution.observation import Observation, pose_from_list
 from bt_jax.deploy.execution.program import Program
+from bt_jax.deploy.execution.recorded import program_of, statuses_of
 from bt_jax.deploy.execution.settings import Limits
 from bt_jax.deploy.execution.statuses import Context
 from bt_jax.encoding.drawing.terminal import draw_text
-from bt_jax.encoding.formats.text import parse_tree
 from bt_jax.encoding.interpret import TreeMemory
 from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import prefix
-from bt_jax.tasks import task_from_dict
 
 __all__ = ["Replayed", "replay", "replay_command"]
 
@@ -62,18 +61,6 @@ class _Tick:
     phase: str
 
 
-def program_of(start: Mapping[str, Any], source: Path) -> Program:
-    """Return the program that a log was written for. Raise UserError if its digest does not fit its tree."""
-    for key in ("task", "tree", "digest"):
-        if key not in start:
-            raise UserError(f"{source} lacks the {key}; give the log that a run has written")
-    task = task_from_dict(start["task"], source=str(source), kept=True)
-    program = Program(task, parse_tree(start["tree"]))
-    if program.digest != start["digest"]:
-        raise UserError(f"{source} was changed, its tree is not that of its digest; use the log as it was written")
-    return program
-
-
 def replay(path: Path) -> Iterator[Replayed]:
     """Tick the tree of a log again, with what was known at each tick that ticked it. Raise UserError at a damaged line."""
     damage = Damage(path, strict=True)
@@ -90,7 +77,7 @@ def _intact_ticks(program: Program, entries: Iterable[tuple[int, dict[str, Any]]
         if entry["kind"] == "tick" and entry["statuses"] is not None:
             tick = None
             with damage.noted(number):
-                seen, statuses = Observation.from_dict(entry["seen"]), _statuses(entry["statuses"])
+                seen, statuses = Observation.from_dict(entry["seen"]), statuses_of(entry["statuses"])
                 if len(statuses) != nodes:
                     raise ValueError(f"{len(statuses)} statuses of {nodes} nodes")
                 context, now = _context(entry["context"], seen), entry.get("time", seen.time)
@@ -164,7 +151,7 @@ def _tell(
                 time = entry["seen"]["time"] - began
                 holding = entry["seen"]["holding"] or "nothing"
                 console.print(f"\n{time:8.2f} s  {entry['phase']}, holding {holding}", markup=False)
-                console.print(_drawing(tree, _statuses(entry["statuses"])))
+                console.print(_drawing(tree, statuses_of(entry["statuses"])))
             previous = shown
         elif entry["kind"] == "action":
             reason = f": {entry['reason']}" if entry["reason"] else ""
@@ -196,10 +183,6 @@ def _summary(entries: list[dict[str, Any]]) -> str:
     lines.append(f"ticks      {end.get('ticks')}, {end.get('overruns')} too slow")
     lines.append(f"end        {end.get('reason')} after {end.get('seconds', 0.0):.1f} s (exit code {end['exit_code']})")
     return "\n".join(lines)
-
-
-def _statuses(text: str) -> tuple[Status | None, ...]:
-    return tuple(None if character == "." else Status(int(character)) for character in text)
 
 
 def _context(data: Mapping[str, Any], seen: Observation) -> Context:

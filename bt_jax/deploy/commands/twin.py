@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import json
 import time
 from collections.abc import Iterable
 from pathlib import Path
 
-import mujoco
 import numpy as np
 from rich.console import Console
 from rich.markup import escape
@@ -25,11 +23,12 @@ from bt_jax.deploy.commands.serve import serve_twin
 from bt_jax.deploy.execution.program import Program, load_program
 from bt_jax.deploy.execution.settings import TWIN_SECONDS, Exit, Limits
 from bt_jax.deploy.robot.yumi import YUMI
-from bt_jax.deploy.twin.cell import FILM, build_scene
+from bt_jax.deploy.twin.cell import build_scene
+from bt_jax.deploy.twin.cell_view import CellView
 from bt_jax.deploy.twin.fault_injector import check_faults
 from bt_jax.deploy.twin.run import TwinRun, TwinTick, run_twin
 from bt_jax.deploy.twin.settings import Realism
-from bt_jax.mjx_env.render.offscreen import View, write_film
+from bt_jax.mjx_env.render.offscreen import write_film
 from bt_jax.tasks import load_faults, with_faults
 
 __all__ = ["survey", "twin_command"]
@@ -187,20 +186,13 @@ def _summary(run: TwinRun) -> dict:
 
 
 def _film(program: Program, seed: int, states: list[np.ndarray], path: Path, console: Console) -> None:
-    scene = build_scene(YUMI, program.task, seed)
-    model = copy.copy(scene.model)
-    model.vis.global_.offwidth, model.vis.global_.offheight = SIZE
-    model.vis.quality.offsamples = 4
-    data, view = mujoco.MjData(model), View(model, FILM, width=SIZE[0], height=SIZE[1])
+    view = CellView(build_scene(YUMI, program.task, seed), width=SIZE[0], height=SIZE[1])
     frames = []
     if path.suffix.lower() == ".png":
         states = [states[round(i)] for i in np.linspace(0, len(states) - 1, STILLS)]
     try:
         for qpos in track(states, "filming", console=console, transient=True, disable=not console.is_terminal):
-            data.qpos[:] = qpos
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_camlight(model, data)
-            frames.append(view(data))
+            frames.append(view(qpos))
     finally:
         view.close()
     write_film(path, frames, FPS)

@@ -25,14 +25,21 @@ OFF = (2.0, 0.0)  # where it is meanwhile, on the floor and out of the camera's 
 
 @dataclasses.dataclass(frozen=True)
 class Touch:
-    """What the person did: "move", "remove" or "return"; or what else happened, a name of `twin.disturbances` or a fault."""
+    """What the person did: "move", "push", "put", "remove" or "return"; or what else happened, a name of
+    `twin.disturbances` or a fault."""
 
     time: float
     what: str
     box: str
 
     def __str__(self) -> str:
-        words = {"move": "moves {}", "remove": "takes {} away", "return": "brings {} back"}
+        words = {
+            "move": "moves {}",
+            "push": "pushes {}",
+            "put": "puts {} elsewhere",
+            "remove": "takes {} away",
+            "return": "brings {} back",
+        }
         return f"a person {words[self.what].format(self.box)}" if self.what in words else f"{self.what}: {self.box}"
 
 
@@ -45,7 +52,11 @@ class PersonsHand:
 
     def free(self) -> list[str]:
         """Return the boxes that no hand is near and no other box stands on."""
-        return free_boxes(self.scene.task, self._poses(), self._hands())
+        return free_boxes(self.scene.task, self.poses(), self._hands())
+
+    def poses(self) -> dict[str, RigidTransform]:
+        """Return where the boxes are, in the world."""
+        return box_poses(self.scene, self.controller.state()[1])
 
     def move(self, now: float, box: str, what: str = "move") -> Touch | None:
         """Put a box on a free place of a table without a kit, None if there is none."""
@@ -61,17 +72,21 @@ class PersonsHand:
         """Bring a box back, as `move` does."""
         return self.move(now, box, "return")
 
-    def _lay(self, now: float, what: str, box: str, spot: Point) -> Touch:
-        turn = Rotation.from_euler("z", self.rng.uniform(-np.pi, np.pi))
-        self.controller.put(box, RigidTransform.from_components(spot, turn))
+    def lay(self, now: float, what: str, box: str, pose: RigidTransform) -> Touch:
+        """Put a box to a pose in the world, whatever is there."""
+        self.controller.put(box, pose)
         touch = Touch(now, what, box)
         self.touches.append(touch)
         return touch
 
+    def _lay(self, now: float, what: str, box: str, spot: Point) -> Touch:
+        turn = Rotation.from_euler("z", self.rng.uniform(-np.pi, np.pi))
+        return self.lay(now, what, box, RigidTransform.from_components(spot, turn))
+
     def _spot(self, box: str) -> Point | None:
         """Return a free place on a table without a kit, away from other boxes and from the hands."""
         task, height = self.scene.task, self.scene.task.thing(box).height
-        others = [pose.translation for name, pose in self._poses().items() if name != box]
+        others = [pose.translation for name, pose in self.poses().items() if name != box]
         standing = [table_under(task, kit.translation) for kit in self.scene.kits.values()]
         tables = [table for table in task.tables if table not in standing]
         near = [*((other, task.layout.spacing) for other in others), *((hand, AWAY) for hand in self._hands())]
@@ -85,9 +100,6 @@ class PersonsHand:
 
     def _hands(self) -> list[Point]:
         return list(tcp_points(self.scene, self.controller.state()[1]).values())
-
-    def _poses(self) -> dict[str, RigidTransform]:
-        return box_poses(self.scene, self.controller.state()[1])
 
 
 class Person:

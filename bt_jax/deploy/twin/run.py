@@ -11,7 +11,7 @@ import dataclasses
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -44,7 +44,7 @@ from bt_jax.deploy.twin.rendered_camera import RenderedCamera
 from bt_jax.deploy.twin.settings import Realism
 from bt_jax.tasks import Task
 
-__all__ = ["TwinRun", "TwinTick", "run_twin"]
+__all__ = ["Interference", "TwinRun", "TwinTick", "run_twin"]
 
 DISTURBED = (2.0, 25.0)  # seconds within which the person comes, before a run of three boxes ends
 WAITING = 60.0  # seconds by the clock that simulated time may stand still for a plan
@@ -57,6 +57,19 @@ class TwinTick:
     shown: TickReport
     qpos: Float[np.ndarray, " nq"]
     touch: Touch | None
+
+
+@runtime_checkable
+class Interference(Protocol):
+    """Who or what interferes with a run: called at each tick with the time [s], it returns what it did last, None for
+    nothing; `touches` is all that it did."""
+
+    @property
+    def touches(self) -> list[Touch]:
+        """All that it did."""
+
+    def __call__(self, now: float, shown: TickReport) -> Touch | None:
+        """Return what happens now, None if nothing."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,14 +104,16 @@ def run_twin(
     pace: Pace | None = None,
     on_tick: Callable[[TwinTick], None] | None = None,
     prepare: Callable[[Controller, Perceiving], None] | None = None,
+    visitor: Callable[[TwinScene, Controller, np.random.Generator], Interference] | None = None,
     realism: Realism | None = None,
     disturbance: str | None = None,
     draw: int = 0,
 ) -> TwinRun:
     """Run a tree on a robot in one layout, in a cell as real as `realism` says, by default as a real one. `prepare` may
-    break things before the run begins. A person comes `disturbances` times; `disturbance` names what else happens, see
-    `twin.disturbances`. Where the program's task has faults, these happen instead, as the `draw` of this layout says, and
-    success has to last as long as in the simulation, if it can be undone.
+    break things before the run begins. A person comes `disturbances` times; what `visitor` makes interferes, too, as it
+    is told from outside; `disturbance` names what else happens, see `twin.disturbances`. Where the program's task has
+    faults, these happen instead, as the `draw` of this layout says, and success has to last as long as in the
+    simulation, if it can be undone.
 
     Raise UserError if nothing can be rendered here, so that the camera would see nothing, or if a fault cannot happen here.
     """
@@ -131,15 +146,20 @@ def run_twin(
         elif disturbance is not None:
             person = Disturber(disturbance, happens, scene, controller, camera, np.random.default_rng([seed, 4]), first)
 
+        causes: list[Interference] = [person]
+        if visitor is not None:
+            causes.append(visitor(scene, controller, np.random.default_rng([seed, 5])))
         qpos, stats = controller.state()[1], controller.stats()
 
         def tick(shown: TickReport) -> None:
             nonlocal qpos
             qpos = controller.state()[1]
-            known = len(person.touches)
-            touch = person(link.now(), shown)
-            for each in person.touches[known:]:
-                log_file.write("disturbance", time=each.time, what=each.what, box=each.box)
+            touch = None
+            for cause in causes:
+                known = len(cause.touches)
+                touch = cause(link.now(), shown) or touch
+                for each in cause.touches[known:]:
+                    log_file.write("disturbance", time=each.time, what=each.what, box=each.box)
             if on_tick is not None:
                 on_tick(TwinTick(shown, qpos, touch))
 
@@ -170,7 +190,7 @@ def run_twin(
             outcome=outcome,
             solved=solved(person.scene, qpos),
             distances=tuple(target_distances(person.scene, qpos)),
-            touches=tuple(person.touches),
+            touches=tuple(sorted((each for cause in causes for each in cause.touches), key=lambda touch: touch.time)),
             start=start,
             stats=stats,
             counters=link.counters(),
