@@ -1,4 +1,4 @@
-"""One window of the page: the seven steps as tabs, the scene on the left, the step's panel on the right."""
+"""One window of the page: the eight steps as tabs, the scene on the left, the step's panel on the right."""
 
 from __future__ import annotations
 
@@ -24,6 +24,8 @@ from bt_jax.app.widgets.message_line import MessageLine
 from bt_jax.app.widgets.next_bar import NextBar
 from bt_jax.app.widgets.notice_strip import NoticeStrip
 from bt_jax.app.widgets.page_header import PageHeader
+from bt_jax.app.widgets.robot_bar import RobotBar
+from bt_jax.app.widgets.robot_pictures import RobotPictures
 from bt_jax.app.widgets.scene_text import SceneText
 from bt_jax.app.widgets.scene_view import SceneView
 from bt_jax.app.widgets.tour import Tour
@@ -71,12 +73,14 @@ class Page:
             self._header = PageHeader(studio, self, tour.begin)
             GoalBanner(studio, self)
             NoticeStrip(studio.notices, self)
+            RobotBar(studio.robot, self)
             with ui.element("div").classes("page-main"):
                 self.scene_area = ui.element("section").classes("page-scene").props("aria-label=Scene")
                 with self.scene_area:
                     self.scene = SceneView(studio, self)
                     view_buttons(self.scene)
                     SceneText(studio, self, self.scene)
+                    RobotPictures(studio.robot, self, self.scene)
                 ui.element("div").classes("page-splitter").props(
                     'data-splitter role=separator tabindex=0 aria-label="Room for the scene" data-testid=splitter'
                 )

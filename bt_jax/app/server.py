@@ -56,8 +56,10 @@ def serve(
     studio.bus.subscribe("task", prepare)
     studio.bus.subscribe("evolution", prepare)
     app.on_shutdown(studio.evolution.close)
+    app.on_shutdown(studio.robot.close)
     app.on_shutdown(studio.drafts.kept)
     app.timer(WATCH_SECONDS, studio.watch)
+    app.timer(WATCH_SECONDS, studio.robot.poll)
     app.timer(HOLD_SECONDS, studio.holds.expire)
 
     @ui.page("/")
@@ -70,6 +72,12 @@ def serve(
             return HTMLResponse(report(workspace.run(name), today=datetime.now()))
         except UserError as error:
             return PlainTextResponse(phrase(error, folder), status_code=404)
+
+    @app.get("/robot/{name}.jpg")
+    def picture(name: str) -> Response:
+        found = studio.robot.pictures.get(name)
+        headers = {"Cache-Control": "no-store"}
+        return Response(found or b"", 404 if found is None else 200, headers=headers, media_type="image/jpeg")
 
     app.config.quasar_config["loadingBar"]["skipHijack"] = True  # a bar without a name, at every request
     ui.run(

@@ -1,4 +1,4 @@
-"""Step 7: what is kept in the folder. The runs; tasks, demonstrations, trees and kits; and the trash."""
+"""Step 8: what is kept in the folder. The runs; tasks, demonstrations, trees and kits; and the trash."""
 
 from __future__ import annotations
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from bt_jax._util.yaml_files import to_yaml
 from bt_jax.app.processes.twin_messages import (
+    CAMERA_SIZE,
     Check,
     Ended,
     Item,
@@ -53,7 +54,7 @@ __all__ = ["do"]
 
 Say = Callable[[Message], None]
 Requests = queue.SimpleQueue[Request]
-CAMERA = Realism(width=960, height=720, rate=5.0)  # fewer and smaller images than a robot's: the page wants a core, too
+CAMERA = Realism(width=CAMERA_SIZE[0], height=CAMERA_SIZE[1], rate=5.0)
 CELL = (800, 450)  # px of pictures of the cell
 PERIOD = 0.4  # seconds by the clock between two of them
 QUALITY = 80  # of JPEG
@@ -98,6 +99,7 @@ class _Window:
         self.task, self._requests, self._say = program.task, requests, say
         self._perception: Perception | None = None
         self._view: CellView | None = None
+        self._person: InstructedPerson | None = None
         self._begun: tuple[float, float] | None = None  # in the time of the run, and by the clock
         self._pictured = float("-inf")  # time of the image that was shown last
         self._drawn = float("-inf")  # when the cell was drawn last, by the clock
@@ -110,9 +112,10 @@ class _Window:
     def enter(self, scene: TwinScene, controller: Controller, rng: np.random.Generator) -> InstructedPerson:
         """Return the person in the cell."""
         self._view = CellView(scene, width=CELL[0], height=CELL[1], shadows=False)
-        return InstructedPerson(
+        self._person = InstructedPerson(
             scene, controller, rng, self._instructions, lambda text: self._say(Said(text, refused=True))
         )
+        return self._person
 
     def tick(self, now: TwinTick) -> None:
         """Tell of a tick."""
@@ -127,9 +130,8 @@ class _Window:
         )
         action = None if shown.action is None else str(shown.action)
         ages = {name: seen.time - seen.measured[name] if name in seen.measured else None for name in names}
-        self._say(
-            Tick(seen.time - begun, statuses, shown.phase, action, seen.holding, doubts(self.task, seen), ages),
-        )
+        unsure, away = doubts(self.task, seen), [] if self._person is None else self._person.away
+        self._say(Tick(seen.time - begun, statuses, shown.phase, action, seen.holding, unsure, away, ages))
         self._draw(now)
         time.sleep(max(0.0, (seen.time - begun) - (time.monotonic() - clock)))
 

@@ -7,6 +7,7 @@ from typing import Any, Literal
 import msgspec
 
 __all__ = [
+    "CAMERA_SIZE",
     "Check",
     "Ended",
     "Failed",
@@ -26,6 +27,8 @@ __all__ = [
     "read_request",
     "to_line",
 ]
+
+CAMERA_SIZE = (960, 720)  # px: fewer than a robot's camera has, since the page wants a core, too
 
 
 class Run(msgspec.Struct, frozen=True, tag=True):
@@ -68,8 +71,8 @@ class Show(msgspec.Struct, frozen=True, tag=True):
 
 class Tick(msgspec.Struct, frozen=True, tag=True):
     """One tick of a run: seconds since its beginning, the status of each node of the expanded tree ("." for none), None
-    where it was not ticked, what is done in a word, the action, what is held, what is not known or wrong, and for each object
-    and kit how long ago it was seen [s], None for never."""
+    where it was not ticked, what is done in a word, the action, what is held, what is not known or wrong, what the
+    person has taken away, and for each object and kit how long ago it was seen [s], None for never."""
 
     time: float
     statuses: str | None
@@ -77,6 +80,7 @@ class Tick(msgspec.Struct, frozen=True, tag=True):
     action: str | None
     holding: str | None
     doubts: list[str]
+    away: list[str]
     ages: dict[str, float | None]
 
 

@@ -86,6 +86,7 @@ class TwinProcess:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
+        self._listener.join(PATIENCE)
 
     def last_words(self) -> str:
         """Return the last line that it has printed."""

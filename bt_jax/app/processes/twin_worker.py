@@ -25,7 +25,9 @@ PATIENCE = 10.0  # seconds for a job to end in order once the page has gone
 def main() -> None:
     """Do the job."""
     speaker = _speaker()
-    listener = os.fdopen(os.dup(sys.stdin.fileno()), "rb", buffering=0)  # a buffer would be locked when this process ends
+    listener = os.fdopen(
+        os.dup(sys.stdin.fileno()), "rb", buffering=0
+    )  # a buffer would be locked when this process ends
     job = read_job(listener.readline())
     requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
 

@@ -24,6 +24,7 @@ Topic = Literal[
     "notices",
     "holds",
     "trash",
+    "robot",
 ]
 Kind = Literal["info", "success", "warning", "error"]
 

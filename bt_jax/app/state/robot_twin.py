@@ -32,7 +32,6 @@ from bt_jax.app.state.edited_task import EditedTask
 from bt_jax.app.state.playing import Playing
 from bt_jax.app.state.worker import Worker
 from bt_jax.app.state.workspace import Workspace
-from bt_jax.behaviors import Tree
 from bt_jax.deploy.execution.log_reader import log_ends
 from bt_jax.deploy.execution.program import Program, refuse_driving
 from bt_jax.deploy.execution.recorded import RecordedRun, read_run
@@ -51,9 +50,10 @@ INSTALL = 'pip install -e ".[robot]"'
 
 
 class RobotTwin:
-    """`stage` is where the run is; `tick`, `pictures`, `said` and `ended` are what was heard last of it, and `run` is the tree
-    with its task that runs or ran last. `items` are those of the last preflight, and `record` is the log that is looked back
-    at, at its moment `at`. At most one process works at a time. Changes are announced under the topic "robot"."""
+    """`stage` is where the run is; `tick`, `pictures`, `said` and `ended` are what was heard last of it, and `run` is the
+    tree with its task that runs or ran last. `items` are those of the last preflight, `log` that of the twin with which it
+    was made, and `record` is the log that is looked back at, at its moment `at`. At most one process works at a time.
+    Changes are announced under the topic "robot"."""
 
     def __init__(
         self,
@@ -71,12 +71,13 @@ class RobotTwin:
         self.tick: Tick | None = None
         self.statuses: dict[str, Status | None] = {}  # of the nodes, by their ids in the drawing
         self.pictures: dict[str, bytes] = {}  # JPEG, by name
-        self.number = 0  # of the pictures so far
+        self.numbers: dict[str, int] = {}  # how many pictures of each name there were
         self.said = Said("", refused=False)
         self.ended: Ended | None = None
         self.failure = ""
         self.items: list[Item] = []
         self.checking = False
+        self.log: Path | None = None
         self.record: RecordedRun | None = None
         self.record_name = ""
         self.at = 0
@@ -93,12 +94,16 @@ class RobotTwin:
         """Why the tree of step 6 cannot run on the twin, with a remedy; "" if it can."""
         if missing := _missing():
             return (
-                f"What the robot's twin needs is not installed ({', '.join(missing)}): run {INSTALL} in a terminal and start "
-                "the page again."
+                f"What the robot's twin needs is not installed ({', '.join(missing)}): run {INSTALL} in a terminal and "
+                "start the page again."
             )
         if reason := misfit(self._edited.task):
             return f"{reason[:1].upper()}{reason[1:]}."
-        return "" if self._playing.tree is not None else "There is no tree yet: find one in step 2, or choose one in step 6."
+        return (
+            ""
+            if self._playing.tree is not None
+            else "There is no tree yet: find one in step 2, or choose one in step 6."
+        )
 
     @property
     def alternative(self) -> str:
@@ -107,18 +112,16 @@ class RobotTwin:
         return "" if _missing() or not misfit(task) else fitting_task(task)
 
     def start(self, *, elsewhere: bool = False) -> None:
-        """Run the tree of step 6 from where things stood before, or from other places. Raise UserError if it cannot run here, or
-        a run is on."""
+        """Run the tree of step 6 from where things stood before, or from other places. Raise UserError if it cannot run
+        here, or a run is on."""
         self._check_idle()
-        tree, task = self._playing.tree, self._edited.task
-        if self.refusal or tree is None:
-            raise UserError(self.refusal.rstrip(".")[:1].lower() + self.refusal.rstrip(".")[1:])
-        program = Program(task, tree)
+        program = self._program()
+        tree, task = program.tree, program.task
         self._number_of_start += elsewhere
         log = unused(self._workspace.logs / f"{task.name}-{datetime.now():%Y%m%d-%H%M%S}.jsonl")
         self._begin(Run(format_tree(tree), task.to_dict(), self._number_of_start, str(log.resolve())))
         self.run, self.stage = program, "starting"
-        self.tick, self.ended, self.record, self.failure = None, None, None, ""
+        self.tick, self.ended, self.record, self.record_name, self.failure = None, None, None, "", ""
         self.statuses, self.pictures, self.said = dict.fromkeys(node_ids(tree)), {}, Said("", refused=False)
         self._bus.changed("robot")
 
@@ -139,11 +142,10 @@ class RobotTwin:
     def check(self) -> None:
         """Look at what must be in order before the tree may move the real robot. Raise UserError as `start` does."""
         self._check_idle()
-        tree, task = self._playing.tree, self._edited.task
-        if self.refusal or tree is None:
-            raise UserError(self.refusal.rstrip(".")[:1].lower() + self.refusal.rstrip(".")[1:])
-        log = self.twin_log(Program(task, tree))
-        self._begin(Check(format_tree(tree), task.to_dict(), None if log is None else str(log.resolve())))
+        program = self._program()
+        self.log = log = self.twin_log(program)
+        tree, task = format_tree(program.tree), program.task.to_dict()
+        self._begin(Check(tree, task, None if log is None else str(log.resolve())))
         self.items, self.checking, self.failure = [], True, ""
         self._bus.changed("robot")
 
@@ -162,7 +164,7 @@ class RobotTwin:
         record = await self._worker.work(read_run, path)
         self._check_idle()
         self.pictures, self.failure = {}, ""
-        self.record, self.record_name, self.at = record, name, 0
+        self.record, self.record_name = record, name
         self._begin(Replay(str(path.resolve())))
         self.seek(0)
 
@@ -171,6 +173,8 @@ class RobotTwin:
         if self.record is None:
             raise UserError("no run is open; choose one in the list first")
         self.at = min(max(at, 0), len(self.record.moments) - 1)
+        if self._process is None:
+            self._begin(Replay(str(self._workspace.log(self.record_name).resolve())))
         if self._process is not None and isinstance(self._process.job, Replay):
             self._process.tell(Show(self.at))
         self._bus.changed("robot")
@@ -205,7 +209,7 @@ class RobotTwin:
                     self.statuses = dict(zip(self.statuses, found, strict=True))
             case Picture():
                 self.pictures[message.name] = message.jpeg
-                self.number += 1
+                self.numbers[message.name] = self.numbers.get(message.name, 0) + 1
             case Said():
                 self.said = message
             case Item():
@@ -220,13 +224,23 @@ class RobotTwin:
         if isinstance(process.job, Run) and self.ended is None and not self.failure:
             said = process.last_words()
             self.failure = f"the robot's twin has ended unexpectedly{f' ({said})' if said else ''}; start it again"
+        self.checking, self._process = False, None
         if isinstance(process.job, Run):
             self.stage = "idle"
-        self.checking, self._process = False, None
+            self._bus.changed("runs")
 
     def _begin(self, job: Job) -> None:
-        self.close()
+        """Start a process for another job; one that checks or draws has nothing to lose."""
+        if self._process is not None:
+            self._process.kill()
         self._process = self._launch(job)
+
+    def _program(self) -> Program:
+        """Return the tree of step 6 with its task. Raise UserError if it cannot run here."""
+        tree, refusal = self._playing.tree, self.refusal
+        if refusal or tree is None:
+            raise UserError(f"{refusal[:1].lower()}{refusal[1:].rstrip('.')}")
+        return Program(self._edited.task, tree)
 
     def _check_idle(self) -> None:
         if self.running:

@@ -14,7 +14,7 @@ from bt_jax.mjx_env.episodes.rules import Ending
 
 __all__ = ["STEPS", "TITLES", "Advice", "Step", "advice", "done"]
 
-Step = Literal["task", "evolve", "demonstrate", "understand", "combine", "run", "keep"]
+Step = Literal["task", "evolve", "demonstrate", "understand", "combine", "run", "robot", "keep"]
 TITLES: Mapping[Step, str] = MappingProxyType(
     {
         "task": "Task",
@@ -23,6 +23,7 @@ TITLES: Mapping[Step, str] = MappingProxyType(
         "understand": "Check",
         "combine": "Combine",
         "run": "Run",
+        "robot": "Robot",
         "keep": "Keep",
     }
 )
@@ -75,6 +76,7 @@ _DONE: dict[Step, Callable[[Studio], bool]] = {
     "understand": _understood,
     "combine": lambda studio: bool(studio.evolution.phases),
     "run": _ran,
+    "robot": lambda studio: studio.robot.ended is not None and studio.robot.ended.solved,
 }
 
 
@@ -128,7 +130,22 @@ def _after_run(studio: Studio) -> Advice:
     if player is None or player.ending == Ending.OPEN:
         return Advice("Press Play first, and watch until the end.", "keep", ready=False)
     if _ran(studio):
-        return Advice("It works here. Keep it.", "keep")
+        if studio.robot.refusal:
+            return Advice("It works here. Keep it.", "keep")
+        return Advice("It works here. Try it on the robot's twin.", "robot")
+    return Advice("It did not do all: show what is missing.", "demonstrate")
+
+
+def _after_robot(studio: Studio) -> Advice:
+    robot = studio.robot
+    if robot.running:
+        return Advice("It still runs; watch until the end.", "keep", ready=False)
+    if robot.refusal:
+        return Advice("The robot's twin cannot run this one; keep what you have.", "keep")
+    if robot.ended is None:
+        return Advice("Press Start first, and get in its way.", "keep", ready=False)
+    if robot.ended.solved:
+        return Advice("It works here, too. Keep it.", "keep")
     return Advice("It did not do all: show what is missing.", "demonstrate")
 
 
@@ -143,5 +160,6 @@ _ADVICE: dict[Step, Callable[[Studio], Advice]] = {
     "understand": _after_understand,
     "combine": _after_combine,
     "run": _after_run,
+    "robot": _after_robot,
     "keep": _after_keep,
 }

@@ -25,6 +25,7 @@ from bt_jax.app.state.holds import Holds
 from bt_jax.app.state.keeping import Keeping
 from bt_jax.app.state.notices import Discard, Notice, Notices
 from bt_jax.app.state.playing import Playing
+from bt_jax.app.state.robot_twin import RobotTwin
 from bt_jax.app.state.run_record import read_record
 from bt_jax.app.state.teaching import Teaching
 from bt_jax.app.state.watching import Watching
@@ -48,7 +49,7 @@ KINDS: Mapping[EvolutionStage, Kind] = MappingProxyType(
 class Studio:
     """The parts: `edited` is the task of step 1, `evolution` the process that evolves, for a task of its own, `playing` the
     tree that is looked at, `library` the demonstrations and what they teach, `teaching` the demonstration in the making,
-    `watching` the camera that watches one, `keeping` what else lies in the folder."""
+    `watching` the camera that watches one, `keeping` what else lies in the folder, `robot` the robot's twin."""
 
     def __init__(
         self, workspace: Workspace, task: Task, warm_worker: WarmWorker | None = None, hold_factor: float = 1.0
@@ -64,6 +65,7 @@ class Studio:
         self.drafts = DraftKeeper(workspace, lambda error: self.bus.say(phrase(error, workspace.root), "error"))
         self.teaching = Teaching(self.bus, self.worker, self.edited, self.library, self.playing, self.drafts)
         self.watching = Watching(self.bus, workspace, self.edited, self.library)
+        self.robot = RobotTwin(self.bus, self.worker, workspace, self.edited, self.playing)
         self.notices = Notices(self.bus)
         self._restored: Notice | None = None  # stands until the draft that was restored is changed or saved
         self._kept_both: tuple[Task | None, Task] | None = None  # the two tasks that may differ

@@ -29,8 +29,8 @@ LEARNT = "learnt_tree.txt"
 
 @dataclasses.dataclass(frozen=True)
 class Workspace:
-    """`root/runs`, `root/demonstrations`, `root/tasks`, the drafts `root/draft.yaml` and `root/demonstration_draft.json`,
-    and files for trainings in `root/.inputs`."""
+    """`root/runs`, `root/demonstrations`, `root/tasks`, `root/logs`, the drafts `root/draft.yaml` and
+    `root/demonstration_draft.json`, and files for trainings in `root/.inputs`."""
 
     root: Path
 
@@ -45,6 +45,11 @@ class Workspace:
     @property
     def tasks(self) -> Path:
         return self.root / "tasks"
+
+    @property
+    def logs(self) -> Path:
+        """Where runs on the robot's twin are logged."""
+        return self.root / "logs"
 
     @property
     def inputs(self) -> Path:
@@ -84,6 +89,19 @@ class Workspace:
         write_atomic(folder / "task.yaml", to_yaml(task.to_dict()))
         write_atomic(folder / LEARNT, format_tree(tree))  # last: from now on it is listed
         return folder.name
+
+    def log_names(self) -> list[str]:
+        """Return the names of the logs, the newest first."""
+        found = [path for path in self.logs.glob("*.jsonl") if is_name(path.stem)] if self.logs.is_dir() else []
+        return [path.stem for path in sorted(found, key=lambda path: (path.stat().st_mtime, path.name), reverse=True)]
+
+    def log(self, name: str) -> Path:
+        """Return the file of a log. Raise UserError if it has gone or the name leads out of the workspace."""
+        self.inside(self.logs, name)
+        path = self.inside(self.logs, f"{name}.jsonl")
+        if not path.is_file():
+            raise UserError(f"the log {name} is no longer there; choose another")
+        return path
 
     def demonstration_sets(self) -> list[str]:
         """Return the names of the sets of demonstrations."""

@@ -76,6 +76,12 @@ STOPS = (
         "See the robot do the task, step by step and in words. Move something while it runs: it should notice, and react.",
     ),
     Stop(
+        "robot",
+        _tab("robot"),
+        "Try it on the robot's twin",
+        "A simulated robot with a camera does the task. Push things, take them away, and stop it at any time.",
+    ),
+    Stop(
         "keep",
         _tab("keep"),
         "Keep what works",

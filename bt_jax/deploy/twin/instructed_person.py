@@ -26,7 +26,7 @@ PUSH = 0.05  # m by which a push moves an object
 CLICK = 0.02  # share of the picture below which a drag is a click
 FLAT = 0.004  # m from an object's top within which it is pointed at from above
 DROP = 0.001  # m above its place at which an object is let go
-GONE = 1.0  # m from the tables' middle beyond which an object was taken away
+GONE = 0.3  # m from where what is taken away lies, within which an object is away
 
 Share = tuple[float, float]
 
@@ -84,6 +84,11 @@ class InstructedPerson:
     def touches(self) -> list[Touch]:
         return self._hand.touches
 
+    @property
+    def away(self) -> list[str]:
+        """The objects that are away from the cell."""
+        return [name for name, pose in self._hand.poses().items() if _is_away(pose)]
+
     def __call__(self, now: float, shown: TickReport) -> Touch | None:
         """Return what the person did last in this tick, None if nothing."""
         done = None
@@ -99,9 +104,9 @@ class InstructedPerson:
             return self._carry(now, instruction)
         box, poses = instruction.box, self._hand.poses()
         if instruction.what == "return":
-            if box not in poses or not self._away(poses[box]):
+            if box not in poses or not _is_away(poses[box]):
                 raise UserError(f"{box or 'it'} is not away; take it away first")
-            return self._placed(self._hand.bring(now, box), box)
+            return _placed(self._hand.bring(now, box), box)
         self._check_free(box, poses)
         return self._hand.take(now, box) if instruction.what == "remove" else self._push(now, box, poses)
 
@@ -147,7 +152,7 @@ class InstructedPerson:
                 continue
             if not self._on_rim(box, spot) and not self._beside(box, spot, poses):
                 return self._hand.lay(now, "push", box, RigidTransform.from_components(spot, pose.rotation))
-        return self._placed(self._hand.move(now, box, "push"), box)
+        return _placed(self._hand.move(now, box, "push"), box)
 
     def _beside(self, box: str, spot: Point, poses: Mapping[str, RigidTransform]) -> list[str]:
         """Return the objects that one at a place might touch, seen from above."""
@@ -174,7 +179,7 @@ class InstructedPerson:
     def _check_free(self, box: str, poses: Mapping[str, RigidTransform]) -> None:
         if box not in poses:
             raise UserError(f"there is no object '{box}'; choose one of {', '.join(poses)}")
-        if self._away(poses[box]):
+        if _is_away(poses[box]):
             raise UserError(f"{box} is away; bring it back first")
         above = [other for other in poses if stands_on(self.scene.task, other, box, poses)]
         if above:
@@ -182,11 +187,12 @@ class InstructedPerson:
         if box not in self._hand.free():
             raise UserError(f"the robot's hand is at {box}; wait until it has gone")
 
-    def _away(self, pose: RigidTransform) -> bool:
-        return float(np.linalg.norm(pose.translation[:2] - OFF)) < GONE
 
-    @staticmethod
-    def _placed(touch: Touch | None, box: str) -> Touch:
-        if touch is None:
-            raise UserError(f"there is no room for {box} on the tables; take something away first")
-        return touch
+def _is_away(pose: RigidTransform) -> bool:
+    return float(np.linalg.norm(pose.translation[:2] - OFF)) < GONE
+
+
+def _placed(touch: Touch | None, box: str) -> Touch:
+    if touch is None:
+        raise UserError(f"there is no room for {box} on the tables; take something away first")
+    return touch
