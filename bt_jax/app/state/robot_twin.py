@@ -107,7 +107,7 @@ class RobotTwin:
 
     @property
     def alternative(self) -> str:
-        """The task of the package that is this one at the robot's scale, "" if there is none or this one fits."""
+        """A task of the package to open instead, since this one does not fit the robot; "" if it does."""
         task = self._edited.task
         return "" if _missing() or not misfit(task) else fitting_task(task)
 
@@ -263,9 +263,9 @@ def misfit(task: Task) -> str:
 
 
 def fitting_task(task: Task) -> str:
-    """Return the name of the task of the package that is another one at the robot's scale, "" if there is none."""
-    name = f"{YUMI.name.lower()}_{task.name}"
-    return name if name in task_names() else ""
+    """Return the name of the task of the package that is another one at the robot's scale, else that of an example."""
+    name = f"{YUMI.name}_{task.name}"
+    return name if name in task_names() else YUMI.example
 
 
 @functools.cache

@@ -171,7 +171,7 @@ def test_a_task_that_the_robot_cannot_hold_is_refused_and_one_at_its_scale_is_of
     assert robot.alternative == "yumi_kit4"
     studio.open_task(load_task("mobile_stack"))
     assert "drives" in robot.refusal
-    assert robot.alternative == ""
+    assert robot.alternative == "yumi_stack"
     studio.open_task(load_task("yumi_kit4"))
     assert robot.alternative == ""
 
