@@ -13,7 +13,6 @@ import numpy as np
 
 from bt_jax._util.yaml_files import to_yaml
 from bt_jax.app.processes.twin_messages import (
-    CAMERA_SIZE,
     Check,
     Ended,
     Item,
@@ -54,7 +53,7 @@ __all__ = ["do"]
 
 Say = Callable[[Message], None]
 Requests = queue.SimpleQueue[Request]
-CAMERA = Realism(width=CAMERA_SIZE[0], height=CAMERA_SIZE[1], rate=5.0)
+CAMERA = Realism(width=960, height=720, rate=5.0)  # fewer and smaller images than a robot's: the page wants a core, too
 CELL = (800, 450)  # px of pictures of the cell
 PERIOD = 0.4  # seconds by the clock between two of them
 QUALITY = 80  # of JPEG

@@ -7,7 +7,6 @@ from typing import Any, Literal
 import msgspec
 
 __all__ = [
-    "CAMERA_SIZE",
     "Check",
     "Ended",
     "Failed",
@@ -27,8 +26,6 @@ __all__ = [
     "read_request",
     "to_line",
 ]
-
-CAMERA_SIZE = (960, 720)  # px: fewer than a robot's camera has, since the page wants a core, too
 
 
 class Run(msgspec.Struct, frozen=True, tag=True):

@@ -123,7 +123,7 @@ class RobotTwin:
         self.run, self.stage = program, "starting"
         self.tick, self.ended, self.record, self.record_name, self.failure = None, None, None, "", ""
         self.statuses, self.pictures, self.said = dict.fromkeys(node_ids(tree)), {}, Said("", refused=False)
-        self._bus.changed("robot")
+        self._bus.changed("robot", "runs")
 
     def stop(self) -> None:
         """End the run at its next tick; the arms slow down at once. Raise UserError if none is on."""

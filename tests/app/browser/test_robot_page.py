@@ -73,6 +73,7 @@ def test_a_tree_runs_on_the_twin_a_box_is_pushed_and_it_stops(page, see, server,
     insist(see, lambda: press_on(see("robot-push-BlueBox"), "Enter"), "A person pushes BlueBox.")
     page.mouse.move(*place(see, (0.5, 0.98)))
     page.mouse.down()
+    page.mouse.move(*place(see, (0.5, 0.6)))
     page.mouse.up()
     expect(see("robot-said")).to_contain_text("There is no object at that place of the picture")
     shoot("robot")
