@@ -142,7 +142,7 @@ def _after_robot(studio: Studio) -> Advice:
         return Advice("It still runs; watch until the end.", "keep", ready=False)
     if robot.refusal:
         return Advice("The robot's twin cannot run this one; keep what you have.", "keep")
-    if robot.ended is None:
+    if robot.ended is None or robot.ended.interrupted:
         return Advice("Press Start first, and get in its way.", "keep", ready=False)
     if robot.ended.solved:
         return Advice("It works here, too. Keep it.", "keep")
