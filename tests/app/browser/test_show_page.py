@@ -36,6 +36,13 @@ def test_experiment_1_is_demonstrated_by_mouse_only(page, see, server, shoot):
         expect(see("demonstrate-new")).to_be_visible()
     shown = DemonstrationFolder(server.folder / "demonstrations" / "demonstrations").read()
     assert [len(one.actions) for one in shown] == [4, 4, 4]
+    see("demonstrate-overlay").click()
+    wait_for_copy(page, "0 demo1", group="overlay")
+    see("demonstrate-leave-demo3").click()
+    expect(see("demonstrate-row-demo3")).to_contain_text("left out")
+    expect(see("demonstrate-progress")).to_contain_text("2 of 3")
+    see("demonstrate-leave-demo3").click()
+    expect(see("demonstrate-progress")).to_contain_text("3 demonstrations")
     go(see, "understand")
     expect(see("understand-action-2")).to_contain_text("Set down GreenBox on top of YellowBox")
     expect(see("understand-action-4")).to_contain_text("Set down BlueBox on top of GreenBox")
