@@ -237,7 +237,7 @@ async def test_the_list_is_kept(studio, tmp_path):
     assert studio.library.kept == ()
     assert studio.library.lesson is None
     assert studio.library.problem == ""
-    with pytest.raises(UserError, match="has no demonstration 'demo2'"):
+    with pytest.raises(UserError, match="the demonstration demo2 is no longer there"):
         await studio.library.delete("demo2")
     with pytest.raises(UserError, match="cannot name anything"):
         await studio.library.use_set("../elsewhere")
