@@ -108,6 +108,12 @@ time.sleep(600)
     assert listed in ("", "Z") or listed.startswith("Z")
 
 
+@pytest.mark.filterwarnings("error::pytest.PytestUnhandledThreadExceptionWarning")
+def test_half_a_line_of_a_process_that_dies_is_no_message():
+    process = echo("print('{\"type\":\"Said\",', end='')")
+    assert heard(process, 1) == []
+
+
 def test_its_last_words_are_kept():
     process = echo("import sys; sys.exit('error: the cell is on fire')")
     assert heard(process, 1) == []
