@@ -22,6 +22,7 @@ NEAR = 0.2  # offsets below this part of an object's shorter side are not mentio
 IN_SLOT = 0.01  # metres from the middle of a slot, within which a place is that slot
 SETTINGS: Mapping[str, str] = MappingProxyType(
     {  # of a task, besides its targets and starts
+        "objects": "objects",
         "tables": "tables",
         "kits": "kits",
         "genes": "places to try",
@@ -265,7 +266,7 @@ def differences(one: Task, other: Task) -> list[str]:
 
 
 def differing_settings(one: Task, other: Task) -> list[str]:
-    """Name what differs between two tasks besides their objects, targets and starts: "weights"."""
+    """Name what differs between two tasks besides their targets and starts: "weights"."""
     return [words for key, words in SETTINGS.items() if getattr(one, key) != getattr(other, key)]
 
 

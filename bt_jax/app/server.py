@@ -18,6 +18,7 @@ from bt_jax.app.processes.warm_worker import WarmWorker
 from bt_jax.app.report import report
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.state.workspace import Workspace
+from bt_jax.tasks import problems
 
 __all__ = ["serve"]
 
@@ -50,7 +51,8 @@ def serve(
     studio.restore()
 
     def prepare() -> None:
-        studio.evolution.prepare(studio.edited.task)
+        if not problems(studio.edited.task):
+            studio.evolution.prepare(studio.edited.task)
 
     app.on_startup(prepare)
     studio.bus.subscribe("task", prepare)

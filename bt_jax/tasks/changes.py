@@ -8,9 +8,10 @@ from collections.abc import Sequence
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.words import listed
-from bt_jax.tasks.checks import check
+from bt_jax.tasks.checks import check, problems
 from bt_jax.tasks.faults import Faults
 from bt_jax.tasks.task import Subgoal, Target, Task
+from bt_jax.tasks.written import ticks_for
 
 __all__ = ["not_taken_over", "with_faults", "with_goal_of", "with_subgoal", "with_target", "with_targets"]
 
@@ -31,10 +32,19 @@ def with_targets(task: Task, targets: Sequence[Target], *, source: str) -> Task:
 
 
 def with_target(task: Task, target: Target, *, instead_of: Target | None, source: str) -> Task:
-    """Return the task with a target in place of another, or behind the others; `source` is named in errors."""
+    """Return the task with a target in place of another, or behind the others, and with the ticks that one more takes.
+
+    `source` is named in errors. What else is wrong with the task may stay.
+    """
     kept = tuple(target if other is instead_of else other for other in task.targets)
-    changed = dataclasses.replace(task, targets=kept if instead_of is not None else (*task.targets, target))
-    check(changed, source)
+    targets = kept if instead_of is not None else (*task.targets, target)
+    ticks = task.episode.max_ticks if instead_of is not None else max(task.episode.max_ticks, ticks_for(len(targets)))
+    changed = dataclasses.replace(task, targets=targets, episode=dataclasses.replace(task.episode, max_ticks=ticks))
+    check(changed, source, unfinished=True)
+    key = f"targets[{targets.index(target)}]"
+    for one in problems(changed):
+        if one.key.startswith(key) and one not in problems(task):
+            raise UserError(f"{source}: {one}")
     return changed
 
 

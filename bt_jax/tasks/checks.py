@@ -5,19 +5,20 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from types import MappingProxyType
+from typing import NoReturn
 
 from bt_jax._util.errors import UserError
 from bt_jax.tasks.base_checks import check_base
 from bt_jax.tasks.bounds import out_of_bounds
-from bt_jax.tasks.kit_checks import check_kits
-from bt_jax.tasks.refusals import Fail, as_written, refusal
-from bt_jax.tasks.start_checks import check_layout
+from bt_jax.tasks.kit_checks import KIT_RULES, check_kit_names
+from bt_jax.tasks.refusals import Fail, Problem, as_written, refusal
+from bt_jax.tasks.start_checks import LAYOUT_RULES, check_layout_names
 from bt_jax.tasks.support import unsupported
-from bt_jax.tasks.target_checks import check_targets
+from bt_jax.tasks.target_checks import TARGET_RULES, check_target_names
 from bt_jax.tasks.task import Task
 from bt_jax.tasks.written import Keys
 
-__all__ = ["check", "check_support"]
+__all__ = ["check", "check_support", "problems"]
 
 NO_KEYS: Keys = MappingProxyType({})
 MOST_OBJECTS, MOST_KITS = 16, 4
@@ -25,8 +26,10 @@ MOST_OBJECTS, MOST_KITS = 16, 4
 RESERVED = MappingProxyType({"nothing": "for `holding(nothing)`", "world": "for the scene"})
 
 
-def check(task: Task, source: str, keys: Keys = NO_KEYS) -> None:
-    """Raise UserError, naming `source`, key and remedy, if a task is invalid; `keys` says how the file names its keys."""
+def check(task: Task, source: str, keys: Keys = NO_KEYS, *, unfinished: bool = False) -> None:
+    """Raise UserError, naming `source`, key and remedy, if a task is invalid; `keys` says how the file names its keys.
+
+    An unfinished task may have what `problems` finds: it can be shown, and not be done."""
     fail = refusal(source, keys)
     if not task.objects:
         fail("objects", "there is nothing to move", "add at least one object")
@@ -34,8 +37,8 @@ def check(task: Task, source: str, keys: Keys = NO_KEYS) -> None:
         fail("kits", "there is no kit", "add at least one")
     if not task.tables:
         fail("tables", "there is nothing to stand on", "add at least one table")
-    if not task.targets:
-        fail("targets", "there is nothing to do", "add at least one target")
+    if not unfinished:
+        _check_goal(task, fail)
     if len(task.objects) > MOST_OBJECTS:
         fail("objects", f"{len(task.objects)} objects are too many", f"use {MOST_OBJECTS} or fewer")
     if len(task.kits) > MOST_KITS:
@@ -44,20 +47,49 @@ def check(task: Task, source: str, keys: Keys = NO_KEYS) -> None:
     for key, complaint in out_of_bounds(task):
         raise UserError(f"{source}, key {as_written(key, keys)}: {complaint}")
     _check_objects(task, fail)
-    check_kits(task, fail)
-    check_layout(task, fail)
-    _check_sizes(task, fail)
-    check_targets(task, fail)
+    check_kit_names(task, fail)
+    check_layout_names(task, fail)
+    check_target_names(task, fail)
     _check_faults(task, fail)
-    check_base(task, fail)
+    for rule in () if unfinished else RULES:
+        rule(task, fail)
 
 
 def check_support(task: Task, source: str) -> None:
     """Raise UserError, naming `source`, key and remedy, for a target in the air or inside a table."""
+    _check_support(task, refusal(source, NO_KEYS))
+
+
+def problems(task: Task) -> list[Problem]:
+    """Return why a task cannot be done that `check` takes for an unfinished one: the first problem by each rule."""
+    found = []
+    for rule in (_check_goal, *RULES, _check_support):
+        try:
+            rule(task, _found)
+        except _Found as stopped:
+            found.append(stopped.problem)
+    return found
+
+
+class _Found(Exception):
+    def __init__(self, problem: Problem) -> None:
+        super().__init__(problem)
+        self.problem = problem
+
+
+def _found(key: str, problem: str, remedy: str) -> NoReturn:
+    raise _Found(Problem(key, problem, remedy))
+
+
+def _check_goal(task: Task, fail: Fail) -> None:
+    if not task.targets:
+        fail("targets", "there is nothing to do", "add at least one target")
+
+
+def _check_support(task: Task, fail: Fail) -> None:
     for i, z in unsupported(task):
         problem = f"nothing can be under {task.targets[i].object} there, which must rest on something"
-        remedy = f"write {round(z, 4):g} for z, or another place"
-        refusal(source, NO_KEYS)(f"targets[{i}].position", problem, remedy)
+        fail(f"targets[{i}].position", problem, f"write {round(z, 4):g} for z, or another place")
 
 
 def _names(task: Task) -> Iterator[tuple[str, str, str]]:
@@ -137,3 +169,6 @@ def _check_faults(task: Task, fail: Fail) -> None:
             fail(
                 f"faults.{first}", f"{first} and {second} add up to {total:g}, more than 1", "make one of them smaller"
             )
+
+
+RULES = (*KIT_RULES, *LAYOUT_RULES, _check_sizes, *TARGET_RULES, check_base)  # what may stop a task that can be shown

@@ -14,14 +14,15 @@ from typing import Any
 
 from bt_jax._util.decoding import decode
 from bt_jax._util.errors import UserError
+from bt_jax._util.files import is_name
 from bt_jax._util.json_files import read_json
-from bt_jax._util.yaml_files import read_yaml
+from bt_jax._util.yaml_files import parse_yaml, read_yaml
 from bt_jax.tasks.base_checks import with_drives
 from bt_jax.tasks.checks import check, check_support
 from bt_jax.tasks.task import Task
 from bt_jax.tasks.written import WrittenTask, merged
 
-__all__ = ["load_task", "task_from_dict", "task_names", "task_of_folder"]
+__all__ = ["load_task", "parse_task", "task_from_dict", "task_names", "task_of_folder"]
 
 FOLDER = Path(__file__).parent
 SUBGOALS: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -53,14 +54,32 @@ def task_names() -> list[str]:
 
 
 def load_task(name_or_path: str | Path, *, unfinished: bool = False) -> Task:
-    """Read a task by name (one of `task_names()`) or from a YAML file; an unfinished one may have targets in the air.
+    """Read a task by name (one of `task_names()`) or from a YAML file; an unfinished one may have what `problems` finds.
 
     Raise UserError, naming file, key and remedy, if the task is invalid.
     """
     path = _find(name_or_path)
-    task = task_from_dict(_read(path), source=str(path))
+    task = task_from_dict(_read(path), source=str(path), unfinished=unfinished)
     if not unfinished:
         check_support(task, str(path))
+    return task
+
+
+def parse_task(text: str, *, source: str, unfinished: bool = False) -> Task:
+    """Build a task from the text of a file, which may extend what comes with the package, but no other file.
+
+    An unfinished one may have what `problems` finds. Raise UserError, naming `source`, key and remedy, if it is invalid.
+    """
+    data = _mapping(parse_yaml(text, source), source)
+    if "extends" in data:
+        base = next((file for file in _packaged(str(data["extends"])) if _is_file(file)), None)
+        if base is None:
+            problem = f"'{data['extends']}' does not come with the package"
+            raise UserError(f"{source}, key extends: {problem}; name one of {', '.join(task_names())}")
+        data = _extended(_read(base), data)
+    task = task_from_dict(data, source=source, unfinished=unfinished)
+    if not unfinished:
+        check_support(task, source)
     return task
 
 
@@ -79,8 +98,9 @@ def task_of_folder(folder: Path) -> Task | None:
     return task_from_dict(data, source=str(config), kept=True)
 
 
-def task_from_dict(data: Any, *, source: str, kept: bool = False) -> Task:
-    """Build a task from a mapping as in the YAML files and check it; `source` is named in errors.
+def task_from_dict(data: Any, *, source: str, kept: bool = False, unfinished: bool = False) -> Task:
+    """Build a task from a mapping as in the YAML files and check it; `source` is named in errors. An unfinished one may have
+    what `problems` finds.
 
     If the program has `kept` it, in a run folder, a log or a draft, a key that it lacks means what held before there was
     that key.
@@ -95,7 +115,7 @@ def task_from_dict(data: Any, *, source: str, kept: bool = False) -> Task:
     written = decode(_without_keywords(data), WrittenTask, source, examples=EXAMPLES)
     ticks_given = isinstance(episode, Mapping) and "max_ticks" in episode
     task, keys = written.task(source, ticks_given=ticks_given)
-    check(task, source, keys)
+    check(task, source, keys, unfinished=unfinished)
     return with_drives(task, ticks_given=ticks_given)
 
 
@@ -147,16 +167,26 @@ def _is_file(path: Path) -> bool:
     return False
 
 
+def _packaged(name: str) -> list[Path]:
+    """Return the files that a task of the package, or a base of tasks, may be in; none for what is no name."""
+    return [folder / f"{name}.yaml" for folder in (FOLDER, BASES)] if is_name(name) else []
+
+
 def _base(name: str, path: Path) -> Path:
     """Return the file that a task extends: a task or a base of the package, or a file beside it."""
-    own = [folder / f"{name}.yaml" for folder in (FOLDER, BASES)]
-    return next((file for file in own if _is_file(file)), path.parent / name)
+    return next((file for file in _packaged(name) if _is_file(file)), path.parent / name)
+
+
+def _mapping(data: Any, source: object) -> dict[str, Any]:
+    if not isinstance(data, dict):
+        raise UserError(
+            f"{source} must be a mapping with keys such as objects and targets; see bt_jax/tasks/stack.yaml"
+        )
+    return data
 
 
 def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
-    data = read_yaml(path)
-    if not isinstance(data, dict):
-        raise UserError(f"{path} must be a mapping with keys such as objects and targets; see bt_jax/tasks/stack.yaml")
+    data = _mapping(read_yaml(path), path)
     if "extends" not in data:
         return data
     path = path.resolve()
@@ -165,7 +195,11 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
         raise UserError(
             f"{path}, key extends: '{data['extends']}' is not another task; name one of {', '.join(task_names())}"
         )
-    inherited = _read(base, (*seen, path))
+    return _extended(_read(base, (*seen, path)), data)
+
+
+def _extended(inherited: dict[str, Any], data: dict[str, Any]) -> dict[str, Any]:
+    """Return what a file says together with what it inherits."""
     inherited.pop("description", None)  # it describes the base
     genes = inherited.get("genes")
     if isinstance(genes, dict) and ("objects" in data or "boxes" in data):

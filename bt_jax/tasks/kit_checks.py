@@ -13,13 +13,13 @@ from bt_jax.tasks.slots import fits, slot_turn
 from bt_jax.tasks.task import Task
 from bt_jax.tasks.things import Kit, Slot, Table
 
-__all__ = ["check_kits"]
+__all__ = ["KIT_RULES", "check_kit_names"]
 
 TOUCH = 1e-6  # metres by which rounded numbers may overlap
 
 
-def check_kits(task: Task, fail: Fail) -> None:
-    """Fail for a kit that does not fit on a table or beside another kit, and for slots that do not fit in theirs."""
+def check_kit_names(task: Task, fail: Fail) -> None:
+    """Fail for a kit that cannot be built, or names what the task does not have."""
     tables = {table.name: table for table in task.tables}
     for i, kit in enumerate(task.kits):
         key = f"kits[{i}]"
@@ -30,11 +30,18 @@ def check_kits(task: Task, fail: Fail) -> None:
         if kit.dividers and kit.grid is None:
             fail(f"{key}.dividers", "there is no grid to divide", "add a grid, for instance grid: [2, 3]")
         _check_grid(kit, key, fail)
+        _check_slot_names(task, i, fail)
+
+
+def _check_on_tables(task: Task, fail: Fail) -> None:
+    for i, kit in enumerate(task.kits):
         for table in _tables(task, kit):
-            _check_table(kit, table, key, fail)
-        for j in range(i):
-            _check_apart(task, j, i, fail)
-        _check_slots(task, i, fail)
+            _check_table(kit, table, f"kits[{i}]", fail)
+
+
+def _check_all_apart(task: Task, fail: Fail) -> None:
+    for first, second in itertools.combinations(range(len(task.kits)), 2):
+        _check_apart(task, first, second, fail)
 
 
 def _tables(task: Task, kit: Kit) -> list[Table]:
@@ -69,7 +76,7 @@ def _check_apart(task: Task, first: int, second: int, fail: Fail) -> None:
         fail(f"kits[{second}].position", problem, "move one of them, or name another table")
 
 
-def _check_slots(task: Task, number: int, fail: Fail) -> None:
+def _check_slot_names(task: Task, number: int, fail: Fail) -> None:
     kit = task.kits[number]
     names = [slot.name for slot in kit.places]
     for j, slot in enumerate(kit.slots):
@@ -78,21 +85,34 @@ def _check_slots(task: Task, number: int, fail: Fail) -> None:
             fail(f"{key}.name", f"'{slot.name}' is not a name", "use letters, digits, underscores and dashes")
         if names.count(slot.name) > 1:
             fail(f"{key}.name", f"two slots of {kit.name} are called '{slot.name}'", "rename one of them")
-        if any(abs(at) > inner for at, inner in zip(slot.position, kit.inner, strict=True)):
-            half = " and ".join(f"-{inner:.4g} to {inner:.4g}" for inner in kit.inner)
-            fail(f"{key}.position", f"the slot is outside {kit.name}", f"write x and y from {half} m")
         if slot.takes and slot.takes not in task.instances:
             fail(f"{key}.for", f"there is no object '{slot.takes}'", f"use one of {', '.join(task.kinds)}")
-        if slot.takes and not any(True for _ in _filled(task, kit, slot)):
-            thing, (x, y) = task.thing(slot.takes), kit.room(slot)
-            problem = (
-                f"{slot.takes} ({thing.measures}) does not fit in {2000 * x:.4g} x {2000 * y:.4g} mm between the walls"
-            )
-            fail(f"{key}.position", problem, f"move the slot away from the walls, turn it, or make {kit.name} larger")
-    for (i, one), (j, other) in itertools.combinations(enumerate(kit.slots), 2):
-        if not _both_filled(task, kit, one, other):
-            problem = f"the slots {one.name} and {other.name} of {kit.name} overlap"
-            fail(f"kits[{number}].slots[{j}].position", problem, f"move it away from slots[{i}]")
+
+
+def _check_slots(task: Task, fail: Fail) -> None:
+    for i, kit in enumerate(task.kits):
+        for j, slot in enumerate(kit.slots):
+            _check_slot(task, kit, slot, f"kits[{i}].slots[{j}]", fail)
+
+
+def _check_slot(task: Task, kit: Kit, slot: Slot, key: str, fail: Fail) -> None:
+    if any(abs(at) > inner for at, inner in zip(slot.position, kit.inner, strict=True)):
+        half = " and ".join(f"-{inner:.4g} to {inner:.4g}" for inner in kit.inner)
+        fail(f"{key}.position", f"the slot is outside {kit.name}", f"write x and y from {half} m")
+    if slot.takes and not any(True for _ in _filled(task, kit, slot)):
+        thing, (x, y) = task.thing(slot.takes), kit.room(slot)
+        problem = (
+            f"{slot.takes} ({thing.measures}) does not fit in {2000 * x:.4g} x {2000 * y:.4g} mm between the walls"
+        )
+        fail(f"{key}.position", problem, f"move the slot away from the walls, turn it, or make {kit.name} larger")
+
+
+def _check_slots_apart(task: Task, fail: Fail) -> None:
+    for number, kit in enumerate(task.kits):
+        for (i, one), (j, other) in itertools.combinations(enumerate(kit.slots), 2):
+            if not _both_filled(task, kit, one, other):
+                problem = f"the slots {one.name} and {other.name} of {kit.name} overlap"
+                fail(f"kits[{number}].slots[{j}].position", problem, f"move it away from slots[{i}]")
 
 
 def _both_filled(task: Task, kit: Kit, one: Slot, other: Slot) -> bool:
@@ -109,3 +129,6 @@ def _filled(task: Task, kit: Kit, slot: Slot) -> Iterator[tuple[str, Footprint]]
     for thing in task.objects:
         if fits(kit, slot, thing):
             yield thing.name, Footprint.of(thing, slot.position, slot_turn(kit, slot, thing) or 0.0)
+
+
+KIT_RULES = (_check_on_tables, _check_all_apart, _check_slots, _check_slots_apart)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import re
 from collections.abc import Callable
@@ -10,9 +11,21 @@ from typing import NoReturn
 from bt_jax._util.errors import UserError
 from bt_jax.tasks.written import Keys
 
-__all__ = ["Fail", "as_written", "refusal"]
+__all__ = ["Fail", "Problem", "as_written", "refusal"]
 
 Fail = Callable[[str, str, str], NoReturn]  # key, problem, remedy
+
+
+@dataclasses.dataclass(frozen=True)
+class Problem:
+    """What is wrong with a key of a task, such as "objects[2].size", and what to do."""
+
+    key: str
+    problem: str
+    remedy: str
+
+    def __str__(self) -> str:
+        return f"{self.problem}; {self.remedy}"
 
 
 def refusal(source: str, keys: Keys) -> Fail:

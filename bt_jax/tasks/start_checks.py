@@ -11,15 +11,15 @@ from bt_jax.tasks.support import kit_origin
 from bt_jax.tasks.task import Target, Task
 from bt_jax.tasks.things import Kit, Object, Table, Vec3
 
-__all__ = ["block_overlap", "check_layout"]
+__all__ = ["LAYOUT_RULES", "block_overlap", "check_layout_names"]
 
 DENSEST = (
     0.6  # share of the tables that circles around the objects may cover; about 0.5 is reached by drawing at random
 )
 
 
-def check_layout(task: Task, fail: Fail) -> None:
-    """Fail for a layout that names what the task does not have, or has no room."""
+def check_layout_names(task: Task, fail: Fail) -> None:
+    """Fail for a layout that names what the task does not have, or names something twice."""
     tables = [table.name for table in task.tables]
     if task.layout.kit != "random" and task.layout.kit not in tables:
         fail("layout.kit", f"there is no table '{task.layout.kit}'", f"use random or one of {', '.join(tables)}")
@@ -28,11 +28,7 @@ def check_layout(task: Task, fail: Fail) -> None:
             fail("layout.stack", f"there is no object '{name}'", f"use some of {', '.join(task.object_names)}")
     if len(set(task.layout.stack)) < len(task.layout.stack):
         fail("layout.stack", "an object is listed twice", "name each object once")
-    _check_fixed(task, fail)
-    free = list(_free_tables(task))
-    if not all(free):
-        fail("tables", "the kits may take every table, and the objects need another", "add a table, or name the kits'")
-    _check_room(task, free, fail)
+    _check_fixed_names(task, fail)
 
 
 def _free_tables(task: Task) -> Iterator[list[Table]]:
@@ -45,8 +41,10 @@ def _free_tables(task: Task) -> Iterator[list[Table]]:
             yield [other for other in task.tables if other.name not in taken]
 
 
-def _check_room(task: Task, free: list[list[Table]], fail: Fail) -> None:
-    layout = task.layout
+def _check_room(task: Task, fail: Fail) -> None:
+    layout, free = task.layout, list(_free_tables(task))
+    if not all(free):
+        fail("tables", "the kits may take every table, and the objects need another", "add a table, or name the kits'")
     rooms = [[[edge - 2 * layout.margin for edge in table.size[:2]] for table in tables] for tables in free]
     if min(edge for tables in rooms for room in tables for edge in room) < 0:
         fail("layout.margin", f"{layout.margin} m from every edge leaves no room on a table", "lower it")
@@ -85,7 +83,7 @@ def _check_circles(task: Task, loose: list[Object], free: list[list[Table]], fai
         fail("objects", problem, "use fewer or smaller objects, lower layout.spacing or layout.margin, or add tables")
 
 
-def _check_fixed(task: Task, fail: Fail) -> None:
+def _check_fixed_names(task: Task, fail: Fail) -> None:
     fixed = task.layout.fixed
     if fixed and task.layout.kit == "random" and any(not kit.table for kit in task.kits):
         fail("layout.kit", "the kit may be placed where an object is fixed", "name the kit's table")
@@ -97,9 +95,14 @@ def _check_fixed(task: Task, fail: Fail) -> None:
             fail(f"{key}.object", f"{place.object} has a place already", "give each object one place")
         if place.frame != task.robot_frame:
             fail(f"{key}.frame", f"'{place.frame}' is not the robot's frame", f"use {task.robot_frame}")
-        thing = task.thing(place.object)
-        if place.turn is not None and not thing.symmetry:
+        if place.turn is not None and not task.thing(place.object).symmetry:
             fail(f"{key}.turn", f"{place.object} is a cylinder, which looks alike in every turn", "leave turn out")
+
+
+def _check_fixed(task: Task, fail: Fail) -> None:
+    fixed = task.layout.fixed
+    for i, place in enumerate(fixed):
+        key, thing = f"layout.fixed[{i}]", task.thing(place.object)
         half, slack = thing.half_at(place.turn), 0.1 * thing.height
         for kit in task.kits:
             if _is_inside(task, kit, place, slack):
@@ -137,3 +140,6 @@ def block_overlap(half: Vec3, position: Vec3, other_half: Vec3, other_position: 
     """Return by how much two blocks overlap, along the axis on which that is the least; negative if they do not."""
     halves = zip(half, other_half, position, other_position, strict=True)
     return min(a + b - abs(x - y) for a, b, x, y in halves)
+
+
+LAYOUT_RULES = (_check_fixed, _check_room)

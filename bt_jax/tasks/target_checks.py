@@ -12,24 +12,16 @@ from bt_jax.tasks.support import kit_origin, resolve_turned, start_turn
 from bt_jax.tasks.task import Target, Task
 from bt_jax.tasks.things import Kit, Object, Vec3
 
-__all__ = ["check_targets"]
+__all__ = ["TARGET_RULES", "check_target_names"]
 
 TICKS_PER_MOVE = 2  # one to pick and one to place
 
 
-def check_targets(task: Task, fail: Fail) -> None:
-    """Fail for a target that cannot be met, alone or with the others."""
+def check_target_names(task: Task, fail: Fail) -> None:
+    """Fail for targets that name what the task does not have, or one another in a circle."""
     for i, target in enumerate(task.targets):
         _check_names(task, i, target, fail)
-        _check_slot(task, i, target, fail)
-        _check_place(task, i, target, fail)
     _check_circles(task, fail)
-    for i, target in enumerate(task.targets):
-        _check_reach(task, i, target, fail)
-    for (i, one), (j, other) in itertools.combinations(enumerate(task.targets), 2):
-        if _overlap(task, one, other):
-            fail(f"targets[{j}]", f"{other.object} would be inside {one.object} of targets[{i}]", "move one of them")
-    _check_ticks(task, fail)
 
 
 def _check_names(task: Task, i: int, target: Target, fail: Fail) -> None:
@@ -51,15 +43,19 @@ def _check_names(task: Task, i: int, target: Target, fail: Fail) -> None:
             fail(f"{key}.object", there, "raise its count or drop a target")
     if target.turn is not None and not task.thing(name).symmetry:
         fail(f"{key}.turn", f"{name} is a cylinder, which looks alike in every turn", "leave turn out")
+    slots = slots_by_name(task.kits)
+    if target.slot and target.slot not in slots:
+        fail(f"{key}.slot", f"there is no slot '{target.slot}'", f"use one of {', '.join(slots)}")
+
+
+def _check_slots(task: Task, fail: Fail) -> None:
+    for i, target in enumerate(task.targets):
+        if target.slot:
+            _check_slot(task, i, target, fail)
 
 
 def _check_slot(task: Task, i: int, target: Target, fail: Fail) -> None:
-    if not target.slot:
-        return
-    slots = slots_by_name(task.kits)
-    if target.slot not in slots:
-        fail(f"targets[{i}].slot", f"there is no slot '{target.slot}'", f"use one of {', '.join(slots)}")
-    kit, slot = slots[target.slot]
+    kit, slot = slots_by_name(task.kits)[target.slot]
     thing = task.thing(target.object)
     if slot.takes not in ("", thing.name, thing.part):
         fail(f"targets[{i}].slot", f"{target.slot} is for {slot.takes}, not for {target.object}", "use another slot")
@@ -68,6 +64,11 @@ def _check_slot(task: Task, i: int, target: Target, fail: Fail) -> None:
         room = f"{2000 * x:.4g} x {2000 * y:.4g} mm between the walls"
         problem = f"{target.object} ({thing.measures}) does not fit in {target.slot}, {room}"
         fail(f"targets[{i}].slot", problem, f"use another slot, turn this one, or make {kit.name} larger")
+
+
+def _check_places(task: Task, fail: Fail) -> None:
+    for i, target in enumerate(task.targets):
+        _check_place(task, i, target, fail)
 
 
 def _check_place(task: Task, i: int, target: Target, fail: Fail) -> None:
@@ -79,6 +80,11 @@ def _check_place(task: Task, i: int, target: Target, fail: Fail) -> None:
         below = task.thing(target.frame).half_at(None)
         if block_overlap(half, target.position, below, (0.0, 0.0, 0.0)) > task.episode.tolerance:
             fail(key, f"{target.object} would be inside {target.frame}", "move it to free space")
+
+
+def _check_all_in_reach(task: Task, fail: Fail) -> None:
+    for i, target in enumerate(task.targets):
+        _check_reach(task, i, target, fail)
 
 
 def _check_reach(task: Task, i: int, target: Target, fail: Fail) -> None:
@@ -125,6 +131,12 @@ def _check_circles(task: Task, fail: Fail) -> None:
             frame = frames[frame]
 
 
+def _check_apart(task: Task, fail: Fail) -> None:
+    for (i, one), (j, other) in itertools.combinations(enumerate(task.targets), 2):
+        if _overlap(task, one, other):
+            fail(f"targets[{j}]", f"{other.object} would be inside {one.object} of targets[{i}]", "move one of them")
+
+
 def _overlap(task: Task, one: Target, other: Target) -> bool:
     """Return whether two targets are at one place, so that both cannot be met."""
     (frame, here, turn), (other_frame, there, other_turn) = (resolve_turned(task, it) for it in (one, other))
@@ -156,3 +168,6 @@ def _check_ticks(task: Task, fail: Fail) -> None:
     if task.episode.max_ticks < least:
         problem = f"{task.episode.max_ticks} ticks are too few to move {moves} object{'s' if moves > 1 else ''}"
         fail("episode.max_ticks", problem, f"write {least} or more")
+
+
+TARGET_RULES = (_check_slots, _check_places, _check_all_in_reach, _check_apart, _check_ticks)

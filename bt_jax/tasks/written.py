@@ -13,7 +13,7 @@ from bt_jax.tasks.slots import slot_position, slot_turn, slots_by_name
 from bt_jax.tasks.task import Episode, GeneSettings, Layout, Subgoal, SubgoalReward, Target, Task, Weights
 from bt_jax.tasks.things import Kit, Object, Shape, Slot, Table, Vec2, Vec3
 
-__all__ = ["Keys", "WrittenTask", "merged"]
+__all__ = ["Keys", "WrittenTask", "merged", "ticks_for"]
 
 Keys = Mapping[str, str]  # beginning of a key of `Task` -> how the file says it
 OLD_NAMES = {"boxes": "objects", "kit": "kits"}
@@ -135,7 +135,7 @@ class WrittenTask:
         )
         episode = self.episode
         if not ticks_given:
-            episode = dataclasses.replace(episode, max_ticks=max(LEAST_TICKS, TICKS_PER_TARGET * len(targets)))
+            episode = dataclasses.replace(episode, max_ticks=ticks_for(len(targets)))
         faults = faults_of(self.faults, source)
         if faults is not None:
             longer = episode.with_faults()
@@ -145,6 +145,11 @@ class WrittenTask:
         }
         new = {"objects": tuple(objects), "kits": kits, "targets": targets, "episode": episode, "faults": faults}
         return Task(**{**same, **new}), keys
+
+
+def ticks_for(targets: int) -> int:
+    """Return how many ticks an episode has for so many targets, unless a task says how many."""
+    return max(LEAST_TICKS, TICKS_PER_TARGET * targets)
 
 
 def merged(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bt_jax._util.errors import UserError
-from bt_jax.tasks import load_task, task_from_dict, task_names, task_of_folder
+from bt_jax.tasks import load_task, problems, task_from_dict, task_names, task_of_folder
 
 LAST = "\ntargets: [{object: YellowBox, position: [0, 0, 0.052], frame: KittingBox}]\n"
 
@@ -253,3 +253,30 @@ def test_tasks_that_were_kept_before_there_was_a_rule_for_subgoals_and_with_anot
     (tmp_path / kept).write_text(json.dumps({"task": older} if kept == "config.json" else older))
     task = task_of_folder(tmp_path)
     assert (task.subgoal_reward, task.layout.margin) == ("seen", 0.125)
+
+
+def test_an_unfinished_task_may_have_problems_which_are_all_found(tmp_path):
+    text = """
+extends: stack
+name: mine
+gripper_opening: 0.05
+targets: []
+kit: {name: KittingBox, size: 0.8}
+"""
+    (tmp_path / "mine.yaml").write_text(text)
+    task = load_task(tmp_path / "mine.yaml", unfinished=True)
+    assert [problem.key for problem in problems(task)] == ["targets", "kits[0].size", "objects[0].size"]
+    with pytest.raises(UserError, match="there is nothing to do"):
+        load_task(tmp_path / "mine.yaml")
+    assert problems(load_task("stack")) == []
+
+
+def test_an_unfinished_task_still_has_to_make_sense(tmp_path):
+    for text, says in (
+        ("targets: [{object: Cup, position: [0, 0, 0.05], frame: KittingBox}]", "there is no object 'Cup'"),
+        ("layout: {kit: Shelf}", "there is no table 'Shelf'"),
+        ("kit: {size: 0.4, wall_thickness: 0.3}", "the walls leave no room"),
+    ):
+        (tmp_path / "mine.yaml").write_text(f"extends: stack\nname: mine\n{text}\n")
+        with pytest.raises(UserError, match=says):
+            load_task(tmp_path / "mine.yaml", unfinished=True)

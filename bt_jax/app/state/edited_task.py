@@ -9,9 +9,9 @@ import asyncio
 import dataclasses
 
 from bt_jax.app.state.history import History
+from bt_jax.app.state.kit.starting import first_start
 from bt_jax.app.state.workspace import Workspace
 from bt_jax.mjx_env.conditions import subgoals_by_sight
-from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Task
 
@@ -32,7 +32,7 @@ class EditedTask:
     def __init__(self, workspace: Workspace, task: Task) -> None:
         self.turn = asyncio.Lock()
         self._workspace = workspace
-        self._history = History(_Version(task, sample_layouts(task, 0, 1)))
+        self._history = History(_Version(task, first_start(task)))
         self._filed = workspace.filed(task.name)  # what the file said when the task was opened or saved last
 
     @property
@@ -65,7 +65,7 @@ class EditedTask:
 
     def open(self, task: Task, start: World | None = None) -> None:
         """Take another task, with a new history; it starts in the first layout that is drawn unless `start` is given."""
-        self._history = History(_version(task, sample_layouts(task, 0, 1) if start is None else start))
+        self._history = History(_version(task, first_start(task) if start is None else start))
         self._filed = self._workspace.filed(task.name)
 
     def save(self, name: str) -> None:
@@ -75,7 +75,7 @@ class EditedTask:
         self._filed = self._workspace.filed(name)
 
     def edit(self, task: Task, start: World | None = None) -> None:
-        """Change the targets or the start of the task, which keeps its objects and frames."""
+        """Change the task. It starts as before unless `start` is given, which a task with other objects or kits needs."""
         self._history = self._history.changed(_version(task, self.start if start is None else start))
 
     def undo(self) -> None:

@@ -10,7 +10,6 @@ from bt_jax._util.errors import UserError
 __all__ = ["History"]
 
 T = TypeVar("T")
-DEPTH = 200  # changes that can be undone
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,7 +22,7 @@ class History(Generic[T]):
 
     def changed(self, present: T) -> History[T]:
         """Return the document after a change; what was undone before cannot be redone any more."""
-        return History(present, (*self.past, self.present)[-DEPTH:])
+        return History(present, (*self.past, self.present))
 
     def undone(self) -> History[T]:
         """Return the document before its last change. Raise UserError if there is none."""

@@ -87,10 +87,8 @@ def spare_place(task: Task, world: World, kind: str) -> Point:
 
 
 def untarget(task: Task, key: str) -> Task:
-    """Return the task without the target of a key. Raise UserError if it is the last one."""
+    """Return the task without the target of a key."""
     rest = tuple(target for other, target in target_keys(task).items() if other != key)
-    if not rest:
-        raise UserError(f"{kind_of(key)} has the only target of the task; give another object one first")
     return dataclasses.replace(task, targets=rest)
 
 

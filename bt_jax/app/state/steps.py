@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from bt_jax._util.words import counted
+from bt_jax.app.state.kit.complaints import complaints
 from bt_jax.app.state.studio import Studio
 from bt_jax.lfd.clustering import NEEDED
 from bt_jax.mjx_env.episodes.rules import Ending
@@ -70,7 +71,7 @@ def _ran(studio: Studio) -> bool:
 
 
 _DONE: dict[Step, Callable[[Studio], bool]] = {
-    "task": lambda studio: bool(studio.edited.task.targets) and not studio.unsaved,
+    "task": lambda studio: not complaints(studio.edited.task) and not studio.unsaved,
     "evolve": _found,
     "demonstrate": lambda studio: _shown(studio) >= NEEDED,
     "understand": _understood,
@@ -83,6 +84,8 @@ _DONE: dict[Step, Callable[[Studio], bool]] = {
 def _after_task(studio: Studio) -> Advice:
     if not studio.edited.task.targets:
         return Advice("Say first where something should be.", "evolve", ready=False)
+    if complaints(studio.edited.task):
+        return Advice("Something cannot work yet; the list above says what.", "evolve", ready=False)
     return Advice("Let the program find a way to do it.", "evolve")
 
 

@@ -16,6 +16,7 @@ from bt_jax._util.errors import UserError
 from bt_jax.app.phrases import phrase
 from bt_jax.app.processes.train_command import NO_CHANGES
 from bt_jax.app.processes.warm_worker import WarmWorker
+from bt_jax.app.state.arrangement import fixed_layout
 from bt_jax.app.state.bus import Bus, Kind
 from bt_jax.app.state.demonstration_draft import DemonstrationDraft, DraftKeeper
 from bt_jax.app.state.demonstration_library import DemonstrationLibrary
@@ -23,6 +24,8 @@ from bt_jax.app.state.edited_task import EditedTask, same_goal, same_things
 from bt_jax.app.state.evolution_process import EvolutionProcess, EvolutionStage
 from bt_jax.app.state.holds import Holds
 from bt_jax.app.state.keeping import Keeping
+from bt_jax.app.state.kit.complaints import complaints
+from bt_jax.app.state.kit.starting import carried, first_start
 from bt_jax.app.state.notices import Discard, Notice, Notices
 from bt_jax.app.state.playing import Playing
 from bt_jax.app.state.robot_twin import RobotTwin
@@ -33,7 +36,6 @@ from bt_jax.app.state.worker import Worker
 from bt_jax.app.state.workspace import Workspace
 from bt_jax.behaviors import Tree
 from bt_jax.gp.config import GPConfig
-from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.mjx_env.world import World
 from bt_jax.tasks import Task
 from bt_jax.training.phases import Changes
@@ -89,17 +91,24 @@ class Studio:
         self.bus.changed("task", "scene", "lesson", "player", "tree")
 
     def edit_task(self, task: Task, start: World | None = None) -> None:
-        """Change the targets or the start of the task; the tree and a demonstration in the making stay."""
+        """Change the task; the tree and a demonstration in the making stay if all objects and kits do. Raise UserError if
+        they do not and a demonstration in the making would be lost."""
+        before = self.edited.task
+        if not _same_scene(task, before):
+            self._check_not_teaching()
         self.edited.edit(task, start)
-        self._after_edit()
+        self._after_edit(before)
+
+    def build(self, task: Task) -> None:
+        """Change the objects or the kits of the task: what stays keeps its place at the start. Raise UserError as
+        `edit_task`."""
+        start = carried(self.edited.task, self.edited.start, task)
+        self.edit_task(fixed_layout(task, start) if task.layout.fixed else task, start)
 
     def revert_task(self) -> None:
         """Take the task as its file says again; this can be undone, too. Raise UserError if the file has gone."""
         task = self.workspace.task(self.edited.task.name)
-        if same_things(task, self.edited.task):
-            self.edit_task(task, sample_layouts(task, 0, 1))
-        else:
-            self.open_task(task)
+        self.edit_task(task, first_start(task))
 
     def discard_draft(self) -> None:
         """Take the task as its file says again or, if that has gone or is invalid, the first of the package. Raise
@@ -112,14 +121,24 @@ class Studio:
             self.revert_task()
 
     def undo_edit(self) -> None:
-        """Take back the last edit of the task. Raise UserError if there is none."""
-        self.edited.undo()
-        self._after_edit()
+        """Take back the last edit of the task. Raise UserError if there is none, or as `edit_task`."""
+        self._move(self.edited.undo, back=self.edited.redo)
 
     def redo_edit(self) -> None:
-        """Repeat the edit that was taken back last. Raise UserError if there is none."""
-        self.edited.redo()
-        self._after_edit()
+        """Repeat the edit that was taken back last. Raise UserError if there is none, or as `edit_task`."""
+        self._move(self.edited.redo, back=self.edited.undo)
+
+    def _move(self, step: Callable[[], None], *, back: Callable[[], None]) -> None:
+        """Go to another version of the task, and back if that is not possible now."""
+        before = self.edited.task
+        step()
+        try:
+            if not _same_scene(self.edited.task, before):
+                self._check_not_teaching()
+        except UserError:
+            back()
+            raise
+        self._after_edit(before)
 
     @property
     def unsaved(self) -> bool:
@@ -182,7 +201,10 @@ class Studio:
         self.notices.add(Notice(f"{what} cannot be restored: {phrase(error, self.workspace.root)}. {kept}"))
 
     def start_evolution(self, gp: GPConfig) -> None:
-        """Evolve a tree for the edited task, in a new run folder. Raise UserError if an evolution is running."""
+        """Evolve a tree for the edited task, in a new run folder. Raise UserError if an evolution is running, or the task
+        cannot be done."""
+        for complaint in complaints(self.edited.task):
+            raise UserError(f"the task cannot be done yet, see step 1: {complaint.removesuffix('.')}")
         self.evolution.start(self.edited.task, gp)
         self._following = self.edited.task
         self.playing.follow(None, self.evolution.run)
@@ -200,8 +222,9 @@ class Studio:
 
     def save_task(self, name: str) -> None:
         """Write the edited task to a file, whose name it has from now on. Raise UserError if that is impossible."""
+        before = self.edited.task
         self.edited.save(name)
-        self._after_edit()
+        self._after_edit(before)
 
     def take_goal(self, task: Task) -> None:
         """Give the edited task all that another says but its name and description; this can be undone. Raise UserError
@@ -211,7 +234,7 @@ class Studio:
             raise UserError(f"{task.name} has other objects or kits than {edited.name}; open it in step 1")
         changed = dataclasses.replace(task, name=edited.name, description=edited.description)
         same_starts = (task.layout, task.tables, task.kits) == (edited.layout, edited.tables, edited.kits)
-        self.edit_task(changed, None if same_starts else sample_layouts(changed, 0, 1))
+        self.edit_task(changed, None if same_starts else first_start(changed))
 
     @property
     def asks_for_goal(self) -> bool:
@@ -318,11 +341,20 @@ class Studio:
         if taught != following:
             self.edit_task(taught)
 
-    def _after_edit(self) -> None:
+    def _after_edit(self, before: Task) -> None:
+        task = self.edited.task
         self.notices.remove(self._restored)
+        if not same_things(task, before):
+            self.playing.take(None, None)
+            self.library.forget_lesson()
         self.playing.clear()
-        self.teaching.task_edited()
+        if _same_scene(task, before):
+            self.teaching.task_edited()
+        else:
+            self.teaching.task_opened()
         self.bus.changed("task", "scene", "player")
+        if not same_things(task, before):
+            self.bus.changed("lesson", "tree")
         self._keep_draft()
 
     def _keep_draft(self) -> None:
@@ -332,3 +364,8 @@ class Studio:
         else:
             self.notices.remove(self._restored)
             self.workspace.delete_draft()
+
+
+def _same_scene(one: Task, other: Task) -> bool:
+    """Whether two tasks look alike but for targets and starts, so that a demonstration in the making can go on."""
+    return same_things(one, other) and (one.kits, one.tables) == (other.kits, other.tables)

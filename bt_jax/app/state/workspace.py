@@ -9,17 +9,19 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
+import itertools
 import re
 from pathlib import Path
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.files import NAME_RULE, is_name, unused, write_atomic
+from bt_jax._util.text_files import decode_text
 from bt_jax._util.yaml_files import to_yaml
 from bt_jax.behaviors import Tree
 from bt_jax.encoding.formats.files import read_tree
 from bt_jax.encoding.formats.text import format_tree
 from bt_jax.lfd import DemonstrationFolder
-from bt_jax.tasks import Task, load_task, task_names, task_of_folder
+from bt_jax.tasks import Task, load_task, parse_task, task_names, task_of_folder
 from bt_jax.training.run_folder import RunFolder
 
 __all__ = ["Workspace"]
@@ -55,6 +57,13 @@ class Workspace:
     def inputs(self) -> Path:
         """Where files for trainings are written, which may read them after the page was closed."""
         return self.root / ".inputs"
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing was kept here yet."""
+        return not (self._draft.is_file() or self._demonstration.is_file()) and not any(
+            folder.is_dir() and any(folder.iterdir()) for folder in (self.runs, self.tasks, self.demonstrations)
+        )
 
     def run_names(self) -> list[str]:
         """Return the names of the run folders, the newest first."""
@@ -121,6 +130,12 @@ class Workspace:
         if name in task_names():
             return load_task(name)
         return load_task(self.inside(self.tasks, f"{name}.yaml"), unfinished=True)
+
+    def imported(self, file: str, content: bytes) -> Task:
+        """Return the task in a file that was sent, by a name that no task here has yet. Raise UserError if it is invalid."""
+        task = parse_task(decode_text(content, file), source=file, unfinished=True)
+        names = itertools.chain([task.name], (f"{task.name}_{n}" for n in itertools.count(2)))
+        return dataclasses.replace(task, name=next(name for name in names if name not in self.task_names()))
 
     def save_task(self, name: str, task: Task) -> Path:
         """Write a task file. Raise UserError if the name is that of a task of the package, or no name for a file."""

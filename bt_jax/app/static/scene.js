@@ -109,7 +109,7 @@ export default {
       this.paintGround();
       this.bodies = {};
       this.ghosts = {};
-      this.motion = this.drag = this.frozen = this.dropped = this.gripper = this.base = null; // until Python shows a state
+      this.motion = this.drag = this.frozen = this.dropped = this.gripper = this.base = this.origins = null; // until Python shows a state
       this.dragging = "";
       for (const geom of this.model.geoms.filter(({ type }) => type !== "plane")) this.body(geom.body).add(meshOf(geom));
       this.tags = this.model.objects.map(({ name }) => {
@@ -160,7 +160,7 @@ export default {
     },
 
     placeKits() {
-      this.model.kits.forEach(({ name }, k) => setPose(this.bodies[name], this.origins[k]));
+      this.origins?.forEach((origin, k) => setPose(this.bodies[this.model.kits[k].name], origin));
     },
 
     // Runs through states that follow each other evenly, in this time.

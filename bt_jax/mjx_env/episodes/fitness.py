@@ -104,12 +104,14 @@ def _goals(task: Task) -> _Goals:
     turn = np.array([math.nan if t.turn is None else math.radians(t.turn) for t in task.targets], np.float32)
     meant = [target.object for target in task.targets]
     return _Goals(
-        frame=np.array([task.frames.index(target.frame) for target in task.targets]),
-        position=np.array([target.position for target in task.targets], np.float32),
+        frame=np.array([task.frames.index(target.frame) for target in task.targets], int),
+        position=np.array([target.position for target in task.targets], np.float32).reshape(-1, 3),
         turn=turn,
         turned=not np.isnan(turn).all(),
-        first=np.array([names.index(instances[one][0]) for one in meant]),
-        meant=np.array([[name in instances[t.object] and name != t.frame for t in task.targets] for name in names]),
+        first=np.array([names.index(instances[one][0]) for one in meant], int),
+        meant=np.array(
+            [[name in instances[t.object] and name != t.frame for t in task.targets] for name in names], bool
+        ),
         parts=tuple(
             (
                 np.flatnonzero([one == part or one in instances[part] for one in meant]),

@@ -86,10 +86,11 @@ def test_where_no_target_can_be(name, position, frame, says):
         retarget(TASK, PHYSICS, START, name, np.array(position), frame)
 
 
-def test_the_last_target_stays():
-    task = untarget(untarget(TASK, "BlueBox"), "GreenBox")
-    with pytest.raises(UserError, match="only target"):
-        untarget(task, "YellowBox")
+def test_a_task_without_targets_gets_one_again():
+    nothing = untarget(untarget(untarget(TASK, "BlueBox"), "GreenBox"), "YellowBox")
+    assert nothing.targets == ()
+    again = retarget(nothing, PHYSICS, START, "YellowBox", np.array(kit()))
+    assert [target.object for target in again.targets] == ["YellowBox"]
 
 
 @settings(max_examples=40)

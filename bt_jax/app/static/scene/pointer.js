@@ -147,8 +147,8 @@ export const pointer = {
   placeText(x, y, under) {
     if (!under) return "beside the tables";
     const [dx, dy] = [x - under.middle[0], y - under.middle[1]];
-    const along = ([a, b]) => (100 * (dx * a + dy * b)).toFixed(1).replace("-0.0", "0.0").replace("-", "\u2212");
-    return `${under.name}: right ${along(this.model.right)}, back ${along(this.model.away)} cm`;
+    const along = ([a, b]) => `${Math.round(1000 * (dx * a + dy * b)) + 0}`.replace("-", "\u2212");
+    return `${under.name}: right ${along(this.model.right)}, back ${along(this.model.away)} mm`;
   },
 
   onUp(event) {
