@@ -51,6 +51,13 @@ class Vocabulary(Generic[L]):
         """Return this vocabulary with more leaves and decorators; tokens may change."""
         return Vocabulary.of((*self.leaves, *leaves), (*self.decorators, *decorators))
 
+    def without(self, leaves: Iterable[L]) -> Vocabulary[L]:
+        """Return this vocabulary without some leaves; tokens may change. Raise UserError if one is not in it."""
+        gone = set(leaves)
+        if unknown := sorted(str(leaf) for leaf in gone if leaf not in self._tokens):
+            raise UserError(f"evolution would not use {unknown[0]} anyway; give a leaf as it stands in the gene pool")
+        return Vocabulary(tuple(leaf for leaf in self.leaves if leaf not in gone), self.decorators)
+
     def __len__(self) -> int:
         return FIRST_LEAF + len(self.leaves) + len(self.decorators)
 

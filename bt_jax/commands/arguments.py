@@ -104,6 +104,9 @@ class TrainArguments:
     """tree (.txt or .xml) to start from, or a folder of train or learn with one; its parts stay available"""
     plan: bool = False
     """start from the tree that a planner makes for the task's targets and subgoals; what is in the way is put aside"""
+    without: tuple[str, ...] = ()
+    """leaves that evolution does not use, for instance "move(BlueBox, (0, 0, 0.05), GreenBox)"; a part of the baseline that
+    is to stay whole is written as subtask(NAME, ...)"""
     add_target_from: Annotated[Path | None, unset("PATH")] = None
     """folder of demonstrations: their places become targets and genes, their tree the baseline if no other is given"""
     add_subgoal_from: Annotated[Path | None, unset("PATH")] = None
@@ -131,6 +134,8 @@ class TrainArguments:
             raise UserError("--resume keeps the faults of its run; leave out --faults")
         if self.resume is None and self.name is not None and self.task is not None:
             raise UserError("two tasks are given; name one, or give one file with --task")
+        if self.resume is not None and self.without:
+            raise UserError("--resume keeps the leaves of its run; leave out --without")
         if self.target_fitness is not None and math.isnan(self.target_fitness):
             raise UserError("--target-fitness is nan; choose a number, for instance -40")
         if self.time_limit is not None and not self.time_limit > 0:

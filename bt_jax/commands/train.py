@@ -13,7 +13,7 @@ from bt_jax._util.errors import UserError
 from bt_jax._util.files import unused
 from bt_jax._util.startup import configure_jax
 from bt_jax._util.words import listed
-from bt_jax.behaviors import subgoal_conditions
+from bt_jax.behaviors import Behavior, subgoal_conditions
 from bt_jax.commands.arguments import TrainArguments
 from bt_jax.encoding.formats.files import check_tree, read_tree
 from bt_jax.tasks import Task, load_faults, load_task, with_faults
@@ -22,7 +22,7 @@ from bt_jax.training.console import TrainingDisplay
 from bt_jax.training.phases import KEPT, Changes, resumed
 from bt_jax.training.progress import Reporter
 from bt_jax.training.run import TrainingRun
-from bt_jax.training.run_config import RunConfig
+from bt_jax.training.run_config import RunConfig, parse_leaf
 from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.training import Training
 
@@ -94,7 +94,8 @@ def _configuration(arguments: TrainArguments) -> tuple[RunConfig, RunFolder]:
         if arguments.faults is not None:
             task = with_faults(task, load_faults(arguments.faults), source=f"--faults {arguments.faults}")
         folder = RunFolder(arguments.out or unused(Path("runs") / f"{task.name}-{datetime.now():%Y%m%d-%H%M%S}"))
-        config = changes.applied(RunConfig(task, arguments.gp, arguments.settings))
+        without = tuple(map(_leaf, arguments.without))
+        config = changes.applied(RunConfig(task, arguments.gp, arguments.settings, without=without))
     if arguments.baseline is not None and changes.baseline is not None:
         check_tree(changes.baseline, config.task, arguments.baseline)
     return config, folder
@@ -105,6 +106,14 @@ def _not_taken_over(arguments: TrainArguments) -> list[str]:
     if arguments.resume is None or arguments.task is None:
         return []
     return not_taken_over(RunFolder(arguments.resume).config().task, _task(arguments.task))
+
+
+def _leaf(text: str) -> Behavior:
+    """Return a leaf that evolution does without. Raise UserError if the text is not one."""
+    try:
+        return parse_leaf(text)
+    except UserError as error:
+        raise UserError(f"--without: {error}") from None
 
 
 def _task(name_or_path: str | Path) -> Task:

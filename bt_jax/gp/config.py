@@ -35,7 +35,7 @@ SETTINGS_OF: Mapping[Method, tuple[str, ...]] = types.MappingProxyType(
             "baseline_boost",
             "baseline_index",
         ),
-        "achievements": ("patience",),
+        "achievements": ("patience", "accept_baseline"),
     }
 )  # that the other method does not take
 
@@ -85,6 +85,9 @@ class GPConfig:
     patience: int | None = None
     """of the method achievements: stop once every run has solved the task and has not improved for this many generations;
     auto: 10, 20 where things go wrong, and never if the number of generations is given"""
+    accept_baseline: bool = False
+    """of the method achievements: keep the baseline, or the plan, as it is and stop before anything is bred if it solves the
+    task in 30 more layouts; not if the number of generations is given"""
     mutation_parents: int | None = None
     """parents selected for mutation; auto: 3/4 of the population, 12 of 16"""
     mutation_offspring: int = 2

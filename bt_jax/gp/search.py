@@ -51,7 +51,8 @@ class AchievementSearch(Procedure):
     state is its best tree and what was measured last; `config.population` trees are measured each generation. A run has
     ended once its best tree solves the task and was not improved for `config.patience` generations; unless that is given,
     for PATIENCE, and twice as many where episodes differ by chance. `confirm`, if given, then takes the run and its best
-    trees [K, N], and returns what they achieve in more layouts; the run goes on unless one solves the task there, too.
+    trees [K, N], and returns what they achieve in more layouts; the run goes on unless one solves the task there, too. With
+    `config.accept_baseline` it takes the baseline first, and a run whose baseline solves all of them has ended.
     """
 
     def __init__(
@@ -78,7 +79,7 @@ class AchievementSearch(Procedure):
         self._alphabet = jax.tree.map(lambda count: np.array(count, np.int32), alphabet)
         self._rates = EditRates.of(alphabet, config.mutation)
         self._first_rates = EditRates.of(alphabet, growth(gene_under_fallback=config.gene_under_fallback))
-        self._static = dataclasses.replace(config, seed=0, generations=1)
+        self._static = dataclasses.replace(config, seed=0, generations=1, accept_baseline=False)
 
     def ask(self, state: State | None) -> Trees:
         """Return the offspring [R, P, N] to measure next (NumPy); the baseline, if any, is the first of all."""
@@ -211,13 +212,32 @@ class AchievementSearch(Procedure):
     def step(self, state: State | None) -> State:
         """Return the state one generation later, or for None the first: `ask`, `evaluate`, `tell`, and `confirm` for the
         runs that have just come to their end."""
+        begins = state is None
         offspring = self.ask(state)
         measured = self.evaluate(offspring)
         state = self.tell(state, offspring, measured)
         if self.confirm is None:
             return state
-        learnt = tuple(self._confirmed(run, known) for run, known in enumerate(state.knowledge))
+        if begins and self._baseline_does(measured):
+            every = np.zeros(self.config.population, int)  # the baseline comes first
+            offspring, measured = jax.tree.map(lambda leaf: leaf[:, every], (offspring, measured))
+            learnt = tuple(self._settled(run, known, offspring, measured) for run, known in enumerate(state.knowledge))
+        else:
+            learnt = tuple(self._confirmed(run, known) for run, known in enumerate(state.knowledge))
         return dataclasses.replace(state, knowledge=learnt, population=_population(offspring, measured, learnt))
+
+    def _baseline_does(self, measured: Measured) -> bool:
+        """Return whether the baseline is to be accepted: whether it solves every episode, and those of `confirm`."""
+        if not self.config.accept_baseline or self.baseline is None or self.confirm is None:
+            return False
+        if not (measured.solved[:, 0] == 1).all():
+            return False
+        return all(self.confirm(run, self.baseline[None]).solved[0] == 1 for run in range(self.config.runs))
+
+    def _settled(self, run: int, known: Knowledge, trees: Trees, measured: Measured) -> Knowledge:
+        """Return what a run knows that needs nothing but the first of its trees."""
+        first = jax.tree.map(lambda leaf: leaf[run, :1], measured)
+        return known.settled(trees[run, :1], first, self.goals, stagnant=self._patience)
 
     def _confirmed(self, run: int, known: Knowledge) -> Knowledge:
         """Return what a run knows after its best trees were tried in more layouts, if it is time for that."""

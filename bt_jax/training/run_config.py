@@ -41,6 +41,7 @@ class _Content:
     phase: int
     since: int
     x64: bool = False
+    without: list[str] = dataclasses.field(default_factory=list)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,6 +62,8 @@ class RunConfig:
     version: str = dataclasses.field(default_factory=package_version)
     x64: bool = False
     """whether JAX computed with 64-bit numbers, which the commands never do"""
+    without: tuple[Behavior, ...] = ()
+    """leaves of the task's gene pool that are not used"""
 
     def to_json(self) -> str:
         """Return the text of `config.json`."""
@@ -75,6 +78,7 @@ class RunConfig:
             "phase": self.phase,
             "since": self.since,
             "x64": self.x64,
+            "without": list(map(str, self.without)),
         }
         return json.dumps(data, indent=2) + "\n"
 
@@ -94,7 +98,7 @@ class RunConfig:
         try:
             content = decode(_completed(data), _Content, source)
             baseline = None if content.baseline is None else parse_tree(content.baseline)
-            extra = tuple(map(parse_leaf, content.extra_leaves))
+            extra, without = (tuple(map(parse_leaf, texts)) for texts in (content.extra_leaves, content.without))
             task = task_from_dict(content.task, source=str(source), kept=True)
         except UserError as error:
             version = data.get("version") if isinstance(data, dict) else None
@@ -114,6 +118,7 @@ class RunConfig:
             content.since,
             content.version,
             content.x64,
+            without,
         )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float32, Int32
 from rich.console import Console
 
+from bt_jax._util.errors import UserError
 from bt_jax.behaviors import FIRST_LEAF, Behavior, Decorator, Tree, gene_pool
 from bt_jax.encoding.arrays import Trees, decode, encode
 from bt_jax.encoding.walk import decorators, leaves
@@ -46,8 +47,9 @@ GB = 1 << 30  # bytes
 class Training:
     """An evolution bound to a task: individuals are trees over the task's gene pool, fitness comes from episodes.
 
-    `extra_leaves` join the pool; `baseline` is a tree that the population starts from and keeps for crossover, and its
-    leaves join as well. Run r uses layouts of its own, drawn from seed + r, the same in every generation.
+    `extra_leaves` join the pool, from which those of `without` are missing; `baseline` is a tree that the population starts
+    from and keeps for crossover, and its leaves join as well. Run r uses layouts of its own, drawn from seed + r, the same
+    in every generation.
     """
 
     def __init__(
@@ -58,16 +60,23 @@ class Training:
         *,
         baseline: Tree | None = None,
         extra_leaves: tuple[Behavior, ...] = (),
+        without: tuple[Behavior, ...] = (),
     ) -> None:
         config.check()
         settings.check()
         self.task, self.config, self.settings = task, config, settings
         baseline = None if baseline is None else evolvable(baseline, config)
         own = [] if baseline is None else leaves(baseline)
+        if used := next((leaf for leaf in without if leaf in own), None):
+            raise UserError(
+                f"the baseline uses {used}, which evolution is to do without; take it out of one of the two"
+            )
         counting = [] if baseline is None else decorators(baseline)
-        self.vocabulary = gene_pool(task).extended([*extra_leaves, *own], counting)
+        self.vocabulary = gene_pool(task).without(without).extended([*extra_leaves, *own], counting)
         self.level = make_level(task, settings)
-        self.run_config = _pinned(RunConfig(task, config, settings, baseline, extra_leaves), self.level.name)
+        self.run_config = _pinned(
+            RunConfig(task, config, settings, baseline, extra_leaves, without=without), self.level.name
+        )
         learns = config.method == "achievements"
         batch = config.runs * (config.population if learns else max(config.population, config.num_offspring))
         semantics = LeafSemantics(task, self.vocabulary)
@@ -115,7 +124,12 @@ class Training:
     def of(config: RunConfig) -> Training:
         """Return the training of a configuration."""
         training = Training(
-            config.task, config.gp, config.settings, baseline=config.baseline, extra_leaves=config.extra_leaves
+            config.task,
+            config.gp,
+            config.settings,
+            baseline=config.baseline,
+            extra_leaves=config.extra_leaves,
+            without=config.without,
         )
         training.run_config = _pinned(config, training.level.name)
         return training
@@ -228,15 +242,17 @@ def evolve(
     time_limit: float | None = None,
     hook: Callable[[Training, State], None] | None = None,
     extra_leaves: tuple[Behavior, ...] = (),
+    without: tuple[Behavior, ...] = (),
     progress: bool | None = None,
 ) -> Result:
     """Evolve a tree for a task and test it in unseen layouts.
 
-    `baseline` is a tree to start from, `extra_leaves` join the gene pool. The evolution ends at its last generation, once
-    every run has the `target` fitness, or after `time_limit` seconds; `hook` is called after each generation.
+    `baseline` is a tree to start from, `extra_leaves` join the gene pool, and `without` leave it. The evolution ends at its
+    last generation, once every run has the `target` fitness, or after `time_limit` seconds; `hook` is called after each
+    generation.
     `progress` shows the generations on the console (default: at a prompt and in a notebook).
     """
-    training = Training(task, config, settings, baseline=baseline, extra_leaves=extra_leaves)
+    training = Training(task, config, settings, baseline=baseline, extra_leaves=extra_leaves, without=without)
     history: list[Generation] = []
     console = Console(quiet=not (is_interactive() if progress is None else progress))
     bar = GenerationBar(console, config.num_generations, by_chance=task.faults is not None)

@@ -101,6 +101,34 @@ def test_the_baseline_is_measured_first_and_can_be_the_best():
     assert float(state.baseline_fitness[0]) == float(best_of(state)[1][0])
 
 
+def elsewhere(tower):
+    """What a run asks to try its best trees in more layouts, where blocks belong as `tower` says."""
+    return lambda run, trees: jax.tree.map(lambda leaf: leaf[0], tower.measured(trees[None]))
+
+
+def test_a_baseline_that_does_in_all_layouts_is_kept_as_it_is():
+    tower = Tower()
+    whole = encode(decode_text(tower, "Sequence(0@4, 1@1, 2@3, unlock)"), tower.vocabulary, CONFIG.max_nodes)
+    config = dataclasses.replace(CONFIG, accept_baseline=True, runs=2)
+    search = search_in(tower, config, baseline=whole, confirm=elsewhere(tower))
+    (state,) = search.run()  # nothing is bred
+    assert state.generation == 0
+    for run in range(2):
+        np.testing.assert_array_equal(best_of(state)[0].tokens[run], whole.tokens)  # with what is of no use here
+    more = dataclasses.replace(config, generations=1)
+    assert len(list(search_in(tower, more, baseline=whole, confirm=elsewhere(tower)).run(state))) == 2
+
+
+@pytest.mark.parametrize("text", ["Sequence(0@4, 1@1, 2@3)", "Sequence(0@4, 1@1, 2@2)"])
+def test_a_baseline_that_fails_in_some_layout_is_only_where_evolution_begins(text):
+    tower, other = Tower(), Tower(right=(4, 1, 5))
+    tree = encode(decode_text(tower, text), tower.vocabulary, CONFIG.max_nodes)
+    config = dataclasses.replace(CONFIG, accept_baseline=True)
+    state = search_in(tower, config, baseline=tree, confirm=elsewhere(other)).step(None)
+    plain = search_in(tower, CONFIG, baseline=tree, confirm=elsewhere(other)).step(None)
+    assert_same((state.knowledge, state.population), (plain.knowledge, plain.population))
+
+
 def decode_text(tower, text):
     names = {leaf.name: leaf for leaf in tower.vocabulary.leaves}
     return Control.sequence(*(names[name] for name in text[len("Sequence(") : -1].split(", ")))

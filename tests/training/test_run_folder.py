@@ -72,6 +72,7 @@ def test_the_configuration_is_read_back(tmp_path, name):
         extra_leaves=(parse_tree("subtask(aside, Sequence(move(BlueBox, (0, 0, 0.3), KittingBox), open_gripper))"),),
         phase=2,
         since=50,
+        without=(parse_tree("move(BlueBox, (0, 0, 0.05), GreenBox)"), parse_tree("open_gripper")),
     )
     found = RunFolder.create(tmp_path / "run", config).config()
     assert found == config
@@ -355,7 +356,7 @@ def test_a_configuration_without_a_task(folder):
 def test_an_older_configuration_without_newer_fields_is_read(folder):
     path = folder.path / "config.json"
     data = json.loads(path.read_text())
-    del data["x64"], data["gp"]["niches"], data["settings"]["evaluator"]
+    del data["x64"], data["without"], data["gp"]["niches"], data["settings"]["evaluator"]
     path.write_text(json.dumps(data))
     assert folder.config() == CONFIG
     del data["gp"]["method"], data["gp"]["patience"]

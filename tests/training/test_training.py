@@ -9,8 +9,10 @@ from bt_jax._util.errors import UserError
 from bt_jax.behaviors import Behavior, Control
 from bt_jax.encoding.arrays import encode
 from bt_jax.encoding.formats.text import one_line, parse_tree
+from bt_jax.encoding.walk import leaves
 from bt_jax.experiments.published import published_curves
 from bt_jax.gp.config import GPConfig, Selection
+from bt_jax.lfd import plan_task
 from bt_jax.mjx_env.episodes.fitness import WORST_FITNESS
 from bt_jax.mjx_env.physics.kinematic import Kinematic
 from bt_jax.tasks import Target, load_task
@@ -159,6 +161,27 @@ def test_a_baseline_with_leaves_of_its_own_joins_the_pool():
     result = evolve(TASK, dataclasses.replace(CONFIG, generations=1), QUICK, baseline=baseline)
     assert result.fitness > -60
     assert result.test.success_rate == 1
+
+
+def test_leaves_that_are_left_out_are_in_no_tree():
+    solution = parse_tree(SOLUTION)
+    left_out = leaves(solution)[1]
+    training = Training(TASK, CONFIG, QUICK, without=(left_out,))
+    assert left_out not in training.vocabulary.leaves
+    assert len(training.vocabulary) == len(Training(TASK, CONFIG, QUICK).vocabulary) - 1
+    result = evolve(TASK, dataclasses.replace(CONFIG, generations=2), QUICK, without=(left_out,))
+    assert str(left_out) not in one_line(result.tree)
+    assert result.config.without == (left_out,)
+    with pytest.raises(UserError, match="the baseline uses move"):
+        Training(TASK, CONFIG, QUICK, baseline=solution, without=(left_out,))
+    with pytest.raises(UserError, match="evolution would not use look"):
+        Training(TASK, CONFIG, QUICK, without=(Behavior("look", ("GreenBox",)),))
+
+
+def test_a_plan_that_works_everywhere_is_the_result():
+    config = GPConfig(accept_baseline=True)
+    result = evolve(TASK, config, QUICK, baseline=plan_task(TASK))
+    assert (result.tree, result.generations, result.success_rate) == (plan_task(TASK), 0, 1)
 
 
 def test_hooks_see_every_generation():

@@ -14,15 +14,27 @@ from pathlib import Path
 
 from bt_jax._util.errors import UserError
 from bt_jax._util.yaml_files import to_yaml
+from bt_jax.behaviors import Behavior, Tree
 from bt_jax.encoding.formats.text import format_tree
 from bt_jax.gp.config import GPConfig
 from bt_jax.tasks import Task
 from bt_jax.training.phases import Changes
 
-__all__ = ["NO_CHANGES", "TrainCommand"]
+__all__ = ["ANYWHERE", "NO_CHANGES", "Beginning", "TrainCommand"]
 
 DAY = 24 * 3600.0  # seconds for which the files are kept; a training reads them in its first minutes
 NO_CHANGES = Changes()
+
+
+@dataclasses.dataclass(frozen=True)
+class Beginning:
+    """Where an evolution begins: at a tree, or with None at random ones; and the leaves that it does without."""
+
+    baseline: Tree | None = None
+    without: tuple[Behavior, ...] = ()
+
+
+ANYWHERE = Beginning()
 
 
 class TrainCommand:
@@ -32,8 +44,9 @@ class TrainCommand:
         self._folder = folder.resolve()
         _clean(self._folder)
 
-    def start(self, task: Task, gp: GPConfig, out: Path | None = None) -> list[str]:
-        """Return the command of a new run into a folder: the task as a file, and every setting that is not the default."""
+    def start(self, task: Task, gp: GPConfig, out: Path | None = None, begin: Beginning = ANYWHERE) -> list[str]:
+        """Return the command of a new run into a folder: the task as a file, where to begin, and every setting that is not
+        the default."""
         words = ["--task", self._written(f"{task.name}.yaml", to_yaml(task.to_dict()))]
         for field in dataclasses.fields(gp):
             value, option = getattr(gp, field.name), field.name.replace("_", "-")
@@ -43,6 +56,10 @@ class TrainCommand:
                 words.append(f"--{option}" if value else f"--no-{option}")
             else:
                 words += [f"--{option}", getattr(value, "name", str(value))]
+        if begin.baseline is not None:
+            words += ["--baseline", self._written("baseline.txt", format_tree(begin.baseline))]
+        if begin.without:
+            words += ["--without", *map(str, begin.without)]
         return words if out is None else [*words, "--out", str(out.resolve())]
 
     def go_on(self, run: Path, generations: int, changes: Changes = NO_CHANGES) -> list[str]:

@@ -89,6 +89,13 @@ class Knowledge:
             success=success,
         )
 
+    def settled(self, tree: Trees, measured: Measured, goals: Goals, *, stagnant: int) -> Knowledge:
+        """Return the knowledge of a run that needs no more than one tree [1, N]: it is the only one in the archive, whole,
+        and as if nothing had improved on it for `stagnant` generations."""
+        archive = Archive(tree, measured.fitness, keys_of(measured.achieved >= goals.often), measured.missed)
+        success = float(measured.solved[0])
+        return dataclasses.replace(self, archive=archive, solved=True, stagnant=stagnant, success=success)
+
     def complete(self, goals: Goals) -> Int32[np.ndarray, " _"]:
         """Return the entries of the archive that have all achievements that concern a group, the fittest first."""
         has_all = self.archive.achieved(len(goals.concerns))[:, goals.concerns >= 0].all(axis=1)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from bt_jax.app.processes.train_command import TrainCommand
+from bt_jax.app.processes.train_command import Beginning, TrainCommand
 from bt_jax.commands.arguments import parse_train as parse
 from bt_jax.encoding.formats.files import read_tree
 from bt_jax.encoding.formats.text import parse_tree
@@ -30,6 +30,13 @@ def test_task_settings_and_folder(tmp_path, name):
     found = parse(command.start(task, gp, tmp_path / "run"))
     assert (found.gp, load_task(found.task), found.out) == (gp, task, tmp_path / "run")
     assert parse(command.start(task, GPConfig())).gp == GPConfig()
+
+
+def test_where_it_begins(tmp_path):
+    begin = Beginning(TREE, without=(parse_tree("move(GreenBox, (0, 0, 0.1), YellowBox)"), parse_tree("open_gripper")))
+    found = parse(TrainCommand(tmp_path).start(load_task("stack"), GPConfig(), tmp_path / "run", begin))
+    assert read_tree(found.baseline) == TREE
+    assert found.without == ("move(GreenBox, (0, 0, 0.1), YellowBox)", "open_gripper")
 
 
 def test_going_on_with_what_was_taught(tmp_path):
