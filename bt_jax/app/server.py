@@ -59,6 +59,7 @@ def serve(
     studio.bus.subscribe("evolution", prepare)
     app.on_shutdown(studio.evolution.close)
     app.on_shutdown(studio.robot.close)
+    app.on_shutdown(studio.correction.close)
     app.on_shutdown(studio.drafts.kept)
     app.timer(WATCH_SECONDS, studio.watch)
     app.timer(WATCH_SECONDS, studio.robot.poll)

@@ -13,7 +13,15 @@ from bt_jax.tasks.faults import Faults
 from bt_jax.tasks.task import Subgoal, Target, Task
 from bt_jax.tasks.written import ticks_for
 
-__all__ = ["not_taken_over", "with_faults", "with_goal_of", "with_subgoal", "with_target", "with_targets"]
+__all__ = [
+    "not_taken_over",
+    "with_faults",
+    "with_goal_of",
+    "with_subgoal",
+    "with_target",
+    "with_targets",
+    "without_faults",
+]
 
 SCENE = ("objects", "tables", "kits", "robot_frame", "robot_position", "gripper_opening", "finger_room")
 WORTH = ("episode", "weights", "subgoals", "subgoal_reward", "faults")
@@ -96,3 +104,10 @@ def with_faults(task: Task, faults: Faults, *, source: str = "faults") -> Task:
     changed = dataclasses.replace(task, faults=faults, episode=episode)
     check(changed, source, {f"faults.{field.name}": field.name for field in dataclasses.fields(Faults)})
     return changed
+
+
+def without_faults(task: Task) -> Task:
+    """Return the task with nothing that goes wrong, and with the shorter episodes that this takes."""
+    if task.faults is None:
+        return task
+    return dataclasses.replace(task, faults=None, episode=task.episode.without_faults())

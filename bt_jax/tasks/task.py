@@ -93,6 +93,12 @@ class Episode:
             self, max_ticks=2 * self.max_ticks, success_ticks=max(LASTING_TICKS, self.success_ticks)
         )
 
+    def without_faults(self) -> Episode:
+        """Return the rules of the task if nothing goes wrong any more: what `with_faults` takes, unless a success had to
+        last for a number of ticks of its own before."""
+        lasting = self.success_ticks if self.success_ticks > LASTING_TICKS else Episode.success_ticks
+        return dataclasses.replace(self, max_ticks=max(1, self.max_ticks // 2), success_ticks=lasting)
+
 
 @dataclasses.dataclass(frozen=True)
 class Weights:

@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from bt_jax._util.errors import UserError
 from bt_jax.tasks import Faults, load_faults, load_task, task_from_dict, task_names, with_faults
+from bt_jax.tasks.changes import without_faults
 from bt_jax.tasks.faults import FAULTS, PRESETS, only
 
 STACK = load_task("stack")
@@ -70,6 +71,13 @@ def test_a_task_has_its_own_ticks_or_those_that_faults_take(tmp_path):
     assert load_task(path).episode == with_faults(STACK, PRESETS["mild"]).episode
     path.write_text("extends: stack\nname: mine\nfaults: {slip: 0.1}\nepisode: {max_ticks: 40}\n")
     assert load_task(path).episode == dataclasses.replace(STACK.episode, max_ticks=40, success_ticks=6)
+
+
+@pytest.mark.parametrize("name", task_names())
+def test_faults_come_and_go(name):
+    task = load_task(name)
+    harsh = with_faults(task, load_faults("harsh"))
+    assert without_faults(with_faults(harsh, load_faults("mild"))) == without_faults(task) == task
 
 
 def test_a_task_without_faults_is_kept_as_it_was():

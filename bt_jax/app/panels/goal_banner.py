@@ -48,7 +48,9 @@ class GoalBanner:
         if same:
             said = _said(evolution.run, task, studio.edited.task)
         else:
-            said = f"The evolution {evolution.run} works for other objects; to evolve for those here, press Start in step 2."
+            said = (
+                f"The evolution {evolution.run} works for other objects; for those here, press “Find a tree” in step 2."
+            )
         self._text.set_text(said)
         only_places = same and not differing_settings(task, studio.edited.task)
         self._old.set_text("Back to the old targets" if only_places else "Back to the old task")
@@ -85,6 +87,6 @@ def _said(run: str | None, theirs: Task, ours: Task) -> str:
     if settings:
         said += [
             f"Step 1 {'also ' if said else ''}has other settings than the evolution{'' if said else f' {run}'}: {settings}.",
-            "To evolve with them, press Start in step 2.",
+            "To evolve with them, press “Find a tree” in step 2.",
         ]
     return " ".join(said)

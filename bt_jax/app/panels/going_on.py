@@ -32,12 +32,12 @@ async def ask_goal(studio: Studio, changes: Changes = NO_CHANGES) -> Changes | N
             _column("The evolution works for", _sentences(evolved))
             _column("Step 1 says", _sentences(edited))
         if not same_things(evolved, edited):
-            ui.label("The objects differ: to evolve for the task in step 1, press Start in step 2.")
+            ui.label("The objects differ: to evolve for the task in step 1, press “Find a tree” in step 2.")
         else:
             if evolved.layout != edited.layout:
                 ui.label("They start in different places.")
             if settings := differing_settings(edited, evolved):
-                ui.label(f"Other settings: {', '.join(settings)}. To evolve with them, press Start in step 2.")
+                ui.label(f"Other settings: {', '.join(settings)}. To evolve with them, press “Find a tree” in step 2.")
         with ui.row().classes("self-end gap-2"):
             ui.button("Cancel", on_click=lambda: asked.submit(None)).props(
                 "no-caps flat autofocus data-testid=goal-cancel"

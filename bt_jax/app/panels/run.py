@@ -10,10 +10,11 @@ from nicegui.events import GenericEventArguments
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.panels.context import PanelContext
+from bt_jax.app.panels.correct import Correct
 from bt_jax.app.panels.parts import button, may_leave
+from bt_jax.app.panels.run_words import said, verdict
 from bt_jax.app.plain_words import Words
 from bt_jax.app.state.goals import target_keys
-from bt_jax.app.state.player import Player
 from bt_jax.app.state.playing import SPEEDS
 from bt_jax.app.state.scene_words import THERE, target_state
 from bt_jax.app.state.snapping import snapped
@@ -23,19 +24,13 @@ from bt_jax.app.widgets.context import Step
 from bt_jax.app.widgets.holder_line import holder_line
 from bt_jax.app.widgets.place_fields import PlaceFields
 from bt_jax.app.widgets.tree_view import TreeView
-from bt_jax.mjx_env.episodes.rules import Ending
 from bt_jax.mjx_env.scene.layouts import sample_layouts
 from bt_jax.training.settings import UNSEEN
 
 __all__ = ["build"]
 
 LESSON = "what was demonstrated"
-ENDINGS = {
-    Ending.SUCCESS: "The tree says that it is done.",
-    Ending.FAILURE: "The tree has failed: one of its actions is impossible here.",
-    Ending.TIMEOUT: "The time is up: the tree has used all its ticks.",
-    Ending.BROKEN: "The simulation diverged; press Start over.",
-}
+OWN = "corrected by hand"
 
 
 def build(studio: Studio, page: PanelContext) -> None:
@@ -92,11 +87,13 @@ class _Run:
                 )
             with ui.row().classes("items-center gap-2 no-wrap") as self.numbers:
                 pass
-            self.tree = TreeView(testid="run-tree", legend=True)
+            self.correct = Correct(studio, page)
+            self.tree = TreeView(testid="run-tree", legend=True, editor=self.correct)
         page.on("tree", self._sources)
         page.on("runs", self._sources, now=False)
         page.on("lesson", self._sources, now=False)
         page.on("player", self._refresh)
+        page.on("correction", self._sources, now=False)
         page.on("holds", self._refused, now=False)
         page.on_step(self._enter)
         page.scene.on_drop(self._drop)
@@ -117,8 +114,14 @@ class _Run:
         """List the trees to choose from: those of the runs, and the demonstrated one."""
         studio, lesson = self.studio, self.studio.library.lesson
         self.learnt = {f"tree: {name}": name for name in studio.workspace.learnt_names()}
-        options = [*studio.workspace.run_names(), *([LESSON] if lesson is not None else []), *self.learnt]
-        here = studio.playing.run
+        own = studio.correction.part is not None
+        options = [
+            *([OWN] if own else []),
+            *studio.workspace.run_names(),
+            *([LESSON] if lesson is not None else []),
+            *self.learnt,
+        ]
+        here = OWN if own else studio.playing.run
         if here is None and studio.playing.tree is not None:
             here = LESSON if lesson is not None and studio.playing.tree == lesson.tree else self.source.value
         self.source.set_options(options, value=here if here in options else None)
@@ -132,6 +135,9 @@ class _Run:
     async def _choose(self) -> None:
         studio, name = self.studio, self.source.value
         try:
+            if name == OWN:
+                return
+            studio.correction.end()
             if name == LESSON:
                 if studio.library.lesson is None:
                     raise UserError("nothing has been learnt yet; give demonstrations in step 3")
@@ -234,7 +240,9 @@ class _Run:
         self.hint.set_visibility(player is not None)
         words = Words(studio.edited.task)
         self.drag.set_text(f"Drag {words.a_thing} in the scene at any time, and watch how the tree reacts.")
-        self.tree.show(studio.playing.tree if player is None else player.tree, studio.edited.task)
+        if studio.correction.part is None:
+            self.tree.show(studio.playing.tree if player is None else player.tree, studio.edited.task)
+        self.correct.show(self.tree)
         self.targets.clear()
         names = list(studio.edited.task.object_names)
         if self.hand.options != names or (player is None and self.hand.value is not None):
@@ -248,9 +256,9 @@ class _Run:
             self.verdict.set_text("")
             return
         self._set_timeline(player.at, len(player.snapshots) - 1)
-        self.what.set_text(_said(words, player))
-        self.verdict.set_text(_verdict(studio, player))
-        self.tree.colour(player.statuses)
+        self.what.set_text(said(words, player))
+        self.verdict.set_text(verdict(studio, player))
+        self.tree.colour(self.correct.statuses(player))
         if self.fields is not None:
             self.fields.show(spot_at(studio.edited.task, player.world, self.hand.value))
         with self.targets:
@@ -263,37 +271,6 @@ class _Run:
         self.timeline.props(f"max={max(last, 1)}")
         if not self.scrubbing:
             self.timeline.set_value(value)
-
-
-def _said(words: Words, player: Player) -> str:
-    """Say what happened last."""
-    now = player.now
-    ticks = sum(each.tick is not None and each.moved is None for each in player.snapshots[: player.at + 1])
-    if now.moved is not None:
-        return f"After tick {ticks} you moved {now.moved}."
-    if now.tick is None:
-        return "The beginning: press Play."
-    command = now.tick.command
-    done = "nothing to do" if command is None else words(command)
-    return ". ".join([f"Tick {ticks}: {done}", *now.tick.troubles])
-
-
-def _verdict(studio: Studio, player: Player) -> str:
-    newer = studio.playing.tree is not None and studio.playing.tree != player.tree
-    hint = "Evolution has found a better tree meanwhile; press Start over to run it." if newer else ""
-    return f"{_ended(player)} {hint}".strip()
-
-
-def _ended(player: Player) -> str:
-    """Say how the episode has ended, nothing if it goes on."""
-    if player.ending == Ending.OPEN:
-        return ""
-    there = all(player.in_place)
-    if player.ending == Ending.SUCCESS:
-        return (
-            f"{ENDINGS[player.ending]} {'Everything is where it should be.' if there else 'But not all is in place.'}"
-        )
-    return ENDINGS[player.ending]
 
 
 def _target(name: str, state: str) -> None:

@@ -23,7 +23,7 @@ class Standby:
 
     def prepare(self, task: Task, gp: GPConfig) -> None:
         """Compile for an evolution, unless this was done for one that needs the same code."""
-        key = gene_pool(task).leaves, dataclasses.replace(gp, seed=0, generations=1)
+        key = gene_pool(task).leaves, dataclasses.replace(gp, seed=0, generations=1, accept_baseline=False)
         worker = self._worker if self._worker is not None and self._worker.alive else None
         if worker is not None and self._prepared == key:
             return

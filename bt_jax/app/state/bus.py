@@ -25,6 +25,7 @@ Topic = Literal[
     "holds",
     "trash",
     "robot",
+    "correction",
 ]
 Kind = Literal["info", "success", "warning", "error"]
 

@@ -17,7 +17,7 @@ from bt_jax._util.errors import UserError
 from bt_jax._util.files import unused
 from bt_jax.app.phrases import phrase
 from bt_jax.app.processes.standby import Standby
-from bt_jax.app.processes.train_command import NO_CHANGES, TrainCommand
+from bt_jax.app.processes.train_command import ANYWHERE, NO_CHANGES, Beginning, TrainCommand
 from bt_jax.app.processes.warm_worker import WarmWorker
 from bt_jax.app.state.run_record import read_record, read_result
 from bt_jax.app.state.workspace import Workspace
@@ -27,6 +27,7 @@ from bt_jax.gp.config import GPConfig
 from bt_jax.tasks import Task
 from bt_jax.training.phases import Changes
 from bt_jax.training.progress import Progress, is_alive, read_progress
+from bt_jax.training.run_config import RunConfig
 from bt_jax.training.run_folder import RunFolder
 
 __all__ = ["EvolutionProcess", "EvolutionStage"]
@@ -60,6 +61,7 @@ class EvolutionProcess:
         self.stage: EvolutionStage = "none"
         self.progress: Progress | None = None
         self.gone = False  # whether somebody has removed the run folder
+        self.config: RunConfig | None = None  # of the run, once it is known
         self.task: Task | None = None
         self.gp = GPConfig()  # of the last evolution that was started here, and probably of the next
         self.tree: Tree | None = None  # the best so far
@@ -84,13 +86,13 @@ class EvolutionProcess:
         if self.gone and self.running:
             return "The folder of this run has vanished; it is created again with the next checkpoint."
         return {
-            "none": "Press Start: trees are tried and improved until one does the task.",
+            "none": "Press “Find a tree”: it is planned, and if that does not do, evolved until one does the task.",
             "starting": "Getting ready; the first time, this takes some seconds.",
             "evolving": "Evolving.",
             "paused": "Paused; press Resume to go on.",
             "stopping": "Stopping after this generation.",
-            "testing": "Testing the best tree in layouts that it has never seen.",
-            "finished": f"Finished at generation {now}.",
+            "testing": "Testing the best tree in starts that it has never seen.",
+            "finished": f"Finished after {now} generations." if now else "Finished.",
             "stopped": f"Stopped at generation {now}; what was learnt is kept."
             if self.progress and self.progress.best is not None
             else "Stopped before the first generation; nothing was learnt.",
@@ -108,13 +110,14 @@ class EvolutionProcess:
         """End the process on standby; an evolution goes on."""
         self._standby.discard()
 
-    def start(self, task: Task, gp: GPConfig) -> None:
+    def start(self, task: Task, gp: GPConfig, begin: Beginning = ANYWHERE) -> None:
         """Evolve a tree for a task, in a new run folder."""
         self._check_idle()
         gp.check()
         path = unused(self.workspace.runs / f"{task.name}-{datetime.now():%Y%m%d-%H%M%S}")
-        self._launch(self._command.start(task, gp, path))
+        self._launch(self._command.start(task, gp, path, begin))
         self.run, self.task, self.gp, self.progress, self.tree, self.phases = path.name, task, gp, None, None, ()
+        self.config = None
 
     def go_on(self, generations: int, changes: Changes = NO_CHANGES) -> None:
         """Evolve for more generations; with changes, in a new phase."""
@@ -157,13 +160,14 @@ class EvolutionProcess:
         self.run, self._process, self._read_at, self._stopping, self._halt = name, None, None, False, None
         record = read_record(folder)
         self._take(record.progress)
-        self.task, self.tree, self.result, self.phases = record.config.task, record.tree, record.result, record.phases
+        self.config, self.task, self.tree = record.config, record.config.task, record.tree
+        self.result, self.phases = record.result, record.phases
         self.stage = self._stage_of_living() if is_alive(folder.path) else self._stage_of_dead()
 
     def forget(self, name: str) -> None:
         """Show nothing of a run that was deleted."""
         if self.run == name and not self.running:
-            self.run, self.stage, self.progress, self.task = None, "none", None, None
+            self.run, self.stage, self.progress, self.config, self.task = None, "none", None, None, None
             self.tree, self.result, self.phases = None, None, ()
 
     def find(self) -> str | None:
@@ -189,7 +193,8 @@ class EvolutionProcess:
         if before[0] != self.stage and self.stage in ("evolving", "testing", "finished", "stopped"):
             self.result = read_result(RunFolder(path)) if self.stage in ("finished", "stopped") else None
             with contextlib.suppress(UserError):
-                self.task, self.phases = RunFolder(path).config().task, tuple(RunFolder(path).phases())
+                self.config, self.phases = RunFolder(path).config(), tuple(RunFolder(path).phases())
+                self.task = self.config.task
         return before != (self.stage, self.progress, self.gone)
 
     def _read(self, path: Path) -> None:

@@ -9,6 +9,7 @@ from typing import Literal
 
 from bt_jax._util.words import counted
 from bt_jax.app.state.kit.complaints import complaints
+from bt_jax.app.state.run_record import works
 from bt_jax.app.state.studio import Studio
 from bt_jax.lfd.clustering import NEEDED
 from bt_jax.mjx_env.episodes.rules import Ending
@@ -29,7 +30,6 @@ TITLES: Mapping[Step, str] = MappingProxyType(
     }
 )
 STEPS: tuple[Step, ...] = tuple(TITLES)
-WORKS = 0.95  # part of the tests that a tree passes which counts as found
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,7 +53,7 @@ def advice(studio: Studio, step: Step) -> Advice:
 
 def _found(studio: Studio) -> bool:
     result = studio.evolution.result
-    return result is not None and result["success_rate"] >= WORKS
+    return result is not None and works(result)
 
 
 def _shown(studio: Studio) -> int:
@@ -92,7 +92,7 @@ def _after_task(studio: Studio) -> Advice:
 def _after_evolve(studio: Studio) -> Advice:
     evolution = studio.evolution
     if evolution.stage == "none":
-        return Advice("Press Start first, or show how it is done.", "demonstrate", ready=False)
+        return Advice("Press “Find a tree” first, or show how it is done.", "demonstrate", ready=False)
     if evolution.running:
         return Advice("It is still looking; you may already watch the best tree.", "run", ready=False)
     if _found(studio):

@@ -14,10 +14,11 @@ from types import MappingProxyType
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.phrases import phrase
-from bt_jax.app.processes.train_command import NO_CHANGES
+from bt_jax.app.processes.train_command import ANYWHERE, NO_CHANGES, Beginning
 from bt_jax.app.processes.warm_worker import WarmWorker
 from bt_jax.app.state.arrangement import fixed_layout
 from bt_jax.app.state.bus import Bus, Kind
+from bt_jax.app.state.correction import Correction
 from bt_jax.app.state.demonstration_draft import DemonstrationDraft, DraftKeeper
 from bt_jax.app.state.demonstration_library import DemonstrationLibrary
 from bt_jax.app.state.edited_task import EditedTask, same_goal, same_things
@@ -29,7 +30,7 @@ from bt_jax.app.state.kit.starting import carried, first_start
 from bt_jax.app.state.notices import Discard, Notice, Notices
 from bt_jax.app.state.playing import Playing
 from bt_jax.app.state.robot_twin import RobotTwin
-from bt_jax.app.state.run_record import read_record
+from bt_jax.app.state.run_record import read_record, works
 from bt_jax.app.state.teaching import Teaching
 from bt_jax.app.state.watching import Watching
 from bt_jax.app.state.worker import Worker
@@ -50,8 +51,9 @@ KINDS: Mapping[EvolutionStage, Kind] = MappingProxyType(
 
 class Studio:
     """The parts: `edited` is the task of step 1, `evolution` the process that evolves, for a task of its own, `playing` the
-    tree that is looked at, `library` the demonstrations and what they teach, `teaching` the demonstration in the making,
-    `watching` the camera that watches one, `keeping` what else lies in the folder, `robot` the robot's twin."""
+    tree that is looked at, `correction` that tree while it is edited, `library` the demonstrations and what they teach,
+    `teaching` the demonstration in the making, `watching` the camera that watches one, `keeping` what else lies in the
+    folder, `robot` the robot's twin."""
 
     def __init__(
         self, workspace: Workspace, task: Task, warm_worker: WarmWorker | None = None, hold_factor: float = 1.0
@@ -69,6 +71,8 @@ class Studio:
         self.watching = Watching(self.bus, workspace, self.edited, self.library)
         self.robot = RobotTwin(self.bus, self.worker, workspace, self.edited, self.playing)
         self.notices = Notices(self.bus)
+        self.correction = Correction(self.bus, self.edited, self.playing)
+        self.bus.subscribe("task", self.correction.try_again)
         self._restored: Notice | None = None  # stands until the draft that was restored is changed or saved
         self._kept_both: tuple[Task | None, Task] | None = None  # the two tasks that may differ
         self._following: Task | None = None  # the edited task that takes over what the evolution is taught
@@ -82,6 +86,7 @@ class Studio:
 
     def _open_task(self, task: Task, start: World | None = None) -> None:
         if not same_things(task, self.edited.task):
+            self.correction.end()
             self.playing.take(None, None)
         self.edited.open(task, start)
         self.notices.remove(self._restored)
@@ -200,12 +205,12 @@ class Studio:
             kept = f"{phrase(other, self.workspace.root)}."
         self.notices.add(Notice(f"{what} cannot be restored: {phrase(error, self.workspace.root)}. {kept}"))
 
-    def start_evolution(self, gp: GPConfig) -> None:
+    def start_evolution(self, gp: GPConfig, begin: Beginning = ANYWHERE) -> None:
         """Evolve a tree for the edited task, in a new run folder. Raise UserError if an evolution is running, or the task
         cannot be done."""
         for complaint in complaints(self.edited.task):
             raise UserError(f"the task cannot be done yet, see step 1: {complaint.removesuffix('.')}")
-        self.evolution.start(self.edited.task, gp)
+        self.evolution.start(self.edited.task, gp, begin)
         self._following = self.edited.task
         self.playing.follow(None, self.evolution.run)
         self.bus.changed("evolution", "tree", "runs")
@@ -317,7 +322,9 @@ class Studio:
             self.bus.changed("tree")
         another = (evolution.stage, evolution.gone) != (before, gone)
         if another:
-            self.bus.say(evolution.sentence, KINDS.get(evolution.stage, "info"))
+            kind = KINDS.get(evolution.stage, "info")
+            fails = evolution.result is not None and not works(evolution.result)
+            self.bus.say(evolution.sentence, "warning" if fails else kind)
             self.bus.changed("runs")
         self.bus.changed("evolution")
         try:

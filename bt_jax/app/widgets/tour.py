@@ -46,8 +46,8 @@ STOPS = (
         "evolve",
         _tab("evolve"),
         "Let it find a way",
-        "Press Start: the program tries out what the robot could do, again and again, and keeps what works best. "
-        "Often this does the whole task, in a few minutes.",
+        "Press “Find a tree”: the program plans what the robot does. Where no plan works, it tries out what the robot could "
+        "do, again and again, and keeps what works best.",
     ),
     Stop(
         "demonstrate",

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable, Collection, Mapping
+from typing import Any, Protocol, runtime_checkable
 
 from nicegui import ui
 from nicegui.element import Element
 
 from bt_jax.app.plain_words import Words
+from bt_jax.app.state.edited_tree import Where
 from bt_jax.app.widgets.tree_text import STATUS_WORDS, tree_list
 from bt_jax.behaviors import Behavior, Tree
 from bt_jax.encoding.drawing.svg import status_class, to_svg
@@ -16,7 +17,7 @@ from bt_jax.encoding.status import Status
 from bt_jax.encoding.walk import children, prefix
 from bt_jax.tasks import Task
 
-__all__ = ["TreeView"]
+__all__ = ["Editor", "TreeView"]
 
 LARGE = 12  # nodes; trees that show more begin folded
 DEPTH = 3  # below which large trees are folded
@@ -29,6 +30,7 @@ class _Drawing(Element, component="../static/tree_view.js"):
         self._props["text"] = ""
         self._props["classes"] = {}
         self._props["words"] = STATUS_WORDS
+        self._props["editing"], self._props["selected"], self._props["off"] = False, "", []
 
     @property
     def classes_of_nodes(self) -> dict[str, str]:
@@ -39,19 +41,38 @@ class _Drawing(Element, component="../static/tree_view.js"):
         self._props["svg"], self._props["text"] = svg, text
         self.update()
 
+    def set_editing(self, *, editing: bool, selected: str, off: list[str]) -> None:
+        marks = {"editing": editing, "selected": selected, "off": off}
+        if any(self._props[key] != value for key, value in marks.items()):
+            self._props.update(marks)
+            self.update()
+
     def colour(self, classes: dict[str, str], text: str) -> None:
         if classes != self._props["classes"]:
             self._props["classes"], self._props["text"] = classes, text
             self.update()
 
 
+@runtime_checkable
+class Editor(Protocol):
+    """Whoever hears what a person does with the nodes of a tree that they edit; nodes are numbered in prefix order. The
+    methods may be coroutines."""
+
+    def select(self, number: int) -> Any: ...
+
+    def key(self, key: str, *, alt: bool) -> Any: ...
+
+    def move(self, number: int, to: int, where: Where) -> Any: ...
+
+
 class TreeView:
     """A tree with a bar of buttons, drawn into the container that is open; filled by `show` and `colour`.
 
-    `legend` explains the colours. A person may fold and unfold subtrees, and choose words or symbols.
+    `legend` explains the colours. A person may fold and unfold subtrees, and choose words or symbols. Between `edit` and
+    `look`, they select and move nodes instead, and `editor` hears of it.
     """
 
-    def __init__(self, *, testid: str, legend: bool = False) -> None:
+    def __init__(self, *, testid: str, legend: bool = False, editor: Editor | None = None) -> None:
         self._tree: Tree | None = None
         self._task: Task | None = None
         self._words = True
@@ -68,13 +89,18 @@ class TreeView:
                 self._symbols = self._button("code", "Words or symbols", f"{testid}-symbols", self._switch)
             self._drawing = _Drawing()
         self._drawing.on("toggle", lambda event: self._toggle(event.args))
+        if editor is not None:
+            self._drawing.on("select", lambda event: editor.select(_number(event.args)))
+            self._drawing.on("key", lambda event: editor.key(event.args["key"], alt=event.args["alt"]))
+            self._drawing.on("move", lambda event: editor.move(*_ends(event.args), event.args["where"]))
 
-    def show(self, tree: Tree | None, task: Task) -> None:
-        """Show a tree of a task; the same again changes nothing. With None, the view is empty."""
+    def show(self, tree: Tree | None, task: Task, *, whole: bool = False) -> None:
+        """Show a tree of a task, with `whole` also a large one unfolded; the same again changes nothing. With None, the view
+        is empty."""
         if tree == self._tree and task == self._task:
             return
         if tree != self._tree:
-            self._folded = set() if tree is None else _outline(tree)
+            self._folded = set() if tree is None else _outline(tree, large=not whole)
             self._drawing.colour({}, "")
         self._tree, self._task = tree, task
         self._draw()
@@ -83,6 +109,14 @@ class TreeView:
         """Colour the nodes; ids as from `encoding.drawing.svg.node_ids`."""
         classes = {name: status_class(status) for name, status in statuses.items()}
         self._drawing.colour(classes, self._text(classes))
+
+    def edit(self, selected: int, off: Collection[int]) -> None:
+        """Let a person edit; nodes are numbered in prefix order."""
+        self._drawing.set_editing(editing=True, selected=f"node-{selected}", off=[f"node-{number}" for number in off])
+
+    def look(self) -> None:
+        """Let a person look only."""
+        self._drawing.set_editing(editing=False, selected="", off=[])
 
     def _draw(self) -> None:
         if self._tree is None or self._task is None:
@@ -125,10 +159,18 @@ class TreeView:
         return button
 
 
-def _outline(tree: Tree) -> set[str]:
-    """Return what is folded at first: genes, and in a large tree all subtrees below a depth."""
+def _number(name: str) -> int:
+    return int(name.removeprefix("node-"))
+
+
+def _ends(moved: Mapping[str, str]) -> tuple[int, int]:
+    return _number(moved["node"]), _number(moved["to"])
+
+
+def _outline(tree: Tree, *, large: bool = True) -> set[str]:
+    """Return what is folded at first: genes, and with `large` in a large tree all subtrees below a depth."""
     folded = {f"node-{i}" for i, node in enumerate(prefix(tree)) if isinstance(node, Behavior) and node.subtree}
-    if len(prefix(tree)) <= LARGE:
+    if not large or len(prefix(tree)) <= LARGE:
         return folded
     count = 0
 

@@ -14,7 +14,7 @@ from bt_jax.encoding.formats.xml_reader import from_xml
 from bt_jax.training.progress import is_alive, read_progress
 from bt_jax.training.run_folder import RunFolder
 from tests.helpers.browser.keys import press_on
-from tests.helpers.browser.steps import go
+from tests.helpers.browser.steps import go, without_plan
 
 pytestmark = pytest.mark.slow
 
@@ -33,6 +33,7 @@ def evolve(page, see, server):
 
 
 def start(see, *, population=8, generations=100_000, seed=0):
+    without_plan(see)
     see("evolve-population").fill(str(population))
     see("evolve-generations").fill(str(generations))
     see("evolve-seed").fill(str(seed))
@@ -63,6 +64,28 @@ def newest(server):
     return RunFolder(max((server.folder / "runs").iterdir(), key=lambda path: path.stat().st_mtime_ns))
 
 
+def test_planning_finds_it_and_evolution_what_planning_does_not(page, see, server):
+    """One button; what cannot be planned is evolved, what goes wrong is said, and what is stuck leads on."""
+    see("evolve-start").click()
+    expect(see("evolve-stage")).to_have_text("finished")
+    expect(see("evolve-sentence")).to_contain_text("Found by planning")
+    expect(see("evolve-sentence")).to_contain_text("works in 100 of 100 starts")
+    expect(see("evolve-stage")).to_have_class(re.compile("bg-positive"))
+    expect(see("evolve-outcome-said")).to_have_text("It works.")
+    see("evolve-watch").click()
+    expect(see("panel-run")).to_be_visible()
+    go(see, "evolve")
+
+    start(see, generations=1)  # which is not enough
+    expect(see("evolve-stage")).to_have_text("finished")
+    expect(see("evolve-stage")).to_have_class(re.compile("bg-warning"))
+    expect(see("evolve-outcome-said")).to_contain_text("work yet:")
+    expect(see("evolve-lacking").locator("li").first).to_be_visible()
+    see("evolve-show").click()
+    expect(see("panel-demonstrate")).to_be_visible()
+    go(see, "evolve")
+
+
 def test_start_pause_resume_stop_and_more(page, see, server):
     start(see)
     expect(see("evolve-stage")).to_have_text("evolving")
@@ -86,7 +109,7 @@ def test_start_pause_resume_stop_and_more(page, see, server):
     see("evolve-stop").click()
     expect(see("evolve-stage")).to_have_text("stopped")
     expect(see("evolve-sentence")).to_contain_text("what was learnt is kept")
-    expect(see("evolve-sentence")).to_contain_text("of 100 layouts that it has never seen")
+    expect(see("evolve-sentence")).to_contain_text("of 100 starts that it has never seen")
     reached = generation(see)
     result = json.loads((folder.path / "result.json").read_text())
     assert (result["generations"], result["last_session"]["stopped"]) == (reached, True)

@@ -18,7 +18,7 @@ from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import UNSEEN
 from tests.helpers.browser.gripper import carry
 from tests.helpers.browser.keys import press_on
-from tests.helpers.browser.steps import go
+from tests.helpers.browser.steps import go, without_plan
 
 pytestmark = pytest.mark.slow
 
@@ -32,9 +32,10 @@ def test_experiment_1_through_the_page(page, see, server, shoot):
     shoot("task")
 
     go(see, "evolve")
+    without_plan(see)
     see("evolve-start").click()
     expect(see("evolve-stage")).to_have_text("finished")
-    expect(see("evolve-sentence")).to_contain_text("works in 100 of 100 layouts")
+    expect(see("evolve-sentence")).to_contain_text("works in 100 of 100 starts")
     assert fitness(see) > -35
     reached = int(see("evolve-generation").inner_text().split(" of ")[0])
     shoot("evolve")

@@ -96,7 +96,7 @@ def test_a_kit_is_evolved_and_run(page, see):
     go(see, "evolve")
     see("evolve-start").click()
     expect(see("evolve-stage")).to_have_text("finished")
-    expect(see("evolve-sentence")).to_contain_text("works in 100 of 100 layouts")
+    expect(see("evolve-sentence")).to_contain_text("works in 100 of 100 starts")
     go(see, "run")
     choose_option(page, see("run-speed"), "4 \N{MULTIPLICATION SIGN}")
     see("run-play").click()

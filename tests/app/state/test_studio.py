@@ -214,7 +214,7 @@ def test_a_task_that_only_a_run_holds_outlives_it(studio, monkeypatch, leave):
     elif leave == "other tree":
         studio.take_tree(TREE, None)
     else:
-        monkeypatch.setattr(studio.evolution, "start", lambda task, gp: setattr(studio.evolution, "run", "new"))
+        monkeypatch.setattr(studio.evolution, "start", lambda task, gp, begin: setattr(studio.evolution, "run", "new"))
         studio.start_evolution(GPConfig())
     assert studio.unsaved
     after = Studio(studio.workspace, STACK3)

@@ -5,6 +5,13 @@ from collections.abc import Callable
 from playwright.sync_api import Locator, expect
 
 
+def without_plan(see: Callable[[str], Locator]) -> None:
+    """Sets step 2 to evolve, without a plan, which would often end it at once."""
+    if not see("evolve-population").is_visible():
+        see("evolve-advanced").get_by_text("Advanced").click()
+    see("evolve-plan").uncheck()
+
+
 def go(see: Callable[[str], Locator], step: str) -> None:
     """Goes to a step, and waits until it is shown: before that, a click on the tab of the step before does nothing."""
     see(f"tab-{step}").click()
