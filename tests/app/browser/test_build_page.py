@@ -63,7 +63,7 @@ def test_three_boxes_into_a_tray_with_the_mouse(page, see):
     mouse.click("tab-evolve")
     mouse.click("evolve-start")
     expect(see("evolve-stage")).to_have_text("finished", timeout=600_000)
-    expect(see("evolve-sentence")).to_contain_text("works in 100 of 100 layouts")
+    expect(see("evolve-sentence")).to_contain_text("works in 100 of 100 starts")
     print(f"three boxes into a tray: {mouse.clicks} clicks")
     assert mouse.clicks <= MOST_CLICKS
 

@@ -73,7 +73,7 @@ def test_experiment_1_through_the_page(page, see, server, shoot):
     expect(see("panel-evolve")).to_be_visible()
     expect(see("evolve-generation")).to_have_text(f"{reached + 50} of {reached + 50}")
     expect(see("evolve-stage")).to_have_text("finished")
-    expect(see("evolve-sentence")).to_contain_text("works in 100 of 100 layouts")
+    expect(see("evolve-sentence")).to_contain_text("works in 100 of 100 starts")
     assert fitness(see) > -65
     expect(see("evolve-tree")).to_contain_text("BlueBox")
 
