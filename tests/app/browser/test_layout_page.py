@@ -16,6 +16,7 @@ from bt_jax.training.run_config import RunConfig
 from bt_jax.training.run_folder import RunFolder
 from bt_jax.training.settings import Settings
 from tests.helpers.browser.steps import go
+from tests.helpers.browser.words import banned_texts
 
 pytestmark = pytest.mark.slow
 
@@ -114,6 +115,22 @@ def test_every_button_is_in_its_place_at_every_size(page, see, shoot):
         expect(see("task-random")).to_be_visible()
         assert misplaced(page) == [], (width, "where boxes start")
         see("task-targets").click()
+
+
+def test_the_words_are_those_of_the_shop_floor(page, see):
+    found = {}
+    for step in STEPS:
+        go(see, step)
+        if step == "understand":
+            expect(see("understand-action-2")).to_be_visible()
+        found[step] = banned_texts(page)
+    go(see, "demonstrate")
+    see("demonstrate-new").click()
+    expect(see("demonstrate-finish")).to_be_visible()
+    found["the gripper"] = banned_texts(page)
+    see("demonstrate-discard").click()
+    expect(see("demonstrate-new")).to_be_visible()
+    assert {where: texts for where, texts in found.items() if texts} == {}
 
 
 def test_a_message_is_that_of_its_window_and_goes_with_the_next_success(window, page, see, server):
