@@ -8,6 +8,8 @@ import pytest
 
 from bt_jax._util.errors import UserError
 from bt_jax.app.plain_words import differing_settings
+from bt_jax.app.state.kit.new import new_kit
+from bt_jax.app.state.kit.objects import add_object
 from bt_jax.app.state.retargeting import untarget
 from bt_jax.app.state.studio import Studio
 from bt_jax.app.state.workspace import Workspace
@@ -82,6 +84,20 @@ def test_edits_are_undone_and_redone(studio):
     assert studio.edited.saved
     studio.undo_edit()
     assert studio.edited.task == fewer
+
+
+def test_a_kit_is_built_undone_and_evolved_only_once_it_can_work(studio):
+    studio.open_task(new_kit([]))
+    studio.build(add_object(studio.edited.task, "cuboid")[0])
+    assert studio.edited.task.object_names == ("BoxA", "BoxB")
+    assert studio.edited.start.poses.shape[1] == studio.teaching.shown.poses.shape[1] == 2
+    assert studio.workspace.draft() == studio.edited.task
+    with pytest.raises(UserError, match="see step 1: Nothing has to be anywhere yet"):
+        studio.start_evolution(GPConfig())
+    studio.undo_edit()
+    assert studio.edited.start.poses.shape[1] == len(studio.edited.task.objects) == 1
+    studio.redo_edit()
+    assert studio.edited.task.object_names == ("BoxA", "BoxB")
 
 
 def test_a_task_with_other_boxes_has_a_history_of_its_own(studio):
