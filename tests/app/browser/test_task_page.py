@@ -119,11 +119,11 @@ def test_a_target_is_dragged_beside_another(page, see):
 def test_a_target_is_set_by_dragging_the_box_itself(page, see):
     kit = position(page, "KittingBox")
     blue = position(page, "BlueBox")
-    drag(page, "BlueBox", [kit[0] - 0.125, kit[1] + 0.01], arranging="targets")
+    drag(page, "BlueBox", [kit[0] - 0.133, kit[1]], arranging="targets")
     expect(see("task-words-BlueBox")).to_have_text("at the left of the kit")
     until(page, lambda: exists(page, "BlueBox"))
     assert close(position(page, "BlueBox"), blue, 1e-6)  # where it starts is as before
-    drag(page, "BlueBox", [kit[0] + 0.125, kit[1] + 0.01], arranging="targets")
+    drag(page, "BlueBox", [kit[0] + 0.133, kit[1]], arranging="targets")
     expect(see("task-words-BlueBox")).to_have_text("at the right of the kit")
 
 
