@@ -42,9 +42,9 @@ FACES = {
         "sample_layouts",
     ],
     "bt_jax.tasks": [
-        "Base", "Episode", "Faults", "GeneSettings", "Kit", "Layout", "Object", "Robot", "Slot", "Subgoal", "Table",
-        "Target", "Task", "Weights", "load_faults", "load_task", "task_from_dict", "task_names", "task_of_folder",
-        "with_faults", "with_goal_of", "with_subgoal", "with_target", "with_targets",
+        "Base", "Episode", "Faults", "GeneSettings", "Kit", "Layout", "Object", "Problem", "Robot", "Slot", "Subgoal",
+        "Table", "Target", "Task", "Weights", "load_faults", "load_task", "parse_task", "problems", "task_from_dict",
+        "task_names", "task_of_folder", "with_faults", "with_goal_of", "with_subgoal", "with_target", "with_targets",
     ],
     "bt_jax.experiments": [
         "EXPERIMENTS", "Experiment", "PublishedCurve", "VariantResult", "perform", "published_curves",

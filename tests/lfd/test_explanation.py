@@ -34,5 +34,5 @@ def test_orders_and_preconditions_that_follow_from_others_are_left_out():
 def test_one_demonstration_is_said_in_the_singular():
     shown = demonstrations(STACK3, STACKING)
     console = Console(record=True, width=200, highlight=False)
-    show(console, learn(dataclasses.replace(shown, demonstrations=shown.demonstrations[:1]), STACK3))
+    show(console, learn(dataclasses.replace(shown, demonstrations=shown.demonstrations[:1]), STACK3), ())
     assert "1 demonstration: " in console.export_text()

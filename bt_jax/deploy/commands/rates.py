@@ -81,7 +81,8 @@ def estimates(counts: FaultCounts) -> list[Estimate]:
     along = [value for error in counts.errors for value in error]
     slip, drop = _share("slip", counts.slips, picks, "picks"), _share("drop", counts.drops, places, "places")
     jam = _share("jam", counts.jams, attempts, "attempts")
-    most = 1 - max(slip.value, drop.value)  # each attempt ends in one way, though of few each share may be large
+    # Each attempt ends in one way, also with shares of few attempts and as they are written.
+    most = math.floor(1000 * (1 - max(float(_number(one.value)) for one in (slip, drop)))) / 1000
     return [
         slip,
         drop,

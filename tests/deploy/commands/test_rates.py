@@ -3,7 +3,7 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
@@ -66,6 +66,7 @@ COUNTS = st.integers(1, 40).flatmap(
 
 @settings(deadline=None)
 @given(COUNTS)
+@example(FaultCounts(attempts=58, picks=29, places=29, drops=28, jams=2, attempting=1.0, running=1.0))
 def test_whatever_was_counted_gives_faults_that_are_read(tmp_path_factory, counts):
     path = tmp_path_factory.mktemp("faults") / "faults.yaml"
     path.write_text(as_yaml(estimates(counts), counts, 1))
