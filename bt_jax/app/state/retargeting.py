@@ -75,8 +75,8 @@ def retarget(
     for other in (goal.thing for goal in goal_of.values()):
         if other in others and inside(task, name, pose, other, others[other]):
             raise UserError(f"{kind} would be inside {other}, which should be there; put it beside or on top of it")
-    changed = with_target(task, target, instead_of=keys.get(key), source="the target")
     _check_carried(task, world, kind, name, pose, others)
+    changed = with_target(task, target, instead_of=keys.get(key), source="the target")
     _check_stays(changed, physics, world, key)
     return changed
 

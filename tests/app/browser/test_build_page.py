@@ -122,6 +122,8 @@ def test_a_kit_is_built_with_the_keyboard_undone_and_restored(page, see, server)
         {"name": "copy.yaml", "mimeType": "application/yaml", "buffer": text}
     )
     expect(see("task-choice")).to_have_value(f"{kit}_2")
+    see("task-save").click()
+    expect(see("task-saved")).to_have_text(f"Saved as tasks/{kit}_2.yaml")
     assert load_task(server.folder / "tasks" / f"{kit}.yaml").instances["Tin"] == ("Tin1", "Tin2")
 
 

@@ -14,7 +14,7 @@ from bt_jax.encoding.formats.xml_reader import from_xml
 from bt_jax.training.progress import is_alive, read_progress
 from bt_jax.training.run_folder import RunFolder
 from tests.helpers.browser.keys import press_on
-from tests.helpers.browser.steps import go, without_plan
+from tests.helpers.browser.steps import go, until, without_plan
 
 pytestmark = pytest.mark.slow
 
@@ -153,7 +153,7 @@ def test_two_windows_show_the_same(window, page, see):
         expect(seen("evolve-stage")).to_have_text("paused")
     for name in ("evolve-generation", "evolve-best", "evolve-mean", "evolve-episodes"):
         expect(see(name)).to_have_text(other.get_by_test_id(name).inner_text())
-    assert see("evolve-tree").inner_text() == other.get_by_test_id("evolve-tree").inner_text()
+    until(page, lambda: see("evolve-tree").inner_text() == other.get_by_test_id("evolve-tree").inner_text())
     see("evolve-pause").click()
     expect(other.get_by_test_id("evolve-stage")).to_have_text("evolving")
     see("evolve-stop").click()

@@ -9,7 +9,7 @@ from bt_jax.tasks import load_task, task_names
 from tests.helpers.browser.keys import press_on
 from tests.helpers.browser.menus import choose_option
 from tests.helpers.browser.scene import COMPONENT, at_rest, drag, exists, position
-from tests.helpers.browser.steps import go
+from tests.helpers.browser.steps import go, until
 
 pytestmark = pytest.mark.slow
 
@@ -60,15 +60,6 @@ def say_no(page):
 
 def close(a, b, within=0.02):
     return math.dist(a, b) < within
-
-
-def until(page, condition):
-    """Waits for what the scene shows."""
-    for _ in range(600):
-        if condition():
-            return
-        page.wait_for_timeout(100)
-    raise AssertionError("it does not happen")
 
 
 def test_the_scene_shows_where_boxes_should_end(page, see):
@@ -263,10 +254,9 @@ def test_a_box_cannot_start_just_anywhere(page, see):
         expect(see("message"), f"{value} in {field}").to_contain_text(says)
         expect(see(field), f"{value} in {field}").to_have_value(before)
         expect(see("task-saved")).to_have_text("")
-    for axis in ("right", "away"):  # and not inside another
-        there = see(f"task-{axis}-GreenBox").input_value()
-        see(f"task-{axis}-BlueBox").fill(there)
-    page.keyboard.press("Enter")
+    fill(page, see, "task-right-BlueBox", see("task-right-GreenBox").input_value())  # and not inside another
+    until(page, lambda: abs(position(page, "BlueBox")[0] - position(page, "GreenBox")[0]) < 2e-3)
+    fill(page, see, "task-away-BlueBox", see("task-away-GreenBox").input_value())
     expect(see("message")).to_contain_text("BlueBox would be inside GreenBox; put it beside or on top of it")
 
 

@@ -1,8 +1,8 @@
-"""Going from step to step."""
+"""Going from step to step, and waiting for what they show."""
 
 from collections.abc import Callable
 
-from playwright.sync_api import Locator, expect
+from playwright.sync_api import Locator, Page, expect
 
 
 def without_plan(see: Callable[[str], Locator]) -> None:
@@ -16,3 +16,12 @@ def go(see: Callable[[str], Locator], step: str) -> None:
     """Goes to a step, and waits until it is shown: before that, a click on the tab of the step before does nothing."""
     see(f"tab-{step}").click()
     expect(see(f"panel-{step}")).to_be_visible()
+
+
+def until(page: Page, condition: Callable[[], bool]) -> None:
+    """Waits for what no element says by itself."""
+    for _ in range(1200):
+        if condition():
+            return
+        page.wait_for_timeout(100)
+    raise AssertionError("it does not happen")
