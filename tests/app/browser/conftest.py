@@ -124,8 +124,8 @@ class Windows:
         self.errors: list[str] = []
 
     def open(self, *, first_visit: bool = False) -> Page:
-        """Opens a window of 1280 x 720 on the page, waits until it is there, and leaves the start
-        screen; the tour begins on a first visit only."""
+        """Opens a window of 1280 x 720 on the page, waits until it is there, and leaves the start screen; on a first visit,
+        the tour begins there."""
         context = self.browser.new_context(viewport={"width": 1280, "height": 720}, accept_downloads=True)
         if not first_visit:
             context.add_init_script("if (location.protocol !== 'about:') localStorage.setItem('bt_jax-tour', 'seen')")
@@ -134,7 +134,7 @@ class Windows:
         page.on("pageerror", lambda error: self.errors.append(str(error)))
         page.goto(self.url)
         page.get_by_test_id("tab-task").wait_for()
-        if page.get_by_test_id("start-screen").is_visible():
+        if not first_visit and page.get_by_test_id("start-screen").is_visible():
             page.get_by_test_id("start-back").click()
             page.get_by_test_id("start-screen").wait_for(state="hidden")
         return page
