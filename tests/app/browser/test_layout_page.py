@@ -135,6 +135,7 @@ def test_the_words_are_those_of_the_shop_floor(page, see):
 
 def test_a_message_is_that_of_its_window_and_goes_with_the_next_success(window, page, see, server):
     other = window()
+    go(see, "task")
     see("task-name").fill("not/a/name")
     see("task-save").click()
     expect(see("message")).to_contain_text("'not/a/name' cannot name a task")
