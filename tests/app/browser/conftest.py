@@ -15,6 +15,7 @@ import pytest
 from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
 
 from bt_jax.training.progress import is_alive, read_progress
+from tests.helpers.browser.steps import TOUR_SEEN
 
 ROOT = Path(__file__).parents[3]
 FLAGS = (
@@ -128,7 +129,7 @@ class Windows:
         the tour begins there."""
         context = self.browser.new_context(viewport={"width": 1280, "height": 720}, accept_downloads=True)
         if not first_visit:
-            context.add_init_script("if (location.protocol !== 'about:') localStorage.setItem('bt_jax-tour', 'seen')")
+            context.add_init_script(TOUR_SEEN)
         page = context.new_page()
         page.set_default_timeout(PATIENCE)
         page.on("pageerror", lambda error: self.errors.append(str(error)))

@@ -5,7 +5,7 @@ import re
 import pytest
 from playwright.sync_api import expect
 
-from tests.helpers.browser.steps import go
+from tests.helpers.browser.steps import TOUR_SEEN, go
 
 pytestmark = pytest.mark.slow
 
@@ -22,11 +22,12 @@ def token(server):
 
 @pytest.fixture
 def visit(browser, server):
-    """Opens a browser that has never been here on a path of the page."""
+    """Opens a browser that has never logged in on a path of the page."""
     contexts = []
 
     def open_page(path):
         contexts.append(browser.new_context())
+        contexts[-1].add_init_script(TOUR_SEEN)
         page = contexts[-1].new_page()
         page.goto(server.url + path)
         return page
