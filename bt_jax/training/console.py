@@ -13,6 +13,7 @@ from rich.markup import escape
 from rich.panel import Panel
 from rich.text import Text
 
+from bt_jax._util.words import counted
 from bt_jax.behaviors import Tree
 from bt_jax.encoding.drawing.terminal import draw_text
 from bt_jax.encoding.walk import prefix
@@ -121,7 +122,7 @@ class TrainingDisplay:
                 soft_wrap=True,
             )
         if session.broken:
-            self.warn(f"the simulation diverged {session.broken} times; those trees got the worst fitness")
+            self.warn(f"the simulation diverged {counted(session.broken, 'time')}; those trees got the worst fitness")
 
     def warn(self, problem: str) -> None:
         """Show what went wrong and did not end the run."""
@@ -142,7 +143,8 @@ class TrainingDisplay:
         if self.training.settings.evaluator != "table":
             return ""
         evaluator, table = self.training.evaluator, self.training.table
-        full = f" (the table was full {table.num_restarts} times; give it more --memory)" if table.num_restarts else ""
+        restarts = counted(table.num_restarts, "time")
+        full = f" (the table was full {restarts}; give it more --memory)" if table.num_restarts else ""
         hits = ""
         if isinstance(evaluator, AdaptiveEvaluator):
             hits = f", {evaluator.table.hit_rate:.0%} of those asked for were known"

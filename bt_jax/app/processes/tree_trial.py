@@ -18,6 +18,7 @@ from collections.abc import AsyncGenerator
 from typing import Any
 
 from bt_jax._util.errors import UserError
+from bt_jax._util.words import counted
 from bt_jax.app.processes.subprocess import NICE
 from bt_jax.behaviors import Tree
 from bt_jax.encoding.formats.text import one_line
@@ -63,7 +64,7 @@ class TreeTrial:
             answer = await asyncio.shield(asyncio.ensure_future(self._asked(request)))
             solved += answer["solved"]
             reasons.update(answer["reasons"])
-            commonest = tuple(f"{reason} ({count} times)" for reason, count in reasons.most_common(3))
+            commonest = tuple(f"{reason} ({counted(count, 'time')})" for reason, count in reasons.most_common(3))
             yield Tried(solved, first + AT_ONCE, commonest)
 
     async def _asked(self, request: dict[str, Any]) -> dict[str, Any]:

@@ -70,7 +70,7 @@ class Correction:
     def edit(self, change: Callable[[Part, Path], Edited]) -> None:
         """Change the tree, at the node that is selected. Raise UserError, and change nothing, if that is not possible."""
         if self._history is None:
-            raise UserError("no tree is edited; press Edit first")
+            raise UserError("no tree is edited; press Correct by hand first")
         edited = change(self._history.present.part, self.selected)
         for leaf in leaves(edited.part.tree):
             check_names(leaf, self._edited.task)
@@ -101,7 +101,7 @@ class Correction:
         tree, part = self.tree, self.part
         baseline = None if tree is None else tidy(tree)
         if part is None or baseline is None:
-            raise UserError("no tree is edited; press Edit first")
+            raise UserError("no tree is edited; press Correct by hand first")
         pool = gene_pool(task).leaves
         return Beginning(baseline, tuple(leaf for leaf in part.unused if leaf in pool))
 

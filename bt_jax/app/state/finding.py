@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from bt_jax._util.errors import UserError
+from bt_jax._util.words import counted
 from bt_jax.app.plain_words import Words
 from bt_jax.app.processes.train_command import ANYWHERE, Beginning
 from bt_jax.app.state.run_record import failures
@@ -99,4 +100,4 @@ def lacking(task: Task, physics: Physics, tree: Tree, seed: int) -> Lacking:
 
 def commonest(result: dict[str, Any]) -> list[str]:
     """Say for which reasons a tested tree fails, the commonest first, and how often."""
-    return [f"{one.reason} ({len(one.layouts)} times)" for one in failures(result)[:SHOWN]]
+    return [f"{one.reason} ({counted(len(one.layouts), 'time')})" for one in failures(result)[:SHOWN]]
