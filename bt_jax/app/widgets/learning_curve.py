@@ -49,7 +49,7 @@ def curve_options(curves: Sequence[LearningCurve], *, generations: int = 0) -> d
     last = max([generations, 1, *(row[0] for curve in curves for row in curve.history[-1:])])
     return {
         "animation": False,
-        "grid": {"left": 64, "right": 16, "top": 28, "bottom": 38},
+        "grid": {"left": 64, "right": 16, "top": 44, "bottom": 38},
         "legend": {"type": "scroll", "top": 0, "left": 64, "right": 8, "itemHeight": 3, "icon": "rect"},
         "tooltip": {"trigger": "axis", ":valueFormatter": "cost => (-cost).toFixed(1)"},
         "xAxis": {

@@ -38,6 +38,7 @@ def test_experiment_1_through_the_page(page, see, server, shoot):
     expect(see("evolve-sentence")).to_contain_text("works in 100 of 100 starts")
     assert fitness(see) > -35
     reached = int(see("evolve-generation").inner_text().split(" of ")[0])
+    see("evolve-advanced").get_by_text("Advanced").click()
     shoot("evolve")
 
     go(see, "demonstrate")
